@@ -117,7 +117,8 @@ def private_folder(folder: Path) -> None:
     """
     for each in (*reversed(folder.parents), folder):
         if not each.is_dir():
-            each.mkdir(mode=0o700, exist_ok=True)  # somebody may be faster; a file is an error
+            # another process may create the file in between, which is an error
+            each.mkdir(mode=0o700, exist_ok=True)
 
 
 def create_private(path: Path) -> io.FileIO:
@@ -138,7 +139,7 @@ def is_standard_output(path: Path) -> bool:
 
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder survive a power cut, where the platform can."""
-    if os.name == "nt":  # Windows has no handle on a folder
+    if os.name == "nt":  # Windows can't open a folder
         return
     handle = os.open(folder, os.O_RDONLY)
     try:
@@ -148,7 +149,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def _target(path: Path) -> Path | int:
-    """Return the file that a path leads to, or the number of an open descriptor of ours."""
+    """Return the file that a path leads to, or the number of one of this process's descriptors."""
     if str(path) == "-":
         return _STANDARD_OUTPUT
     current = path.absolute()
@@ -166,7 +167,7 @@ def _target(path: Path) -> Path | int:
 
 
 def _is_special(target: Path) -> bool:
-    """Return whether a path is a device, a pipe or a socket, which nothing may replace."""
+    """Return whether a path is a device, a pipe or a socket: those are never replaced."""
     try:
         mode = target.stat().st_mode
     except FileNotFoundError:
@@ -190,7 +191,7 @@ def _stream(descriptor: int) -> Iterator[IO[bytes]]:
 
 @contextlib.contextmanager
 def _replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
-    """Yield an empty file beside a target; it takes the target's place and its permissions."""
+    """Yield an empty file beside a target; it then replaces the target, with its permissions."""
     part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
     try:
         part.touch(0o600 if private else 0o666, exist_ok=False)
@@ -207,7 +208,7 @@ def _replacing(target: Path, ending: str = "", *, private: bool = False) -> Iter
 def _worded(path: Path) -> Iterator[None]:
     try:
         yield
-    except BrokenPipeError:  # whoever reads has seen enough
+    except BrokenPipeError:  # the reader closed the pipe early
         raise
     except OSError as error:
         kind: type[TorquebenchError] = RecordError if error.errno in _DISK_FAILED else InputError

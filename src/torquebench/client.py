@@ -1,7 +1,7 @@
 """A client of the panel's HTTP API, for programs: `Client`, and `AsyncClient` for event loops.
 
 It needs ``pip install "torquebench[client]"`` and nothing of the bench: a program on another
-computer starts jobs, is told what happens, and reads, without asking again and again.
+computer starts jobs, receives events and reads results without polling.
 
 Examples
 --------
@@ -31,9 +31,9 @@ __all__ = ["AsyncClient", "Client", "Event", "JobError", "RefusedError"]
 
 API_PATH = "/api/v1"
 TIMEOUT_S = 60.0
-"""How long an answer may take, s; a stream of events is never silent for longer than 15 s."""
+"""Timeout of an answer, s; a stream of events sends something at least every 15 s."""
 RECONNECTS = 10
-"""How often in a row a stream of events may break off before that is an error."""
+"""Number of breaks of an event stream in a row that is an error."""
 
 
 class RefusedError(TorquebenchError):
@@ -90,7 +90,7 @@ class Event:
 
 
 class _Events:
-    """Puts lines of a stream together to events."""
+    """Assembles events from the lines of a stream."""
 
     def __init__(self) -> None:
         self._name, self._data = "", ""
@@ -117,7 +117,7 @@ def _base(url: str) -> str:
 
 
 def _content(answer: httpx.Response) -> Any:
-    """Return what an answer holds, or raise what it refuses."""
+    """Return an answer's content, or raise its error."""
     if answer.is_success:
         return answer.json() if answer.content else None
     try:
@@ -134,7 +134,7 @@ def _content(answer: httpx.Response) -> Any:
 
 
 def _result(job: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what came out of a job that has ended."""
+    """Return the result of a job that has ended."""
     if job["state"] != "done":
         raise JobError(job)
     return dict(job["result"] or {})

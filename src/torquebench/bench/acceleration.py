@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 __all__ = ["UNKNOWN", "Acceleration", "BlockSamples", "EncoderAcceleration"]
 
 LEAST_SPAN_S = 0.03
-"""Samples of at least so much time: of fewer, one count of the encoder would be seen."""
+"""Shortest time over which acceleration is evaluated, s: over less, encoder counts would show."""
 FEWEST_SAMPLES = 5
 
 
@@ -53,7 +53,7 @@ class EncoderAcceleration:
     def __call__(
         self, time_s: NDArray[np.float64], counts: NDArray[np.number], per_revolution: int
     ) -> Acceleration:
-        """Return the acceleration over the samples of a block and, if it is short, those before.
+        """Return the acceleration over a block's samples; a short block uses earlier samples too.
 
         Parameters
         ----------
@@ -89,7 +89,7 @@ class EncoderAcceleration:
 def _parabolas(
     time_s: NDArray[np.float64], counts: NDArray[np.float64], count_rad: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Fit a parabola to each row's angles; return its square term and that one's uncertainty."""
+    """Fit a parabola to each row's angles; return its square term and the term's uncertainty."""
     count = time_s.shape[1]
     at = time_s - _mean(time_s)
     angle = count_rad * (counts - counts[:, :1])
@@ -108,5 +108,5 @@ def _mean(rows: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _dot(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the products of two tables' rows as a column; each row as it would be alone."""
+    """Return the products of two tables' rows as a column, the same as for each row alone."""
     return np.asarray(np.vecdot(first, second)[:, None])

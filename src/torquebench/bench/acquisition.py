@@ -1,8 +1,8 @@
-"""Acquisition: runs always, in its own thread, from edges to torque to the person who needs it.
+"""Continuous acquisition in a thread of its own: from edges to torque.
 
-A block of edges becomes frequency, torque and, where a compensation is active, compensated
-torque; then the supervisor judges it, the journal keeps it (its failure brings the bench to the
-safe state) and viewers get it if they keep up.
+A block of edges becomes frequency, torque and, where a compensation is active, compensated torque.
+Then the supervisor checks it, the journal records it (a journal failure brings the bench to the
+safe state) and viewers that keep up receive it.
 """
 
 from __future__ import annotations
@@ -41,13 +41,14 @@ from torquebench.signals import EdgeBlock
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
 
 CATCHING_UP_S = 10.0
-"""How much bench time may be caught up at the start, s."""
+"""Longest bench time that is caught up at the start, s."""
 CAUGHT_UP_BLOCKS = 10
-"""So many blocks one after the other didn't come sooner than those before: nothing is buffered."""
+"""After this many blocks in a row that didn't come sooner than the one before, nothing is buffered.
+"""
 HELD_BLOCKS = 20
-"""So many blocks at most are compensated and kept together in fast time."""
+"""Largest number of blocks that are compensated and recorded together in fast time."""
 DEMAND_POLL_S = 0.05
-"""How often an idle fast bench looks whether it is to end, s of wall time."""
+"""How often an idle fast bench checks whether it should end, s of wall time."""
 
 logger = logging.getLogger(__name__)
 
@@ -94,7 +95,7 @@ class Acquisition:
         self._supervisor = supervisor
         self._commands = commands
         self._block_s = description.counter.block_s
-        # In fast simulated time nothing happens between blocks that could be reacted to sooner.
+        # In fast simulated time nothing can react between blocks.
         self._slices = (
             1
             if clock.fast
@@ -134,14 +135,14 @@ class Acquisition:
             An instrument fails, or is another one than described.
         """
         self._warm_up()
-        self._step()  # also compiles what has to be compiled, before anything can be loaded
+        self._step()  # also compiles the kernels, before anything can be loaded
         if not self._clock.fast and not self._drivers.simulated_time:
             self._catch_up()
         self._wall_start = time.monotonic() - self._block_s
         self._thread.start()
 
     def _warm_up(self) -> None:
-        """Have compiled what counts edges before the counter begins: its buffer doesn't wait."""
+        """Compile the edge-counting kernels before the counter begins, whose buffer is limited."""
         name, timebase_hz = torque_channel(SIDES[0]), self._drivers.counter.timebase_hz
         channel = open_channel(name, self._description, self._drivers, self._mounted)
         stop_tick = round(self._block_s * timebase_hz)
@@ -150,10 +151,10 @@ class Acquisition:
         channel.push(EdgeBlock(ticks, 0, stop_tick, timebase_hz))
 
     def _catch_up(self) -> None:
-        """Acquire what the counter has buffered since it began, until blocks must be waited for.
+        """Acquire what the counter has buffered since it began, until it delivers in real time.
 
-        The supervisor would see everything that much too late, and other instruments, who state
-        what is now, would seem to run ahead of the counter.
+        Otherwise the supervisor would see everything late, and instruments that state present
+        values would seem ahead of the counter.
         """
         behind_s: list[float] = []
         for _ in range(round(CATCHING_UP_S / self._block_s)):
@@ -197,7 +198,7 @@ class Acquisition:
                     continue
                 with self._supervisor.guarding_block():
                     self._step()
-        except Exception as error:  # whatever it is, the bench must not stay loaded
+        except Exception as error:  # the bench must not stay loaded, whatever failed
             if not isinstance(error, TorquebenchError):  # an instrument's failure is an alarm
                 logger.exception("acquisition ended")
             self._supervisor.trip(
@@ -212,12 +213,12 @@ class Acquisition:
             )
 
     def _paced(self, share: float) -> bool:
-        """Wait for the wall where simulated time has to follow it; False when ending.
+        """Wait until the wall clock reaches simulated time; False when ending.
 
         Parameters
         ----------
         share : float
-            How much of the block is to be in the past then.
+            Share of the block that must have passed.
         """
         if self._clock.fast or not self._drivers.simulated_time:
             return True
@@ -225,12 +226,12 @@ class Acquisition:
         ahead_s = due - time.monotonic()
         if ahead_s > 0.0:
             return not self._stopping.wait(ahead_s)
-        if ahead_s < -1.0:  # never race to catch up: bench time stands while nothing computes
+        if ahead_s < -1.0:  # bench time doesn't catch up after a pause
             self._wall_start -= ahead_s
         return True
 
     def _step(self) -> float | None:
-        """Acquire a block; return how much more the counter has timed already, s, if it tells."""
+        """Acquire a block; return how many seconds more the counter has timed, None if unknown."""
         raw = self._read()
         behind_s = None if raw.waiting_s is None else time.monotonic() - raw.timed_s
         with self._lock:
@@ -244,22 +245,23 @@ class Acquisition:
         return raw.waiting_s
 
     def _read(self) -> CounterBlock:
-        """Return the next block, of which the supervisor has seen every slice."""
+        """Return the next block, slice by slice through the supervisor's fast check."""
         counter, count = self._drivers.counter, self._slices
         if count == 1:
             return counter.read_block(self._block_s)
         parts = []
         for number in range(count):
-            if number:  # the first one was waited for already
+            if number:  # the first slice was waited for already
                 self._paced((number + 1) / count)
             parts.append(counter.read_block(self._block_s / count))
             self._supervisor.check_edges(parts[-1], self._channels)
         return joined(parts)
 
     def _hand_on(self, block: AcquiredBlock) -> None:
-        """Have a block compensated and kept; in fast time together with those to come.
+        """Compensate and record a block; in fast time several blocks together.
 
-        Nobody can look before a sleeper wakes, and many blocks at once cost as much as one.
+        Fast time only needs results when a sleeper wakes, and many blocks at once cost as much as
+        one.
         """
         with self._release_lock:
             failure = None
@@ -272,7 +274,7 @@ class Acquisition:
         self._raise_alarm(failure)
 
     def _release(self) -> Exception | None:
-        """Compensate and keep what is held; return what the journal failed with."""
+        """Compensate and record the held blocks; return the journal's failure."""
         if not self._held:
             return None
         stretch = self._evaluator.stretch(self._held, self._compensations)
@@ -290,7 +292,7 @@ class Acquisition:
         return failure
 
     def _keep(self, stretch: Stretch) -> Exception | None:
-        """Give blocks to the journal; return what it failed with."""
+        """Write blocks to the journal; return its failure."""
         if self._journal is None:
             return None
         try:
@@ -301,7 +303,7 @@ class Acquisition:
         return None
 
     def _raise_alarm(self, failure: Exception | None) -> None:
-        """Stop the bench where the journal failed; without the lock, for the person who listens."""
+        """Stop the bench because the journal failed; called without the lock."""
         if failure is None:
             return
         self._supervisor.trip(
@@ -312,7 +314,7 @@ class Acquisition:
             "make room on the disk or repair it, then repeat the run",
         )
 
-    # -- who gets the blocks ----------------------------------------------------------------
+    # -- viewers -----------------------------------------------------------------------------
 
     def remember(self, seconds: float) -> None:
         """Have so many seconds of blocks at hand from now on, for a journal that begins earlier."""
@@ -356,7 +358,7 @@ class Acquisition:
         with self._lock:
             self._mounted = mounting
             self._reference_sides = frozenset(SIDES)
-            for side in SIDES:  # another standard, another zero
+            for side in SIDES:  # another reference standard has another zero
                 self._channels.pop(reference_channel(side), None)
                 self._zeros.pop(reference_channel(side), None)
             self._select()
@@ -453,7 +455,7 @@ class Acquisition:
     def set_compensation(self, side: Side, active: ActiveChain | None) -> None:
         """Compensate a side from the next block on; None ends it."""
         if active is not None:
-            active.warm_up()  # before a block has to wait for it
+            active.warm_up()  # compiled before a block has to wait for it
             active.zero = self._zeroed.get(side)
         with self._release_lock:
             failure = self._release()
@@ -559,7 +561,7 @@ def _silent_encoder(side: Side) -> SignalFault:
 
 
 def _since(past: Iterable[Stretch], begin_s: float) -> Iterator[Stretch]:
-    """Give the blocks that end after a moment."""
+    """Return the blocks that end after a moment."""
     for stretch in past:
         if stretch.blocks[0].stop_s > begin_s + 1e-9:
             yield stretch
@@ -570,5 +572,5 @@ def _since(past: Iterable[Stretch], begin_s: float) -> Iterator[Stretch]:
 
 
 def _bare(stretch: Stretch) -> Stretch:
-    """Return blocks without their edges, which nobody keeps and which need most of the room."""
+    """Return blocks without their edges, which need most of the memory."""
     return Stretch(tuple(replace(each, edges={}) for each in stretch.blocks), stretch.compensated)

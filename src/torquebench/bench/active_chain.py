@@ -46,7 +46,7 @@ class TimedTorque:
 
 
 StreamPart = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
-"""Windows of one block: their centres, readings, and the readings' uncertainty by counting."""
+"""Windows of one block: their centres, readings, and the readings' counting uncertainty."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ class ActiveChain:
 
 
 class _Recent:
-    """Blocks of torques of the last two minutes, for one writer and many readers."""
+    """Torque blocks of the last two minutes, for one writer and many readers."""
 
     def __init__(self) -> None:
         self._blocks: deque[TimedTorque] = deque()

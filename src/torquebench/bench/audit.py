@@ -1,12 +1,12 @@
 """The audit log: one JSON line for every command to the bench, alarm, run and acknowledgement.
 
-It lies beside the records (`audit/audit.jsonl` in the data directory), and each run's part also
+It is kept beside the records (`audit/audit.jsonl` in the data directory), and each run's part also
 in the run's folder, where the manifest seals it. A line is written before a command is given, so
-that a process that dies with the command has said what it was about to do.
+that the command is on record even if the process dies with it.
 
-Every line carries its number, the hash of the line before and its own: what is changed, removed
-or put in later breaks the chain. Who removes lines at its end, or all of it, can't remove what
-the run folders and the registry have noted of it.
+Every line carries its number, the hash of the line before and its own hash: a later change, removal
+or insertion breaks the chain. Lines removed at the end are detected by the line numbers and hashes
+that run folders and registry keep.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ __all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
 AUDIT_FOLDER = "audit"
 """Folder of the log in a data directory."""
 LARGEST_BYTES = 8_000_000
-"""A log that has grown beyond this is put aside under the time of its end."""
+"""A larger log is archived under the time of its end, B."""
 KEPT_FILES = 64
-"""So many of those are kept; runs keep their own part in any case."""
+"""Number of archived logs that are kept; runs keep their own part in any case."""
 
 
 class AuditLog:
@@ -200,7 +200,7 @@ class AuditLog:
                 if self._size > self._largest:
                     self._putfiles_aside()
             except OSError as error:
-                self._close_log()  # opened again by the next line, which cuts off what is torn
+                self._close_log()  # opened again by the next line, which cuts off an incomplete one
                 self._fails(f"{self.path}: {error.strerror or error}")
             else:
                 self._failed = False
@@ -226,7 +226,7 @@ class AuditLog:
         return self._file
 
     def _note(self, event: str, **values: Any) -> None:
-        """Append a line of the log about itself."""
+        """Append a line about the log itself."""
         time = datetime.now(UTC).isoformat().replace("+00:00", "Z")
         line = json.dumps({"event": event, **values, "time": time}, ensure_ascii=False)
         content, end = chained(line, self._end)
@@ -257,7 +257,7 @@ _APPEND = os.O_WRONLY | os.O_CREAT | os.O_APPEND
 
 
 class _Sink:
-    """What structlog hands its lines to."""
+    """The sink that structlog writes its lines to."""
 
     def __init__(self, write: Callable[[str], None], write_soon: Callable[[str], None]) -> None:
         self.info = write

@@ -49,7 +49,7 @@ class AuditEnd:
 
 @dataclass(frozen=True)
 class _Place:
-    """What a line says of its place in the chain, and whether its own hash is right."""
+    """A line's place in the chain, and whether its hash is right."""
 
     end: AuditEnd
     previous_sha256: str
@@ -153,7 +153,7 @@ class _Walk:
         for number, line in enumerate(lines, start=1):
             self._line(f"{file}, line {number}", line, content[:position])
             position += len(line) + 1
-        if torn and file.name != AUDIT_FILE:  # of the one in use the next line is under way
+        if torn and file.name != AUDIT_FILE:  # the next line of the log in use is being written
             self._problem(str(file), "its last line is incomplete")
 
     def _line(self, where: str, line: bytes, before: bytes) -> None:
@@ -196,7 +196,7 @@ class _Walk:
                 str(self._folder), f"lines {self._dropped + 1} to {self._first - 1} are missing"
             )
         missing = {line for line in self._noted if line > self._dropped}
-        if not missing or self.check.problems:  # what is damaged can't be what was noted
+        if not missing or self.check.problems:  # a damaged line can't be the recorded one
             return
         line = max(missing)
         found = "there is no log" if self._end is None else f"the log ends with {self._end.line}"

@@ -1,7 +1,7 @@
-"""Instruments that say what they are told: every command goes through here into the audit log.
+"""Instruments that record their commands: every command passes here into the audit log.
 
-Commands of a procedure pass a gate besides: once an alarm is latched none of them stands, not even
-one that was under way in another thread while the supervisor took the torque off.
+Commands of a procedure also pass a gate: once an alarm is latched none takes effect, not even one
+that another thread was giving while the supervisor removed the torque.
 """
 
 from __future__ import annotations
@@ -133,14 +133,14 @@ class AuditedDrive:
     def _pass(
         self, command: str, give: Callable[[], None], *, moves: bool = True, **values: float
     ) -> None:
-        """Give a command that moves something, unless an alarm is latched before or meanwhile."""
+        """Give a command that moves something, unless an alarm is latched before or during it."""
         alarm = self._gate()
         if alarm is not None and not moves:
-            return  # to zero, where it is going already, and faster
+            return  # the supervisor is ramping to zero already, and faster
         if alarm is None:
             self._give(command, give, **values)
             alarm = self._gate()
-            if alarm is not None and moves:  # the supervisor was between: its zero counts
+            if alarm is not None and moves:  # the supervisor acted in between: its zero counts
                 self._give(
                     "ramp_to_zero",
                     lambda: self.drive.ramp_to_zero(self._ramp_s),
@@ -264,7 +264,7 @@ def _logged(
     by: Commander,
     **values: object,
 ) -> None:
-    """Write a line and give the command; the supervisor gives it first and waits for no disk."""
+    """Write a line and give the command; the supervisor commands before the line is written."""
     line = {"instrument": instrument, "command": command, "by": by, **values}
     urgent = by == "supervisor"
     write = log.write_soon if urgent else log.write

@@ -1,4 +1,4 @@
-"""What the certificate of a reference transducer says, and the correction that follows."""
+"""The certificate of a reference transducer, and the correction that follows from it."""
 
 from __future__ import annotations
 

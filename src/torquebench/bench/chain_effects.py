@@ -1,4 +1,4 @@
-"""What a bench's description says of a measuring chain beside its calibration, as effects."""
+"""Effects of a measuring chain that the bench's description states beside its calibration."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def chain_effects(
     """
     module, standard = description.module(side), description.calibrator
     transducer, conditions = module.transducer, description.conditions
-    # what a data sheet states of a transducer is a share of its own nominal torque
+    # a data sheet states shares of the transducer's own nominal torque
     nominal = transducer.nominal_torque_nm
     low, high = conditions.temperature_low_c, conditions.temperature_high_c
     certified = standard.transducer(side).nominal_torque_nm

@@ -24,7 +24,8 @@ __all__ = ["Channel", "certificates", "open_channel"]
 
 KEPT_S = 120.0
 STUCK_SPREAD = 8.0
-"""Spread of a stuck frequency at most, in standard uncertainties of the counter.
+"""Largest spread of a stuck frequency, in standard uncertainties of the counter. 25 windows with
+only the counter's own noise spread over 4 of them; a transducer's output is never that quiet.
 
 25 windows of nothing but the counter's own noise spread over 4 of them; a transducer's output
 is never that quiet.
@@ -144,13 +145,13 @@ class Channel:
         count = frequency.frequency_hz.size
         if count == 0:
             return frequency
-        # As it was counted: what was marked before would hide that it goes on.
+        # The frequency as counted: windows marked as faulty before would hide a lasting fault.
         newest = slice(-self._stuck_windows, None)
         self._counted.append(frequency.time_s[newest], frequency.frequency_hz[newest])
         recent = self._counted.tail(self._stuck_windows)[1]
         if recent.size < self._stuck_windows:
             return frequency
-        # NaN, so never stuck, where one is faulty.
+        # NaN, so never stuck, where a window is faulty.
         spread = np.maximum.reduce(recent) - np.minimum.reduce(recent)
         if spread < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
             everywhere = np.ones(count, dtype=np.bool_)
@@ -161,7 +162,7 @@ class Channel:
         """Take the samples of a standard that states torque itself."""
         lost = ~np.isfinite(read.torque_nm)
         fault = np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), np.uint8(0))
-        # The frequency that would have stated this torque: a measured zero works on it.
+        # The frequency that would have stated this torque, for zeroing.
         frequency = self.transducer.scale().frequency(read.torque_nm)
         value = np.full(frequency.shape, np.nan)
         value[~lost] = self._scale.torque(frequency[~lost])
@@ -220,7 +221,7 @@ class Channel:
 
 
 class _FineWindows:
-    """Windows shorter than the bench's own, for as long as somebody asks for them."""
+    """Windows shorter than the bench's own, computed while they are requested."""
 
     def __init__(self, like: FrequencyCounter, window_s: float) -> None:
         self.window_s = window_s

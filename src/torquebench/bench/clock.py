@@ -1,8 +1,8 @@
 """Bench time: the one time axis of a bench, in seconds since it was opened.
 
-On hardware and in real time, bench time follows the wall. A fast simulated bench has no time of
-its own: it advances exactly as far as somebody sleeps, and stands while the run engine's loop
-thinks, so that the same plan meets the same bench however slow the machine is.
+On hardware and in real time, bench time follows the wall. On a fast simulated bench, bench time
+advances exactly as far as threads sleep and stands while the run engine's loop computes, so that a
+plan gives the same result on any machine.
 """
 
 from __future__ import annotations
@@ -19,10 +19,10 @@ from torquebench.bench.event_loop import LoopActivity, new_watched_loop
 __all__ = ["BenchClock"]
 
 LARGEST_DRIFT = 2e-4
-"""By which the counter's clock may differ from the wall's, relative."""
+"""Largest relative deviation of the counter's clock from the wall clock."""
 LONGEST_BEHIND_S = 1.0
-"""What is acquired is at most so far behind, where no counter tells; beyond that, time stands."""
-_TICK_S = 1e-9  # deadlines closer than this are the same instant
+"""Largest delay of acquisition where no counter states it; beyond that, time stands."""
+_TICK_S = 1e-9  # deadlines closer than this are treated as equal
 
 Wake = Callable[[BaseException | None], None]
 
@@ -59,8 +59,8 @@ class BenchClock:
         self.fast = fast
         self._condition = threading.Condition()
         self._now_s = 0.0
-        self._behind_s = math.inf  # of wall time, where a block came soonest
-        self._told = False  # by a counter, how far behind that is
+        self._behind_s = math.inf  # smallest delay of a block so far, wall time
+        self._told = False  # the counter states its delay
         self._required_s = 0.0
         self._sleepers: list[_Sleeper] = []
         self._loops: dict[asyncio.AbstractEventLoop, LoopActivity] = {}
@@ -99,7 +99,7 @@ class BenchClock:
         return loop
 
     def _notify(self) -> None:
-        if self._sleepers:  # whoever lies down later notifies by himself
+        if self._sleepers:  # later sleepers are woken by their own notification
             with self._condition:
                 self._condition.notify_all()
 
@@ -175,7 +175,7 @@ class BenchClock:
             self._condition.notify_all()
 
     def _lie_down(self, time_s: float, wake: Wake) -> _Sleeper | None:
-        """Register a sleeper; None when its time has come already."""
+        """Register a sleeper; None when its deadline has passed already."""
         with self._condition:
             if self._failure is not None:
                 raise self._failure
@@ -241,7 +241,7 @@ class BenchClock:
             due = [sleeper for sleeper in self._sleepers if sleeper.until_s <= time_s + _TICK_S]
             for sleeper in due:
                 self._sleepers.remove(sleeper)
-            # Woken under the lock: no block may begin between a wake and its being noted.
+            # Woken under the lock: no block may begin between a wake and its registration.
             for sleeper in due:
                 sleeper.wake(None)
 

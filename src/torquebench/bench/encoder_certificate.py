@@ -1,4 +1,4 @@
-"""What the certificate of an angle encoder says over a turn, and the correction that follows."""
+"""The certificate of an angle encoder over a turn, and the correction that follows from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""From a block of edges to what it states: frequency, torque, compensated torque, speed."""
+"""From a block of edges to frequency, torque, compensated torque and speed."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ class BlockEvaluator:
                 samples[name] = channel.take(read)
             elif name in raw.frequencies:
                 samples[name] = channel.push_frequency(raw.frequencies[name])
-            elif name in raw.edges:  # else selected after this block was timed
+            elif name in raw.edges:  # the channel was selected after this block was timed
                 samples[name] = channel.push(raw.edges[name])
             if channel.fine_samples is not None:
                 fine[name] = channel.fine_samples
@@ -91,7 +91,7 @@ class BlockEvaluator:
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
             self.angles[side].append(angle.time_s, angle.counts)
-            if angle.time_s.size >= 2:  # else the encoder is silent, which is no standstill
+            if angle.time_s.size >= 2:  # a silent encoder isn't a standstill
                 speeds[side] = mean_speed(angle.time_s, angle.counts, angle.counts_per_revolution)
         return AcquiredBlock(
             index=index,
@@ -106,7 +106,7 @@ class BlockEvaluator:
         )
 
     def _bent(self, side: Side, angle: AngleSamples) -> BlockSamples:
-        """Return the samples that tell the acceleration over a block."""
+        """Return the samples from which the acceleration over a block is evaluated."""
         time_s = angle.time_s
         if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
             time_s, counts = self.angles[side].window(
@@ -116,7 +116,7 @@ class BlockEvaluator:
         return time_s, angle.counts
 
     def _accelerated(self, blocks: Sequence[AcquiredBlock]) -> Iterator[AcquiredBlock]:
-        """Give blocks with the accelerations of both sides."""
+        """Return blocks with the accelerations of both sides."""
         found = {
             side: self._accelerations[side].of_blocks(
                 [self._bent(side, block.angles[side]) for block in blocks],

@@ -1,4 +1,4 @@
-"""An event loop that can be seen thinking, so that simulated time waits for it."""
+"""An event loop that shows when it is busy, so that simulated time waits for it."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class LoopActivity:
 
 
 class _WatchedSelector(selectors.BaseSelector):
-    """The platform's selector; a loop that calls it to wait has nothing else to do."""
+    """The platform's selector; a loop that waits in it is idle."""
 
     def __init__(self, activity: LoopActivity) -> None:
         self._selector = selectors.DefaultSelector()

@@ -1,4 +1,4 @@
-"""Nothing moves before the instruments that answer are those of the description."""
+"""Check before any movement that the instruments are those of the description."""
 
 from __future__ import annotations
 

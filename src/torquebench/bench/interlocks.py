@@ -1,9 +1,9 @@
-"""What the bench's state forbids, whatever a procedure asks for.
+"""Interlocks: operations that the state of the bench forbids, for every procedure.
 
-Rules are functions over a `BenchState`. The devices ask them of the bench as it is, a rehearsal of
-the bench as it will be by then. Each returns when the operation is allowed and raises
-`InterlockError` (state) or `LimitError` (value) otherwise, with what was found, what is allowed
-and what to do.
+Rules are functions over a `BenchState`. The devices apply them to the present state, a rehearsal to
+the state predicted for the step. Each returns when the operation is allowed and raises
+`InterlockError` (state) or `LimitError` (value) otherwise, with what was found, what is allowed and
+what to do.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ _RAIL_WORDS: dict[RailPosition, str] = {
     "between": "between its positions",
 }
 _ROUNDING = 1e-9
-"""Share of a speed limit by which a speed may exceed it through its conversion from rpm."""
+"""Relative tolerance of a speed limit, for rounding in the conversion from rpm."""
 
 
 class BenchState(Protocol):
@@ -211,7 +211,7 @@ def check_enable(state: BenchState, side: Side) -> None:
             "a person who has confirmed their presence",
             "confirm your presence, then continue",
         )
-    state.reading_nm(side)  # a signal fault where the torque is unknown
+    state.reading_nm(side)  # a signal fault means an unknown torque
 
 
 def _check_may_drive(state: BenchState, side: Side, what: str) -> None:

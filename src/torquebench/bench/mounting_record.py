@@ -1,7 +1,7 @@
-"""The record of a mounting: what a person found and did when something was put between the flanges.
+"""The record of a mounting: what a person measured and did at the bench.
 
-Nobody else can measure these: a dial gauge, the gauge of the clamp's pump and a watch are read at
-the bench and entered. A run keeps them, its report and the certificate state them.
+Dial gauge, the clamp pump's gauge and a watch are read at the bench and entered. A run keeps them;
+its report and the certificate state them.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class MountingRecord(BaseModel):
     lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] | None = None
     by: Annotated[str, Field(max_length=100)] = ""
 
-    # Pydantic turns a ValueError into words about the field, and passes a TypeError on.
+    # Pydantic reports a ValueError as a message about the field, and raises a TypeError.
     @field_validator("*", mode="before")
     @classmethod
     def _no_flag(cls, value: Any) -> Any:

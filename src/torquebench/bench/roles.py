@@ -1,4 +1,4 @@
-"""The words of the bench: sides, modes, mountings and channels."""
+"""Names of the bench's sides, modes, mountings and channels."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Samples of one block of bench time, and the recent ones kept for the person who asks."""
+"""Samples of one block of bench time, and the recent ones."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ class Stretch:
 
 
 def _joined(parts: Sequence[NDArray[np.float64] | None]) -> NDArray[np.float64] | None:
-    """Join columns of blocks; None where one has none."""
+    """Concatenate columns of blocks; None where a block has none."""
     known = [each for each in parts if each is not None]
     return np.concatenate(known) if known and len(known) == len(parts) else None
 

@@ -1,4 +1,4 @@
-"""Pieces of a block: the counter is read in slices so that the supervisor sees them at once."""
+"""Slices of a block: the counter is read in slices so that the supervisor sees them at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the bench was last told, shared by everything that commands or judges it."""
+"""The last commands to the bench, shared by everything that commands or checks it."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
-"""Calibration as pure values: the table of a calibration, its profile, evaluation and check.
+"""Calibration in pure functions: tables, profiles, evaluation and verification.
 
-Arrays in, frozen values out; no device and no file except the packaged profiles.
+Arrays in, frozen values out; no device, and no files except the packaged profiles.
 """
 
 import lazy_loader

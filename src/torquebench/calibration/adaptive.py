@@ -1,4 +1,4 @@
-"""Calibration points where they are needed most: a coarse series first, then those proposed."""
+"""Adaptive calibration: a coarse series, then points where the uncertainty is largest."""
 
 import warnings
 from collections.abc import Sequence
@@ -194,14 +194,14 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
         Where the model refuses the points.
     """
     from torquebench.compensation import (
-        make_model,  # loads what only a fit needs
+        make_model,  # imported late: models take a second to import
         propose_points,  # models take a second to import
     )
 
     model = make_model(settings.model, range_nm=data.range_nm)
     X = data.features(1 + max(FEATURES.index(name) for name in model.used_features))
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the fit that is kept names its outliers
+        warnings.simplefilter("ignore")  # the final fit reports its outliers
         model.fit(X, data.standard_nm)
         count = min(settings.points_at_a_time, settings.points - len(data))
         found = propose_points(

@@ -1,4 +1,4 @@
-"""Accuracy classes: limits in % of reading, and the range over which a calibration keeps them."""
+"""Accuracy classes: limits in % of reading, and the range over which a calibration meets them."""
 
 from dataclasses import dataclass
 

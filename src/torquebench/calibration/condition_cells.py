@@ -1,4 +1,4 @@
-"""Errors and coverage of verified points in cells of speed, temperature and torque."""
+"""Errors and coverage of verified points, binned by speed, temperature and torque."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ __all__ = ["Cell", "cell_rows", "cells"]
 
 _BINS = 3
 _WHOLE = 10.0
-"""Limits of cells are round: of speeds in 1/min and of temperatures in 0.1 °C, times ten."""
+"""Round limits of cells: speeds in 1/min, temperatures in 0.1 °C, times ten."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ _Part = tuple[float, float, NDArray[np.bool_]]
 
 
 def _parts(values: NDArray[np.float64] | None, whole: float) -> Iterator[_Part | None]:
-    """Yield bins of a quantity with the rows in them; one None if it isn't known or constant."""
+    """Yield bins of a quantity and their rows; one bin None if it is unknown or constant."""
     if values is None or np.ptp(values) < whole:
         yield None
         return

@@ -17,10 +17,10 @@ from torquebench.html_table import html_table
 __all__ = ["RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
 
 RANGE_MARGIN = 0.02
-"""Readings and standard values may exceed the range by this share of it, not by more."""
+"""Share of the range by which readings and standard values may exceed it."""
 
 UNLOADED_SHARE = 0.001
-"""Standard values below this share of the range are treated as unloaded: they have no direction."""
+"""Standard values below this share of the range are treated as unloaded, without a direction."""
 
 _REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
 _OPTIONAL = (
@@ -529,7 +529,7 @@ def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[
     known = np.flatnonzero(step)
     if known.size == 0:
         return np.ones(torque.size, dtype=np.int8)
-    # Each unknown change takes the last known one; those before the first known take that one.
+    # Each unknown change takes the last known one; those before the first known change take that.
     last_known = np.maximum.accumulate(np.where(step != 0, np.arange(step.size), -1))
     filled = step[np.where(last_known >= 0, last_known, known[0])]
     return np.concatenate([filled[:1], filled]).astype(np.int8)

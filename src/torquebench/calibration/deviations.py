@@ -1,4 +1,4 @@
-"""Where a calibration departs from its profile, and which clause of the profile each one breaks."""
+"""Deviations of a calibration from its profile, each with the clause that it breaks."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -318,7 +318,7 @@ def _series_present(
 ) -> dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]]:
     """Return the series of the data by position and direction, in measuring order.
 
-    A series that goes through both directions has the direction 0.
+    A series with points in both directions has the direction 0.
     """
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     direction = data.loading_direction()

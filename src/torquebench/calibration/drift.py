@@ -1,4 +1,4 @@
-"""How a chain drifts from one calibration to the next: control chart, trend, due date."""
+"""Drift of a chain between calibrations: control chart, trend, due date."""
 
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
@@ -27,7 +27,7 @@ RANGE_FACTOR = 3.267
 """D₄ for moving ranges of two: upper limit of the moving range."""
 
 RUN_LENGTH = 8
-"""So many values in a row on one side of the mean are a signal (Western Electric rule 4)."""
+"""This many values in a row on one side of the mean are a signal (Western Electric rule 4)."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -222,10 +222,10 @@ def find_trend(moments: list[datetime], values: ArrayLike, *, level: float = 0.0
     years, x = _years(moments), _finite(values)
     if np.unique(years).size < 4:
         return None
-    # Equal values have no order: the test sees no trend in them, and no correlation either.
+    # Equal values give neither trend nor correlation.
     if np.ptp(x) == 0.0:
         return Trend(0.0, 1.0, 0.0, 0.0, significant=False)
-    from scipy import stats  # long to import; who evaluates a calibration needs none of it
+    from scipy import stats  # imported late: an evaluation doesn't need it
 
     rank = stats.kendalltau(years, x)
     line = stats.linregress(years, x)

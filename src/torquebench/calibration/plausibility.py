@@ -1,4 +1,4 @@
-"""Where the points of a calibration contradict each other, the model or the last calibration."""
+"""Points of a calibration that contradict each other, the model or the last calibration."""
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -19,22 +19,22 @@ ContradictionKind = Literal[
 ]
 
 _MOST_SHAPES = 16
-"""Splines a direction that a healthy chain's error may need."""
+"""Splines a direction that describe a sound chain's error."""
 _SCATTERS = 4.0
-"""A split must be seen at a point by so many standard deviations of the points about it."""
+"""Smallest step between neighbouring parts, in standard deviations of the points about it."""
 _SPLIT_LEVEL = 1e-5
-"""Probability, over all places, of so clear a split by chance."""
+"""Probability, over all places, of a step this clear by chance."""
 _FEWEST_FREEDOM = 4
 _FEWEST_POINTS = 3
-"""Fewer points on one side of a place are a matter of outliers."""
+"""Fewer points on one side of a place are treated as outliers."""
 _OUTLIERS = 2
-"""So many outliers explain themselves; what explains less than they do is no split."""
+"""Number of outliers that may be left out; a step that explains less than they do is none."""
 _ALIKE = 0.02
-"""Below this share of independence a change of zero and one of span can't be told apart."""
+"""Below this share of independence, a change of zero and one of span can't be distinguished."""
 _ANSWER = 0.1
-"""Where the smaller of reading and standard is less than this share of the other, it is stuck."""
+"""Where the smaller of reading and standard is below this share of the larger, it is stuck."""
 _SIGN_SHARE = 0.01
-"""Below this share of the range a torque's sign may be that of its error."""
+"""Below this share of the range, a torque's sign may be caused by its error."""
 
 
 class Plausibility(BaseModel):
@@ -206,7 +206,7 @@ def _contradictions(
     signs = list(_signs(data))
     yield from signs
     if signs:
-        return  # every other figure follows from it
+        return  # all other figures follow from it
     smooth = _Smooth(data)
     split = _split(smooth, limits)
     if split is not None:
@@ -280,7 +280,7 @@ def _signs(data: CalibrationData) -> Iterator[Contradiction]:
 
 
 class _Smooth:
-    """What is left of a calibration's error after the smoothest curves with hysteresis."""
+    """Residual of a calibration's error about the smoothest curves with hysteresis."""
 
     def __init__(self, data: CalibrationData) -> None:
         self.data = data
@@ -311,8 +311,7 @@ def _axes(columns: Iterable[FloatArray]) -> FloatArray:
 def _cubic_splines(place: FloatArray, count: int) -> FloatArray:
     """Return cubic B-splines over evenly spaced knots from 0 to 1, shape (n, count).
 
-    By de Boor's recursion: `scipy.interpolate` takes a fifth of a second to import, which every
-    `fit` would wait for.
+    By de Boor's recursion: `scipy.interpolate` would add a fifth of a second to the import time.
     """
     knots = np.concatenate([[0.0] * 3, np.linspace(0.0, 1.0, count - 2), [1.0] * 3])
     last = np.searchsorted(knots, place, side="right").clip(4, count) - 1
@@ -325,12 +324,12 @@ def _cubic_splines(place: FloatArray, count: int) -> FloatArray:
 
 
 def _left_of(axes: FloatArray, columns: FloatArray) -> FloatArray:
-    """Return what the axes can't take up of some columns."""
+    """Return the residuals of columns after projection on the axes."""
     return np.asarray(columns - axes @ (axes.T @ columns))
 
 
 def _shapes(torque: FloatArray, data: CalibrationData, *, loops: bool) -> Iterator[FloatArray]:
-    """Yield columns a direction: splines for the curve, and loops that close where it turns."""
+    """Yield columns a direction: splines for the curve, and loops that close at the reversal."""
     direction = data.loading_direction()
     for sign in (1, -1, 0):
         here = direction == sign
@@ -385,7 +384,7 @@ def find_split(data: CalibrationData, limits: Plausibility | None = None) -> Spl
 
 
 def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
-    from scipy import special  # profiles are read without it
+    from scipy import special  # imported late: profiles don't need it
 
     data, rest, torque = smooth.data, smooth.rest, smooth.torque
     freedom = smooth.freedom - 2
@@ -410,7 +409,7 @@ def _split(smooth: _Smooth, limits: Plausibility) -> Split | None:
     scatter = np.sqrt(after / freedom)
     if seen <= max(limits.split_percent / 100.0, _SCATTERS * scatter):
         return None
-    if alike:  # a change where the torque turns looks like a loop, which is far smaller
+    if alike:  # a change at a reversal resembles a loop, which is far smaller
         axes = smooth.without_loops()
         rest, columns = _left_of(axes, smooth.error), _left_of(axes, step)
         change, covariance, _ = _least_squares(columns, rest)
@@ -454,7 +453,7 @@ def _gains(smooth: _Smooth) -> FloatArray:
 
 
 def _gain_of_outliers(smooth: _Smooth, count: int) -> float:
-    """Return by how much the sum of squares falls without the largest outliers."""
+    """Return by how much leaving out the largest outliers lowers the sum of squares."""
     rest = smooth.rest.copy()
     leverage = np.sum(smooth.axes**2, axis=1)
     free = np.maximum(1.0 - leverage, 1e-3)
@@ -470,9 +469,9 @@ def _gain_of_outliers(smooth: _Smooth, count: int) -> float:
 
 
 def _least_squares(columns: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray, bool]:
-    """Return the change of zero and span, its covariance, and whether both look alike.
+    """Return the change of zero and span, its covariance, and whether both are indistinguishable.
 
-    Where they do, it is that of the one which explains more.
+    If they are, the change is the one of the two that explains more.
     """
     normal, right = columns.T @ columns, columns.T @ values
     size = np.maximum(np.diag(normal), 1e-12)
@@ -541,9 +540,9 @@ def _middle_of_neighbours(values: FloatArray) -> FloatArray:
 
 
 def _steps(data: CalibrationData) -> tuple[NDArray[np.int64], FloatArray]:
-    """Return the step of each point, whatever its branch, and its error's share of the range."""
+    """Return each point's step, regardless of branch, and its error as a share of the range."""
     torque = data.standard_nm if data.nominal_nm is None else data.nominal_nm
-    # Standard values of one step lie beside each other, not at one place.
+    # Standard values of one step are close to each other, not equal.
     width = (1e-6 if data.nominal_nm is not None else 0.005) * data.range_nm
     order = np.argsort(torque, kind="stable")
     number = np.cumsum(np.diff(torque[order], prepend=-np.inf) > width)
@@ -602,7 +601,7 @@ def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     from torquebench.calibration.drift import span_errors
 
     spans = span_errors(data)
-    # What is allowed at zero is a larger part of the span, the smaller the largest torque is.
+    # The allowed zero error is a larger part of the span, the smaller the largest torque is.
     part = data.range_nm / max(float(np.max(np.abs(data.standard_nm))), 1e-3 * data.range_nm)
     more = limits.zero_percent * max(part - 1.0, 0.0)
     for name, span in spans.items():

@@ -1,4 +1,4 @@
-"""Calibration profiles as data: what is loaded, in which order, for how long."""
+"""Calibration profiles: which steps are loaded, in which order and for how long."""
 
 import hashlib
 import json
@@ -26,7 +26,7 @@ Direction = Literal["clockwise", "counter-clockwise"]
 Series = Literal["up", "up-down"]
 Change = Literal["none", "rotation", "re-seat"]
 Consequence = Literal["refuse", "state"]
-"""Whether a certificate is refused because of a deviation, or states it."""
+"""Whether a deviation refuses a certificate, or is stated in it."""
 
 _SIGNS: dict[str, int] = {"clockwise": 1, "counter-clockwise": -1}
 _OPTIONS: dict[str, frozenset[str]] = {
@@ -39,7 +39,7 @@ _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
 
 
 _OFF_GRID_SHARE = 0.25
-"""Points off the grid keep at least this share of a step's width from it."""
+"""Smallest distance of points off the grid from it, as a share of a step's width."""
 
 
 class _Settings(BaseModel):
@@ -279,7 +279,7 @@ class Profile(_Settings):
         """SHA-256 of the profile's settings, options included, as 64 hexadecimal digits."""
         settings = self.model_dump(mode="json")
         for name in ("adaptive", "interruption"):
-            if settings[name] is None:  # a profile without it has the hash that it always had
+            if settings[name] is None:  # without the key, older profiles keep their hash
                 del settings[name]
         if self.plausibility == Plausibility():
             del settings["plausibility"]
@@ -371,7 +371,7 @@ class Profile(_Settings):
     def _shrink(
         self, document: dict[str, Any], up_to_percent: float, given: Mapping[str, Any]
     ) -> None:
-        """Bring the steps and the preload of a dumped profile down to a largest step."""
+        """Scale the steps and the preload of a profile down to a largest step."""
         if "step_percent" in given:
             raise InputError("both a step width and a largest torque", "one of both")
         top = self._top_percent
@@ -430,7 +430,7 @@ def _with_change(step: Step, change: Change) -> Step:
 
 
 class _Staircase:
-    """Lays out the steps of one profile at one range."""
+    """Builds the steps of one profile for one range."""
 
     def __init__(self, profile: Profile, range_nm: float, rng: np.random.Generator | None) -> None:
         self.profile = profile

@@ -12,7 +12,7 @@ from torquebench.errors import InputError
 __all__ = ["STEP_TOLERANCE_PERCENT", "ZeroHysteresis", "loading_series", "zero_hysteresis"]
 
 STEP_TOLERANCE_PERCENT = 0.5
-"""A step whose reference torque is further off its nominal torque is refused."""
+"""A step is refused if its reference torque deviates from its nominal torque by more than this."""
 
 
 @dataclass(frozen=True)
@@ -119,7 +119,7 @@ def _one_series(
             normalised = data.nominal_nm[point] / data.standard_nm[point]
             column[step] = direction * data.reading_nm[point] * normalised
         if branch == -1 and np.isnan(column[-1]):
-            column[-1] = columns[1][-1]  # the turn: the largest step is read once for both
+            column[-1] = columns[1][-1]  # the reversal: the largest step is read once for both
         missing = np.flatnonzero(np.isnan(column))
         if missing.size:
             raise InputError(

@@ -1,4 +1,4 @@
-"""One step of a loading sequence, and what can be known of a sequence before anything moves."""
+"""One step of a loading sequence, and properties of the sequence before it runs."""
 
 import itertools
 from collections.abc import Sequence

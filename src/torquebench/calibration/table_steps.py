@@ -1,4 +1,4 @@
-"""A table that doesn't follow its profile, by the steps that it has."""
+"""Steps of a table that doesn't follow its profile."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -108,13 +108,13 @@ def _clusters(standard_nm: NDArray[np.float64], range_nm: float) -> NDArray[np.f
 
 
 def _plain(value: float) -> float:
-    """Return the number with fewest digits within 0.1 % of a step, by which people call it."""
+    """Return the number with the fewest digits within 0.1 % of a step, as its name."""
     near = (float(f"{value:.{digits}g}") for digits in range(1, 8))
     return next((each for each in near if abs(each - value) <= 1e-3 * abs(value)), value)
 
 
 def _not_in_steps(data: CalibrationData, here: NDArray[np.bool_]) -> str:
-    """Return why a direction can't be evaluated step by step, "" where it can or has no points."""
+    """Return why a direction can't be evaluated step by step; "" where it can, or has no points."""
     assert data.nominal_nm is not None
     nominal = data.nominal_nm[here]
     if nominal.size and np.unique(nominal).size < 2:
@@ -128,7 +128,7 @@ def _not_in_steps(data: CalibrationData, here: NDArray[np.bool_]) -> str:
 
 
 def _lacking(data: CalibrationData, here: NDArray[np.bool_]) -> Iterator[tuple[float, str]]:
-    """Yield steps of a direction that a series lacks, each with the first such series."""
+    """Yield steps of a direction that a series lacks, each with the first incomplete series."""
     assert data.nominal_nm is not None
     size = np.abs(data.nominal_nm)
     steps = np.unique(size[here])

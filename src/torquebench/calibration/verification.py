@@ -1,4 +1,4 @@
-"""Errors of a chain, raw and after each model, against the standard and against the truth."""
+"""Errors of a chain, raw and with each model, against the standard and against the true torque."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -28,10 +28,10 @@ RAW = "raw"
 
 READING_SHARE = 0.05
 READING_RULE = "where |torque| is at least 5 % of full scale"
-"""Where an error in % of reading is stated: below it the share says nothing."""
+"""Smallest share of the range at which an error is stated in % of reading."""
 
 SAME_PLACE_SHARE = 0.1
-"""The k-th points of all groups count as one place where they lie within this share of range."""
+"""The k-th points of all groups are one place if they differ by less than this share of range."""
 
 CELL_SHARE = 0.05
 
@@ -316,7 +316,7 @@ def _verified(
 
 @dataclass(frozen=True, eq=False)
 class _Places:
-    """Which place of the range each point of a verification belongs to."""
+    """Assigns the points of a verification to places of the range."""
 
     label: NDArray[np.intp]
     range_nm: float

@@ -1,5 +1,5 @@
-"""Campaigns: what a person wants done at once, as steps on an open station.
+"""Campaigns: complete tasks of a user, as steps on an open station.
 
-A campaign runs plans, fits and verifies models and registers what came out; both doors call
-it and reports show its results. It prints nothing: progress goes to a listener.
+A campaign runs plans, fits and verifies models and registers the results for command line, panel,
+API and reports. It prints nothing: progress goes to a listener.
 """

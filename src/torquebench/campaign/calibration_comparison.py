@@ -1,8 +1,8 @@
-"""Two calibrations of one transducer side by side: what changed, and whether that means anything.
+"""Two calibrations of one transducer compared: changes, and whether they are significant.
 
-Their models are compared at the same readings over the range that both calibrations cover. A
-change counts where it exceeds the uncertainties of both, E_n = Δ/√(U_A² + U_B²) beyond ±1
-(ISO/IEC 17043, B.3). What both share, such as the same reference standard, cancels.
+Their models are compared at the same readings over the range that both calibrations cover. A change
+is significant where it exceeds the combined uncertainty, E_n = Δ/√(U_A² + U_B²) beyond ±1 (ISO/IEC
+17043, B.3). Shared contributions, such as the same reference standard, cancel.
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ __all__ = [
 ]
 
 STEPS = 10
-"""Even steps in each direction of the common range."""
+"""Number of even steps in each direction of the common range."""
 SAME_RANGE = 0.05
-"""Calibrations whose largest torques differ by less than this share have one range."""
+"""Calibrations whose largest torques differ by less than this share have the same range."""
 CALIBRATED = ("static curve", "hysteresis", "mounting")
 """Components of U that belong to a calibration, not to a later reading."""
 REFERENCE = "reference standard"

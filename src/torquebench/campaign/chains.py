@@ -1,4 +1,4 @@
-"""What a person or a bench states of a measuring chain, as its effects."""
+"""Effects of a measuring chain as a person or a bench states them."""
 
 from __future__ import annotations
 

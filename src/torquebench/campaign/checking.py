@@ -1,4 +1,4 @@
-"""The check standard's verification: whether a module is as good as its calibration says."""
+"""Verification with the check standard: whether a module still keeps its stated uncertainty."""
 
 from __future__ import annotations
 
@@ -128,7 +128,7 @@ def check_module(
     registry, description = station.registry, station.description
     serial, counter = description.module(side).transducer.serial, station.drivers.counter
     entry = registry.patiently(lambda: registry.active_model(serial, counter.clock_identity))
-    if entry is not None:  # no further than it was calibrated
+    if entry is not None:  # at most up to the calibrated torque
         chain = load_chain(entry.check_file())
         profile = profile.within(
             100.0 * chain.model.calibrated_nm / description.module(side).range_nm

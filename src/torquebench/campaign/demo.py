@@ -1,4 +1,4 @@
-"""A complete run on one open station: both modules calibrated, fitted, verified; friction."""
+"""The demo on one open station: both modules calibrated, fitted and verified, friction measured."""
 
 from __future__ import annotations
 
@@ -106,7 +106,7 @@ def run_demo(
 
 
 def _modules(station: Station, settings: DemoSettings, progress: Progress) -> list[ModuleResult]:
-    """Calibrate both modules before the standard is changed for the verifications."""
+    """Calibrate both modules before the standard is exchanged for the verifications."""
     choices = settings.choices()
     recommended = choices[0].name
     known = registers_calibration(choices, recommended)

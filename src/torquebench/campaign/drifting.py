@@ -1,4 +1,4 @@
-"""How one transducer drifts, from everything that the registry holds of it."""
+"""Drift of one transducer over all its registered calibrations and checks."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ from torquebench.records import (
 __all__ = ["DriftRecords", "DriftSeries", "drift_of", "next_due"]
 
 LEAST_VALUES = 3
-"""Fewer values give neither a control chart nor a prediction."""
+"""Smallest number of values for a control chart or a prediction."""
 
 LEAST_SPAN = timedelta(days=1)
-"""A shorter history says nothing about the months to come."""
+"""Shortest history for a prediction over months."""
 
 
 @dataclass(frozen=True)
@@ -168,9 +168,9 @@ def drift_of(
 def _effects_over_time(
     models: Sequence[ModelEntry],
 ) -> list[tuple[str, str, list[tuple[datetime, float, bool]]]]:
-    """Return temperature, rotation and inertia as the empty runs of two or more models found them.
+    """Return temperature, rotation and inertia from the empty runs of two or more models.
 
-    Speeds and accelerations are the largest that all of them have.
+    Speeds and accelerations are the largest that all models cover.
     """
     chains = [
         (entry, load_chain(entry.file).stored)
@@ -215,12 +215,12 @@ _Kind = TypeVar("_Kind", bound=Effect)
 
 
 def _first(effects: Sequence[Effect], kind: type[_Kind]) -> _Kind | None:
-    """Return the effect of a kind; None if there is none."""
+    """Return the first effect of a kind; None if there is none."""
     return next((each for each in effects if isinstance(each, kind)), None)
 
 
 def _has_empty_runs(entry: ModelEntry) -> bool:
-    """Tell whether a model's file is there and has a measured effect, without reading the model."""
+    """Return whether a model's file exists and states a measured effect, without loading it."""
     try:
         return '"measured ' in entry.file.read_text(encoding="utf-8")
     except OSError:
@@ -230,9 +230,9 @@ def _has_empty_runs(entry: ModelEntry) -> bool:
 def _of_one_range(
     calibrations: list[CalibrationEntry], place: int
 ) -> list[tuple[float, list[CalibrationEntry]]]:
-    """Group calibrations that go equally far: spans over different ranges don't compare.
+    """Group calibrations by their largest torque: spans over different ranges don't compare.
 
-    A chain's curve bends, so that its span over a part of the range is another one.
+    A chain's curve is nonlinear, so its span over a part of the range differs.
     """
     groups: list[tuple[float, list[CalibrationEntry]]] = []
     for entry in calibrations:
@@ -247,7 +247,7 @@ def _of_one_range(
 
 
 def _first_of_each_run(zeroings: list[Zeroing]) -> list[Zeroing]:
-    """Return one zero a run: those within a run show how it warmed up, not how it drifts."""
+    """Return one zero a run: later ones within a run show its warming up, not drift."""
     seen: set[str] = set()
     first = []
     for zeroing in zeroings:

@@ -1,4 +1,4 @@
-"""Dynamics of a measuring chain: from recorded runs to a file with its inverse filter."""
+"""Dynamics of a measuring chain: from recorded runs to a file with the inverse filter."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dyn
 FORMAT = "torquebench dynamics 1"
 _UNEVEN = 0.01
 _UNCOMPENSATED = 0.1
-"""Relative standard uncertainty of an inertia by readings without compensation."""
+"""Relative standard uncertainty of an inertia that was identified from uncompensated readings."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +191,7 @@ def load_dynamics(path: Path) -> Dynamics:
 
 
 class _Table:
-    """A table at an even rate."""
+    """A table with an even sample rate."""
 
     def __init__(self, path: Path, required: tuple[str, ...]) -> None:
         table, columns = understood(read_table(path), required)

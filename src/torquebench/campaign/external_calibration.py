@@ -1,4 +1,4 @@
-"""Enter a calibration that was measured elsewhere: one sealed record, as if a run had made it."""
+"""Enter an external calibration: one sealed record, as if measured by a run."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from torquebench.validation import refuse_future
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
 
 KIND = "calibration-table"
-"""Kind of the run that keeps an external table."""
+"""Kind of the run that holds an external table."""
 
 
 @dataclass(frozen=True)

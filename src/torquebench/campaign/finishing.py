@@ -1,8 +1,8 @@
-"""Finish a run that something has come between: fit and register what is measured already.
+"""Finish an interrupted run: fit and register what is already measured.
 
-Command line, panel and API go through here, whether nothing happened or everything did: a
-calibration is fitted and registered by `finish_calibration` right after its run, and by the same
-function days later from its folder. Nothing is measured again.
+Command line, panel and API all use this, interrupted or not: `finish_calibration` fits and
+registers a calibration right after its run, or days later from its folder. Nothing is measured
+again.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Fit compensation models to one calibration, with words for what each of them is."""
+"""Fit compensation models to one calibration, and describe each of them."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ _TITLES = {
 }
 
 CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
-"""Parameters of models that the data decide, or that commands have options of their own for."""
+"""Parameters that are estimated from the data, or have command options of their own."""
 
 
 def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
@@ -286,7 +286,7 @@ def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel
 
 
 def _kept_points(data: CalibrationData, limits: Plausibility) -> dict[str, str]:
-    """Return the parameter that keeps every point where the points contradict each other."""
+    """Return the parameter that keeps every point where points contradict each other."""
     kinds = {each.kind for each in find_contradictions(data, limits)}
     return {"outliers": "keep"} if kinds & {"sign", "split", "scatter", "loop"} else {}
 
@@ -353,7 +353,7 @@ def fit_table(
     progress.start("Fitting the model", SHARES)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        warnings.simplefilter("ignore", OutlierWarning)  # the remarks name them by their series
+        warnings.simplefilter("ignore", OutlierWarning)  # the remarks name points by their series
         model.fit(X, data.standard_nm, progress=progress)
     progress.finish()
     comparison = _compared(data, name, progress, outliers) if compared else None
@@ -403,7 +403,7 @@ def _compared(data: CalibrationData, name: str, progress: Progress, outliers: st
 
 
 COMPARED_COLUMNS = 2
-"""Reading and branch, which every table has."""
+"""Reading and branch: the columns of every table."""
 
 
 def fit_metrics(fitted: FittedModel, data: CalibrationData) -> dict[str, float]:

@@ -1,4 +1,4 @@
-"""Run a procedure on an open station: rehearsed first, watched while it runs, read when done."""
+"""Run a procedure on an open station: rehearse it, watch it, read its results."""
 
 from __future__ import annotations
 
@@ -194,7 +194,7 @@ def measure_friction(
 
 
 def _metadata(side: Side, profile: Profile) -> dict[str, str]:
-    """Return what the registry keeps of a run beside its start document."""
+    """Return what the registry stores of a run beside its start document."""
     return {
         "side": side,
         "profile_name": profile.name,

@@ -96,7 +96,7 @@ def register_calibration(
     result, run_id, folder = measured.result, measured.record.run_id, measured.record.folder
     performed = datetime.fromisoformat(RunFolder(folder).manifest["sealed"])
     files = {}
-    for item in fitted:  # before the registry knows of them
+    for item in fitted:  # before they are registered
         metrics = fit_metrics(item, result.data)
         files[item.name] = registry.root / "models" / f"{run_id}-{item.name}.json", metrics
     with registry.writing():
@@ -144,7 +144,7 @@ def register_calibration(
 
 
 def _registered(registry: Registry, entry: CalibrationEntry) -> RegisteredCalibration:
-    """Return a calibration that is registered already, with its models by their names."""
+    """Return a registered calibration with its models by name."""
     models = {
         model.file.stem.removeprefix(f"{entry.run_id}-"): model
         for model in registry.models(entry.transducer_serial)
@@ -154,7 +154,7 @@ def _registered(registry: Registry, entry: CalibrationEntry) -> RegisteredCalibr
 
 
 def _summary(measured: Measured[StaircaseResult]) -> dict[str, Any]:
-    """Return what the registry keeps of a calibration beside its points."""
+    """Return what the registry stores of a calibration beside its points."""
     result, known = measured.result, measured.record.metadata
     summary: dict[str, Any] = {"unsettled points": result.unsettled}
     if known.get("resumes"):
@@ -294,4 +294,4 @@ def _dense(
 
 
 CALIBRATION_TEMPERATURE_C = 23.0
-"""Temperature that the noise-free sweep is computed at."""
+"""Temperature of the noise-free sweep."""

@@ -1,4 +1,4 @@
-"""Register what is measured, although the registry's server restarts in the meantime."""
+"""Register measured runs even if the registry's server restarts meanwhile."""
 
 from __future__ import annotations
 

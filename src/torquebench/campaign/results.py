@@ -1,4 +1,4 @@
-"""What a campaign finds out: values only, for tables, figures and reports."""
+"""Results of a campaign: values only, for tables, figures and reports."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Go on with a calibration that a kill, a power cut, an alarm or a person has interrupted."""
+"""Resume a calibration that was interrupted by a kill, a power cut, an alarm or a person."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class InterruptedCalibration:
         rest = self._rest(every)
         if not rest:
             rest = [1 + max(step.series for step, _ in self.points)]
-            if self.profile.adaptive is None:  # nothing but the end of the run was missed
+            if self.profile.adaptive is None:  # only the end of the run was missed
                 return rest[0]
         clause = self.profile.interruption
         if clause is None or clause.resume == "series":
@@ -93,7 +93,7 @@ class InterruptedCalibration:
         return _first_of_position(self.steps, min(rest[0], every[-1]))
 
     def _rest(self, every: Sequence[int]) -> list[int]:
-        """Return the profile's own series from the first one on that wasn't gone through."""
+        """Return the profile's series from the first incomplete one on."""
         taken = self._taken
         last = max((series for series, _ in taken), default=0)
         through = {
@@ -104,7 +104,7 @@ class InterruptedCalibration:
         return list(every[len(complete_series(self.steps, taken | through)) :])
 
     def _gone_through(self, series: int) -> bool:
-        """Whether no more points are missing at the end of a series than damage may have taken."""
+        """Return whether a series lacks no more points at its end than damage may have lost."""
         own = [step.index for step in self.steps if step.recorded and step.series == series]
         taken = [number for number, index in enumerate(own) if (series, index) in self._taken]
         return bool(taken) and len(own) - 1 - taken[-1] <= self.lost_at_end
@@ -209,13 +209,13 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
 
 
 def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
-    """Read back a run, whatever was done about it since."""
+    """Read back a run, whatever was recorded about it since."""
     folder = RunFolder.open(run.folder)
     folder.verify()
     start = next((document for _, document in folder.documents("start")), None)
     taken = list(_points(folder))
     if run.status == "failed" and not _measured(folder):
-        taken = taken[:-1]  # what stopped it may have begun while the last point was taken
+        taken = taken[:-1]  # the cause may have begun while the last point was measured
     before = _before(registry, folder)
     if start is None:
         raise InputError(
@@ -357,13 +357,13 @@ def _certificates(interrupted: InterruptedCalibration, description: Any) -> tupl
 
 
 def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:
-    """Return what a run that was itself a continuation had resumed."""
+    """Return the run that a continuation had resumed."""
     resumed = folder.metadata.get("resumes")
     return _read(registry, registry.run(str(resumed[-1]))) if resumed else None
 
 
 def _measured(folder: RunFolder) -> bool:
-    """Return whether a run's plan had ended well, and what failed came after it."""
+    """Return whether a run's plan ended well, and what failed after it."""
     stops = [document for _, document in folder.documents("stop")]
     return bool(stops) and stops[-1].get("exit_status") == "success"
 
@@ -380,7 +380,7 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
 
 
 def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]]:
-    """Return stamp, values and moment of every acknowledged point."""
+    """Return stamp, values and time of every acknowledged point."""
     streams = {
         document["uid"]: document
         for _, document in folder.documents("descriptor")
@@ -402,7 +402,7 @@ def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]
 def _placed(
     steps: Sequence[Step], stamp: tuple[int, int], row: Row, range_nm: float
 ) -> Step | None:
-    """Return the step of a point that an adaptive calibration has placed; None if it can't be."""
+    """Return the step of a point placed by an adaptive calibration; None if it can't be rebuilt."""
     last = next(step for step in reversed(steps) if step.recorded)
     series, index = stamp
     target_nm, branch = float(row["target_nm"]), int(row["branch"])
@@ -413,7 +413,7 @@ def _placed(
 
 
 def _shifted(points: Sequence[tuple[Step, Row]], last_s: float) -> tuple[tuple[Step, Row], ...]:
-    """Shift bench times so that the last point was taken at a given one."""
+    """Shift bench times so that the last point was measured at a given time."""
     if not points:
         return ()
     shift_s = last_s - float(points[-1][1]["time_s"])
@@ -421,7 +421,7 @@ def _shifted(points: Sequence[tuple[Step, Row]], last_s: float) -> tuple[tuple[S
 
 
 def _first_of_position(steps: Sequence[Step], series: int) -> int:
-    """Return the first series in the mounting position of a series."""
+    """Return the first series in the same mounting position as a series."""
     position = 0
     positions: dict[int, int] = {}
     for step in steps:

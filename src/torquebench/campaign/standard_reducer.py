@@ -1,4 +1,4 @@
-"""The bench checked from end to end by a standard reducer with certified friction."""
+"""End-to-end check of the bench with a standard reducer of certified friction."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 ]
 
 SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
-"""Steps of the input speed, as the source papers drive them up to 1200 rpm."""
+"""Steps of input speed, up to the 1200 rpm of the source papers."""
 
 
 @dataclass(frozen=True)

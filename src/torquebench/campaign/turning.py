@@ -1,4 +1,4 @@
-"""Chains that turn: what empty runs and points at other speeds and temperatures tell of one."""
+"""Rotating chains: identification from empty runs and points at several speeds and temperatures."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from torquebench.progress import NO_PROGRESS, Progress
 __all__ = ["TurningChain", "identify_turning", "joined_tables", "recorded_readings"]
 
 _STREAM_S = 1.0
-"""Rows farther apart than this are steady points, not a record whose speed has a slope."""
+"""Rows farther apart than this are steady points, not a record from which to derive a slope."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +120,7 @@ def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
 
 
 def _circumstances(points: CalibrationData) -> bool:
-    """Say whether points were taken at several temperatures, or while it turned."""
+    """Return whether points were measured at several temperatures, or while the chain turned."""
     warm, speed = points.temperature_c, points.speed_rpm
     warmed = warm is not None and np.ptp(warm) >= LEAST_KELVIN
     return bool(warmed or (speed is not None and np.max(np.abs(speed)) > 1.0))

@@ -26,7 +26,8 @@ __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "r
 
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
 _RESUMED_AFTER_S = 60.0
-"""Time between the last row of an interrupted run and the first after it: nobody knows it."""
+"""Time between the last row of an interrupted run and the first after it; the real one is unknown.
+"""
 
 
 @dataclass(frozen=True)
@@ -166,7 +167,7 @@ def measure_turning(
 def _remarks(
     station: Station, side: Side, profile: TurningProfile, series_done: int
 ) -> dict[str, str]:
-    """Return what says which run a table is of, and how far it came."""
+    """Return remarks that identify a table's run and state how far it came."""
     module = station.description.module(side)
     series = profile.series()
     if profile.kind == "calibration":

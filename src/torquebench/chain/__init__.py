@@ -1,6 +1,6 @@
 """From a reading to torque, uncertainty and budget, in one place for every interface.
 
-A measuring chain is a sum of effects with what their errors share. Pure: arrays in, `Torque` out.
+A measuring chain is a sum of effects whose errors may be correlated. Pure: arrays in, `Torque` out.
 """
 
 import lazy_loader

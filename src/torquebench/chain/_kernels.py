@@ -1,4 +1,4 @@
-"""Tables of measured effects at single readings, for which calls of NumPy cost most of the time."""
+"""Interpolation of measured effects at single readings, without the overhead of NumPy calls."""
 
 import math
 
@@ -13,7 +13,7 @@ FloatArray = NDArray[np.float64]
 
 @njit(cache=True)
 def _place(nodes: FloatArray, value: float) -> tuple[int, int, float]:
-    """Return the nodes around a value, and the share of the way between; ends count outside."""
+    """Return the nodes around a value and the share of the way between; clamped at the ends."""
     last = nodes.size - 1
     if last == 0:
         return 0, 0, 0.0

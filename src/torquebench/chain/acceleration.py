@@ -1,4 +1,4 @@
-"""Angular acceleration from a speed that was sampled at an even rate."""
+"""Angular acceleration from a speed sampled at an even rate."""
 
 from __future__ import annotations
 
@@ -12,13 +12,14 @@ from torquebench.units import RAD_S_PER_RPM
 __all__ = ["AccelerationBySpeed"]
 
 _WANTED_RAD_S2 = 0.3
-"""Standard uncertainty that noise of the speed may leave: 1 % of a ramp of 300 rpm/s."""
+"""Largest standard uncertainty caused by noise of the speed: 1 % of a ramp of 300 rpm/s."""
 _LONGEST_S = 0.25
 _LEARNED = 4096
-"""Samples that tell the noise: as many as the first block of a record holds, however it is cut."""
+"""Samples from which noise is estimated: those of a record's first block, however it is cut."""
 _GAP_STEPS = 1.5
 _MEDIAN_OF_SQUARES = 0.4549
-_THIRD_DIFFERENCE = 20.0  # variance of a third difference of white noise, over the noise's
+# variance of the third difference of white noise, as a multiple of the noise's
+_THIRD_DIFFERENCE = 20.0
 
 
 @dataclass(frozen=True)
@@ -99,7 +100,7 @@ class AccelerationBySpeed:
         count = speed_rpm.size
         slope, change = np.zeros((2, count))
         for half in range(min(self.half_width, (count - 1) // 2), 0, -1):
-            # the widest window where it fits, narrower ones towards the ends
+            # the widest window where it fits, narrower ones near the ends
             inner = half == self.half_width
             rows = (
                 np.arange(half, count - half)
@@ -116,7 +117,7 @@ class AccelerationBySpeed:
             for end, other in ((0, 1), (count - 1, count - 2)):
                 slope[end] = (speed_rpm[other] - speed_rpm[end]) / (time_s[other] - time_s[end])
         noise = self.noise_rpm * _per_noise(self.half_width) / self.step_s
-        # a ramp that begins here makes the slope anything between both sides' (rectangular)
+        # a ramp that begins here makes the slope any value between both sides' (rectangular)
         return RAD_S_PER_RPM * slope, RAD_S_PER_RPM * np.hypot(noise, 0.5 * change / np.sqrt(3.0))
 
 

@@ -1,4 +1,4 @@
-"""What every effect of a measuring chain has in common, and how it is stored by its kind."""
+"""The interface of all effects of a measuring chain, and their storage by kind."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from torquebench.errors import InputError
 __all__ = ["EFFECTS", "Effect", "Refusal", "effect_from", "register"]
 
 EFFECTS: dict[str, type[Effect]] = {}
-"""Every stored effect by the kind that chain files name."""
+"""All stored effects by the kind named in chain files."""
 
 
 class Refusal(NamedTuple):
@@ -141,7 +141,7 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
     InputError
         An unknown kind, or fields that it doesn't have.
     """
-    import_module("torquebench.chain.effects")  # registers them
+    import_module("torquebench.chain.effects")  # imported to register the effects
     values = dict(specification)
     kind = values.pop("kind", None)
     if kind not in EFFECTS:

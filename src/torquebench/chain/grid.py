@@ -13,7 +13,7 @@ __all__ = ["Place", "Table", "between", "bilinear", "linear", "located", "number
 
 Numbers = tuple[float, ...]
 Table = tuple[Numbers, ...]
-"""One row a node of the first quantity."""
+"""One row for each node of the first quantity."""
 
 
 class Place(NamedTuple):

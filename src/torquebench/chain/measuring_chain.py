@@ -1,4 +1,4 @@
-"""A measuring chain: the one place where a reading becomes torque, uncertainty and budget."""
+"""A measuring chain: converts readings to torque with uncertainty and budget."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ from torquebench.errors import InputError
 
 __all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "load_chain"]
 
-GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a reversal that matters
+GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
 
 
 _OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia)
 _NOT_EXPECTED = (Inertia, SwitchedOff, Timebase)
-"""Effects that a chain may well be without."""
+"""Effects that a chain may lack without a warning."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -254,7 +254,7 @@ class ChainStream:
             effect.forget()
 
     def _has_gap(self, time_s: FloatArray) -> bool:
-        """Say whether windows are missing since the last block; without one before, no."""
+        """Return whether windows are missing since the last block; False for the first block."""
         if time_s.size == 0:
             return False
         before, self._last_s = self._last_s, float(time_s[-1])

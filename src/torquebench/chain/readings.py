@@ -1,4 +1,4 @@
-"""What is known of readings: the quantities that effects of a measuring chain need."""
+"""The quantities of readings that effects of a measuring chain need."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["FloatArray", "Known", "Readings", "known_or", "row_of"]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
-"""One value for all readings or one for each; None or NaN if it isn't measured."""
+"""One value for all readings or one each; None or NaN if not measured."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

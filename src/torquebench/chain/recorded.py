@@ -1,4 +1,4 @@
-"""A recorded stream of readings: compensated as the live one is, block by block."""
+"""Compensation of a recorded stream of readings block by block, like the live one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The state of every effect of a chain at one reading: what it adds, and why it doesn't."""
+"""The state of every effect of a chain at one reading: its correction, or why there is none."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ QUANTITIES = {
     "zero_age_h": "time since the zero was taken",
     "calibration_age_h": "time since the calibration",
 }
-"""What may be missing of a reading, in words."""
+"""Quantities that a reading may lack, in words."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Compensated torque with everything that makes it uncertain, and what torques share."""
+"""Compensated torque with its uncertainty components and their correlation."""
 
 from __future__ import annotations
 
@@ -23,8 +23,9 @@ from torquebench.uncertainty import (
 __all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined", "not_corrected"]
 
 COVERAGE_FACTOR = 2.0
-"""k of every U: effects state standard uncertainties that are widened for their degrees of freedom
-already, so that ±2u holds 95.45 %."""
+"""k of every U: the effects' standard uncertainties are already widened for their degrees of
+freedom, so that ±2u covers 95.45 %.
+"""
 
 
 class Shared(StrEnum):
@@ -305,7 +306,7 @@ def _total(*values: float) -> float:
 
 
 def _spread(weighted: FloatArray, group: NDArray[np.generic], place: FloatArray | None) -> float:
-    """Return the standard uncertainty of a sum whose parts share errors within groups."""
+    """Return the standard uncertainty of a sum whose parts have common errors within groups."""
     if place is None:
         if group.size and np.all(group == group[0]):
             return float(np.sum(weighted))

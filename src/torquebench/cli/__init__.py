@@ -32,8 +32,8 @@ app = typer.Typer(
 def _add_commands(wanted: str) -> None:
     """Add every command; only those on records where one of them is wanted.
 
-    Lists of records are checked all day long, and building the other commands takes longer than
-    reading them.
+    Commands on records are built alone, since building all others takes longer than listing
+    records.
     """
     if wanted == "records":
         app.add_typer(records.app)
@@ -152,5 +152,5 @@ def main() -> None:
     """Run the command line and leave with 0 (done), 1 (a check failed) or 2 (bad input)."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     code = guarded(lambda: _run(sys.argv[1:]), debug=lambda: _debug)
-    gc.freeze()  # at its end the interpreter would look through every object of every library
+    gc.freeze()  # a normal exit would finalise every object of every library
     sys.exit(code)

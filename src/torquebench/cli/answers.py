@@ -1,8 +1,8 @@
 """What each command answers with `--json`: one table of facts a command.
 
-The person who adds a command adds its answer here. The documentation's page of answers is made of
-this file, and tests hold what commands print against it. Names end with their unit; `None` is a
-value that isn't known or doesn't exist.
+A new command needs its answer here. The documentation's page of answers is generated from this
+file, and tests compare it with what commands print. Names end with their unit; `None` stands for a
+value that is unknown or doesn't exist.
 """
 
 from typing import Any, NotRequired, TypedDict
@@ -1002,11 +1002,11 @@ ANSWERS: dict[str, type] = {
     "plant verify": PlantVerified,
     **{f"plant {name}": PlantAnswer for name in _PLANT_QUESTIONS},
 }
-"""The answer of each command."""
+"""The answer of each command, by its name."""
 
 WITHOUT_ANSWER = {
     "panel": "serves the panel until it is ended",
     "plant view": "serves the plant's view until it is ended",
     "simulate": "serves simulated instruments until it is ended",
 }
-"""Commands without `--json`, and why."""
+"""Commands without `--json`, and the reason."""

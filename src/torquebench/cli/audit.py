@@ -1,4 +1,4 @@
-"""`torquebench records audit`: who commanded what, when, and what became of it."""
+"""`torquebench records audit`: commands to the bench with time, person and result."""
 
 from __future__ import annotations
 

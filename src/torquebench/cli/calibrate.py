@@ -1,4 +1,4 @@
-"""`torquebench calibrate`: one or both modules against the calibrator, fitted and put into use."""
+"""`torquebench calibrate`: calibrate modules against the calibrator, fit and activate models."""
 
 from __future__ import annotations
 
@@ -176,7 +176,7 @@ def calibrate(
 
 
 def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> float:
-    """Return a largest torque in % of the range of the one module that it is for."""
+    """Return the largest torque in % of the range of the one module to which it applies."""
     if side is Sides.both:
         raise InputError(
             f"up to {torque_nm:g} N·m at both modules",
@@ -200,7 +200,7 @@ def _choice(name: str | None, parameters: list[str] | None) -> ModelChoice | Non
 
 
 def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> None:
-    """Rehearse the very plans that would run, and print what they would load."""
+    """Rehearse the same plans as the real run, and print what they would load."""
     import tempfile
 
     from torquebench.campaign.measuring import rehearse_calibration

@@ -1,4 +1,4 @@
-"""Calibrate modules at the terminal, and report the result of it."""
+"""Calibrate modules at the terminal, and report the results."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def run_calibrations(
 def _write_reports(
     finished: FinishedCalibration, reports: Sequence[Path], *, several: bool
 ) -> None:
-    """Write a calibration's report; of several modules each gets its own file."""
+    """Write a calibration's report; with several modules one file each."""
     if not reports:
         return
     from torquebench.reports.calibration_report import calibration_page

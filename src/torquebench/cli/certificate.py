@@ -112,7 +112,7 @@ def certificate(
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
         unrefused = replace(issue, refuse_unreviewed=issue.refuse_unreviewed and not checked_by)
         record = registry.patiently(lambda: build_record(registry, calibration, unrefused))
-        if checked_by:  # entered only where nothing refuses the certificate
+        if checked_by:  # entered only if nothing refuses the certificate
             registry.review(
                 "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True
             )

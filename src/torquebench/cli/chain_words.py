@@ -1,4 +1,4 @@
-"""What commands say of a measuring chain."""
+"""Messages of commands about a measuring chain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench check`: one module against the check standard, in one command a day."""
+"""`torquebench check`: the daily check of a module against the check standard."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench export` and `budget`: a model's table for other programs, and its uncertainty."""
+"""`torquebench export` and `budget`: a model's table for other programs, and its budget."""
 
 from __future__ import annotations
 
@@ -195,7 +195,7 @@ def budget(
 
 
 def _print_budget(found: Budget) -> None:
-    """Print what contributes, the largest first, and the result."""
+    """Print the contributions, the largest first, and the result."""
     table = narrow_table()
     table.add_column("quantity", no_wrap=True)
     for heading in ("u N·m", "distribution", "share"):

@@ -1,4 +1,4 @@
-"""Ask before a real bench is loaded, where somebody is there."""
+"""Ask for confirmation at a terminal before a real bench is loaded."""
 
 from __future__ import annotations
 

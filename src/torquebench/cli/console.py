@@ -1,4 +1,4 @@
-"""What every command writes with: results, messages, and the same results as JSON.
+"""Output of every command: results, messages, and the results as JSON.
 
 Results go to standard output, everything else to standard error. With `--json` a command prints
 one JSON object instead of its tables; with `--quiet` it prints warnings and errors only.
@@ -44,12 +44,12 @@ __all__ = [
 ]
 
 PLAIN_WIDTH = 80
-"""Columns if nobody looks: pipes, files and logs stay readable on any terminal."""
+"""Width without a terminal: pipes, files and logs stay readable everywhere."""
 
 
 @dataclass
 class _Output:
-    """How one command writes, and what it has answered so far."""
+    """Output settings of one command, and its answer so far."""
 
     command: str = ""
     json: bool = False

@@ -75,7 +75,7 @@ def demo(
 
 
 def _description(bench: Path | None, seed: int | None, preset: Preset | None) -> BenchDescription:
-    """Return the simulated bench with the options that the command line changes."""
+    """Return the simulated bench with the options of the command line."""
     description = bench_description(bench)
     if not description.simulated:
         raise InputError(

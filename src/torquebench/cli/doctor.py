@@ -1,4 +1,4 @@
-"""`torquebench doctor`: what is installed, configured and reachable, and what to do about it."""
+"""`torquebench doctor`: checks installation, configuration and instruments, with remedies."""
 
 from __future__ import annotations
 
@@ -51,9 +51,9 @@ DOING = {
     "Signals": "watching every signal",
     "Drives": "powering each drive at zero torque",
 }
-"""What is said before a step, which may take seconds."""
+"""Message before a step that may take seconds."""
 NEEDED = ("Configured", "Reachable")
-"""Steps without which the later ones can't be done."""
+"""Steps that the later ones need."""
 
 
 def register(app: typer.Typer) -> None:
@@ -145,7 +145,7 @@ def installation() -> Iterator[Finding]:
 
 
 def _priority() -> Finding:
-    """Try whether the threads that safety depends on come before other programs."""
+    """Check whether the threads that safety depends on get priority over other programs."""
     from torquebench.bench.safety.priority import PRIORITY, Priority, available_priority
 
     granted = available_priority()
@@ -182,7 +182,7 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
 
 
 def _doubts(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Look at the standards' certificates, and at the clock against the newest record."""
+    """Check the standards' certificates, and the clock against the newest record."""
     from torquebench.cli.doubts import CALIBRATOR, VERIFICATION_STANDARD, expired_standards
     from torquebench.records import Registry
     from torquebench.records.time_check import clock_behind
@@ -229,7 +229,7 @@ def _records(data: Path) -> Iterator[Finding]:
 
 
 def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
-    """Turn an error of a part into its last finding, so that the other parts are still seen."""
+    """Turn an error of a part into its last finding, so that the other parts still run."""
     try:
         yield from examine()
     except TorquebenchError as error:

@@ -1,4 +1,4 @@
-"""What `torquebench doctor` looks at on a configured bench, instrument by instrument."""
+"""Checks of `torquebench doctor` on a configured bench, instrument by instrument."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ SETTLING_S = 0.3
 STANDARD_S = 1.0
 WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.05
-"""Share of the zero's frequency within which an unloaded transducer's output lies."""
+"""Largest deviation of an unloaded transducer's output from its zero, as a share of that."""
 ROOM_C = (-10.0, 60.0)
 ROLES = (
     "counter",
@@ -86,7 +86,7 @@ def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
 
 @contextlib.contextmanager
 def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
-    """Keep the bench for this process, so that nobody's run is disturbed."""
+    """Lock the bench for this process, so that no run is disturbed."""
     from torquebench.station.bench_lock import BenchLock
 
     with tempfile.TemporaryDirectory() as scratch:
@@ -101,7 +101,7 @@ def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
 def _opened(
     description: BenchDescription, data: Path, log: AuditLog | None = None
 ) -> Iterator[DriverSet]:
-    """Open the instruments below any station; commands to them are in the audit log."""
+    """Open the instruments without a station; commands to them are in the audit log."""
     from torquebench.bench.auditing import audited
     from torquebench.bench.drivers import open_drivers
 
@@ -143,7 +143,7 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
 
 
 def _with_status(found: Finding, drive: Drive) -> Finding:
-    """Add a drive's status to who it is: one that can't be read is no drive to work with."""
+    """Add a drive's status to its identity: a drive whose status can't be read isn't usable."""
     state = drive.state()
     if state.enabled:
         return Finding(
@@ -260,7 +260,7 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 
 def _standard(station: Station) -> Iterator[Finding]:
-    """Check whether a standard that states torque itself continues stating it."""
+    """Check whether a standard that states torque keeps stating it."""
     import numpy as np
 
     from torquebench.bench.drivers.base import SIDES
@@ -273,7 +273,8 @@ def _standard(station: Station) -> Iterator[Finding]:
         what = f"{side} standard"
         try:
             read = []
-            for _ in range(round(STANDARD_S / block_s)):  # its clock settles by repeated answers
+            # its clock estimate settles with repeated answers
+            for _ in range(round(STANDARD_S / block_s)):
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
                 read.append(reference.read(side, now_s, now_s).torque_nm)
@@ -294,7 +295,7 @@ def _standard(station: Station) -> Iterator[Finding]:
 
 
 def _fixture(station: Station) -> Iterator[Finding]:
-    """State modes and clamp as their contacts say, to be compared with the bench."""
+    """State modes and clamp as their contacts do, for comparison with the bench."""
     from torquebench.bench.drivers.base import SIDES
 
     drivers = station.drivers
@@ -362,7 +363,7 @@ def _off(drive: Drive) -> None:
 
 
 def _pass(drivers: DriverSet, description: BenchDescription, duration_s: float) -> None:
-    """Let bench time pass: a counter's block takes as long as it covers."""
+    """Let bench time pass: reading a counter's block takes the time that it covers."""
     block_s = description.counter.block_s
     for _ in range(math.ceil(duration_s / block_s)):
         drivers.counter.read_block(block_s)

@@ -1,4 +1,4 @@
-"""What a command says of times that can't be right: this computer's clock, expired standards."""
+"""Warnings of commands about implausible times: this computer's clock, expired standards."""
 
 from __future__ import annotations
 

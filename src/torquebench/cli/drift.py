@@ -1,4 +1,4 @@
-"""`torquebench records drift`: control charts of one transducer, and when it is due."""
+"""`torquebench records drift`: control charts of one transducer, and its due date."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """`torquebench records adjust`, `add-equipment`, `add-certificate`, `fit-part`, `equipment`.
 
-What a laboratory enters about its equipment beside runs: in the words of ISO/IEC 17025.
+Entries that a laboratory makes about its equipment beside runs, in terms of ISO/IEC 17025.
 """
 
 from __future__ import annotations

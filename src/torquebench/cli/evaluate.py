@@ -1,4 +1,4 @@
-"""`torquebench evaluate`: results from tables that were measured on another bench."""
+"""`torquebench evaluate`: results from tables of other benches."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ app = typer.Typer(
 
 @app.callback()
 def _tables() -> None:
-    """Evaluate tables that were measured on any bench."""
+    """Evaluate tables that were measured on another bench."""
 
 
 @app.command("static")

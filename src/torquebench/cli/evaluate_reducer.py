@@ -1,4 +1,4 @@
-"""`torquebench evaluate hysteresis|friction|…`: reducer tests that were recorded elsewhere."""
+"""`torquebench evaluate hysteresis|friction|…`: reducer tests of other benches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench records export`: a run as a folder that needs no software to be read."""
+"""`torquebench records export`: a run as a folder that is readable without torquebench."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """From errors to exit codes: 0 done, 1 a check or the bench failed, 2 unusable input.
 
-130 is an end by Ctrl-C. With `--json` every end prints the answer, also that of an error.
+130 means Ctrl-C. With `--json` a command prints its answer in every case, also after an error.
 """
 
 from __future__ import annotations
@@ -19,13 +19,13 @@ __all__ = ["CHECK_FAILED", "INTERRUPTED", "OK", "UNUSABLE_INPUT", "exit_code", "
 
 OK = 0
 CHECK_FAILED = 1
-"""A verification out of tolerance, or a bench that failed while it worked."""
+"""A verification out of tolerance, or a failure of the bench."""
 UNUSABLE_INPUT = 2
-"""The same code that the option parser gives for an unknown option."""
+"""The code of the option parser for an unknown option."""
 DISK_FAILED = (errno.ENOSPC, errno.EDQUOT, errno.EIO)
-"""A full or broken disk is nothing that the user has handed in."""
+"""A full or broken disk isn't an input error."""
 INTERRUPTED = 130
-"""Ctrl-C, as shells count it (128 + SIGINT)."""
+"""Ctrl-C, as in shells (128 + SIGINT)."""
 
 
 _DISTRIBUTIONS = {
@@ -33,7 +33,7 @@ _DISTRIBUTIONS = {
     "google": "protobuf",
     "paho": "paho_mqtt",
 } | dict.fromkeys(("fastapi", "starlette", "uvicorn"), "nicegui")
-"""Libraries whose name isn't that of the module, or that come with another one."""
+"""Packages whose name differs from the module's, or that come with another package."""
 
 
 def exit_code(error: TorquebenchError) -> int:
@@ -103,7 +103,7 @@ def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
 
 
 def _extra_of(module: str) -> str:
-    """Return the smallest extra that brings a module; empty if none does."""
+    """Return the smallest extra with a module; empty if there is none."""
     from importlib.metadata import requires
 
     name = _DISTRIBUTIONS.get(module.partition(".")[0], module.partition(".")[0])
@@ -119,7 +119,7 @@ def _extra_of(module: str) -> str:
 
 
 def _missing_extra(extra: str, module: str) -> InputError:
-    """Word a library that isn't installed."""
+    """Describe a library that isn't installed."""
     return InputError(
         f"the library {module.partition('.')[0]} isn't installed",
         f"this command needs the extra {extra!r}",
@@ -128,7 +128,7 @@ def _missing_extra(extra: str, module: str) -> InputError:
 
 
 def _file_error(error: OSError) -> InputError:
-    """Word a file system's refusal as found, allowed and remedy."""
+    """Describe an error of the file system as found, allowed and remedy."""
     where = f"{error.filename}: " if error.filename else ""
     return InputError(
         f"{where}{error.strerror or error}",

@@ -1,4 +1,4 @@
-"""`torquebench records finish` and `discard`: what becomes of runs that aren't finished."""
+"""`torquebench records finish` and `discard`: complete or discard unfinished runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench in-place`: a transducer calibrated alone against its chain calibrated in place."""
+"""`torquebench in-place`: a stand-alone calibration compared with the calibration in place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ctrl-C while the bench works: pause at the next point, ask, resume or abort."""
+"""Ctrl-C during a run: pause at the next point, ask, resume or abort."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ class BenchInterrupts:
 
     def _on_termination(self, number: int, _frame: FrameType | None) -> None:
         self.signal = signal.Signals(number)
-        # Beside the main thread, which may hold the run engine's locks right now.
+        # In another thread: the main thread may hold the run engine's locks.
         threading.Thread(
             target=self._station.abort,
             args=(f"{self.signal.name} from the system",),

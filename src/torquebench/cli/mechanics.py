@@ -1,4 +1,4 @@
-"""`torquebench mechanics`: what a design adds to the torque, and how stiff supports are."""
+"""`torquebench mechanics`: a design's influence on the torque, and the stiffness of supports."""
 
 from __future__ import annotations
 
@@ -165,7 +165,7 @@ def _finish(
 
 
 def _value(cell: str) -> str | float:
-    """Return a table's cell as a number if it is one."""
+    """Return a table's cell as a number where it is one."""
     try:
         return float(cell.replace("−", "-"))
     except ValueError:

@@ -1,4 +1,4 @@
-"""Parameters of a model from the command line: `--parameter epochs=20000`."""
+"""Model parameters on the command line: `--parameter epochs=20000`."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench fit`, `apply` and `verify`: compensation models from files and for files."""
+"""`torquebench fit`, `apply` and `verify`: fit, apply and verify compensation models."""
 
 from __future__ import annotations
 
@@ -213,7 +213,7 @@ def fit(
 
 
 def _print_fit(fitted: FitResult) -> None:
-    """Print the comparison, if there is one, and the errors before and after."""
+    """Print the comparison, if any, and the errors before and after."""
     from torquebench.cli.tables import comparison_table, error_blocks
 
     data, comparison, noise = fitted.data, fitted.comparison, fitted.noise
@@ -480,7 +480,7 @@ def verify(
 def _torque(
     chain: MeasuringChain, points: CalibrationData, zero_temperature: float | None
 ) -> Torque:
-    """Return what a chain makes of points, also of those that turn."""
+    """Return a chain's torque at points, including points at speed."""
     from torquebench.campaign.turning import recorded_readings
     from torquebench.chain import RecordedStream
 
@@ -499,7 +499,7 @@ def _write_verification(
     reports: Sequence[Path],
     turning: Torque | None,
 ) -> None:
-    """Write the reports; of a chain that turns with errors over speed and temperature."""
+    """Write the reports; for a rotating chain with errors over speed and temperature."""
     if not reports:
         return
     from torquebench.reports.page_pdf import write_report
@@ -535,7 +535,7 @@ def _warn_of_contradictions(stored: StoredModel) -> None:
 
 
 def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
-    """Refuse points of another chain, and say where they are the model's own."""
+    """Refuse points of another chain, and mark those that the model was fitted to."""
     made_with = stored.provenance
     for what, present, wanted in (
         ("transducer", points.transducer_serial, made_with.transducer_serial),

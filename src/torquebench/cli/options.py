@@ -38,14 +38,15 @@ __all__ = [
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
-"""How help is set: paragraphs flow at the terminal's width. As Rich's own markup, lines would end
-where they do in the code, and what stands in square brackets would be taken for a style."""
+"""Markup mode of help: paragraphs are wrapped at the terminal's width. Rich's own markup would keep
+the line ends of the code, and read text in square brackets as a style.
+"""
 DEFAULT_DATA = Path("torquebench-data")
 CSV_ENDINGS = (".csv", ".txt", ".tsv")
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
-"""Environment variable with the URL of a registry on a server; see `records.REGISTRY_URL`."""
+"""Environment variable with the URL of a registry server; see `records.REGISTRY_URL`."""
 REGISTRY_FILE = "registry.sqlite"
-"""Where a data directory keeps its own; see `records.REGISTRY_FILE`."""
+"""Registry file in a data directory; see `records.REGISTRY_FILE`."""
 
 DataOption = Annotated[
     Path,

@@ -1,4 +1,4 @@
-"""`--json` and `--quiet`: added to the commands in one place."""
+"""`--json` and `--quiet`, added to all commands in one place."""
 
 from __future__ import annotations
 
@@ -58,16 +58,16 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
         for name, kind in added.items()
     ]
     named = [*signature.parameters.values(), *parameters]
-    # Typer reads a command's options here; typing knows the attribute of no function.
+    # Typer reads a command's options from this attribute, which typing doesn't know.
     run.__signature__ = signature.replace(parameters=named)  # type: ignore[attr-defined]
     run.__annotations__ = {each.name: each.annotation for each in named}
     return run
 
 
 def _value_name(kind: Any) -> str | None:
-    """Return how help names an option's value; None leaves it to the library.
+    """Return the value's name in help; None leaves it to the library.
 
-    A flag has none. Of a list one value is given at a time, a pair takes both.
+    A flag has none. An option for a list takes one value at a time, an option for a pair two.
     """
     if kind is bool:
         return " "

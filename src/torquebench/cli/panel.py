@@ -77,10 +77,10 @@ def panel(
 
     names = tuple(host_name or ())
     address = Address(host, port, tls_cert, tls_key, insecure_network, names, behind_proxy)
-    address.check()  # before anything is loaded that takes seconds
+    address.check()  # before imports that take seconds
     endpoint = None
     if opcua is not None:
-        import_module("asyncua")  # before what comes with other extras, so that its own is named
+        import_module("asyncua")  # first, so that the error names this extra
         from torquebench.opcua import Endpoint
 
         endpoint = Endpoint.parse(opcua)

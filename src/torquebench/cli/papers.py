@@ -27,7 +27,7 @@ __all__ = ["make_page", "register"]
 RECORDS = Path("torquebench-data")
 SEEDS = 3
 FINE_M, COARSE_M = 0.06, 0.12
-"""Elements of the supports, of a whole page and of a quick one."""
+"""Elements of the supports: full page, quick page."""
 
 
 def register(app: typer.Typer) -> None:

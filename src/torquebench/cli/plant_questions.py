@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 __all__ = ["app", "show"]
 
 LISTED = 40
-"""More rows than these are for `--out`."""
+"""Longer tables are printed only with `--out`."""
 
 OutOption = Annotated[
     Path | None, typer.Option("--out", help="Write the whole table as .csv or .parquet.")

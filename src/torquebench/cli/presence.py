@@ -1,9 +1,9 @@
-"""The operator's presence: a key at the terminal, as often as the bench's description asks for.
+"""Confirmation of the operator's presence at the terminal, at the interval of the description.
 
-With `safety.presence_s` a drive has power only while somebody has confirmed to be at the bench.
-Any key does, and so does the answer to a question; near the end of the time a line reminds.
-Without a terminal nobody can confirm, and a bench that asks for it isn't moved: whether it asks
-is a matter of its description, not of a command.
+With `safety.presence_s` a drive has power only while somebody has confirmed to be at the bench. Any
+key confirms, and so does an answer to a question; a line reminds before the time is over. Without a
+terminal nobody can confirm, and a bench that requires it doesn't move. The bench's description sets
+the requirement; no command can change it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ __all__ = ["attending"]
 
 POLL_S = 0.1
 REMINDER = 1.0 / 3.0
-"""The reminder comes when this share of the time is left."""
+"""Share of the time left at which the reminder appears."""
 
 
 @contextlib.contextmanager
@@ -62,7 +62,7 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
 
 
 class _Attendance:
-    """Turns keys into confirmations, on a thread of its own; silent while a question is asked."""
+    """Turns keys into confirmations in a thread of its own; silent during a question."""
 
     def __init__(self, station: Station, progress: TerminalProgress, period_s: float) -> None:
         from torquebench.campaign.measuring import operator_name
@@ -127,7 +127,7 @@ class _Attendance:
                 if not self._asking and self._keys.pressed(POLL_S):
                     self._confirm()
             self._remind()
-            time.sleep(0.01)  # whoever wants the lock gets it
+            time.sleep(0.01)  # give the lock to a waiting thread
 
     def _remind(self) -> None:
         left_s = self._period_s - (time.monotonic() - self._confirmed_s)
@@ -141,7 +141,7 @@ if sys.platform == "win32":  # pragma: no cover - the tests run elsewhere
     import msvcrt
 
     class _Keys:
-        """Single keys of the console."""
+        """Single keys of the Windows console."""
 
         gone = False
 
@@ -166,7 +166,7 @@ else:
     import termios
 
     class _Keys:
-        """Single keys of the terminal, without echo; Ctrl-C stays what it is."""
+        """Single keys of the terminal, without echo; Ctrl-C still interrupts."""
 
         def __init__(self) -> None:
             self._file = sys.stdin.fileno()
@@ -185,7 +185,7 @@ else:
             """Leave the terminal as it was."""
             before, self._before = self._before, None
             if before is not None:
-                with contextlib.suppress(termios.error):  # it has been closed
+                with contextlib.suppress(termios.error):  # the terminal has been closed
                     termios.tcsetattr(self._file, termios.TCSANOW, before)
 
         def pressed(self, timeout_s: float) -> bool:

@@ -1,4 +1,4 @@
-"""Progress in the terminal: bars where somebody looks, one line a stage if nobody does."""
+"""Progress in the terminal: bars on a terminal, one line a stage otherwise."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The terminal's answers to what the bench asks of a person."""
+"""Questions of the bench to a person, answered at the terminal."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 __all__ = ["answering"]
 
 POLL_S = 0.2
-"""How often a waiting question is checked: another door may have answered it."""
+"""Interval at which a waiting question is checked for an answer from elsewhere, s."""
 
 
 @contextlib.contextmanager

@@ -1,4 +1,4 @@
-"""`torquebench records backup`, `restore` and `rebuild`: a second copy, and the ways back."""
+"""`torquebench records backup`, `restore` and `rebuild`: a second copy, and its restoration."""
 
 from __future__ import annotations
 

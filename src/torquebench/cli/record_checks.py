@@ -1,4 +1,4 @@
-"""`torquebench records verify`, `review`, `amend` and `use`: what holds, and who decides what."""
+"""`torquebench records verify`, `review`, `amend`, `use`: integrity, decisions, activation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`torquebench records`: what was measured, fitted and verified, and whether it is intact."""
+"""`torquebench records`: list and show measured, fitted and verified records."""
 
 from __future__ import annotations
 
@@ -102,7 +102,8 @@ def list_records(
 def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
     """Return the newest runs without opening the registry.
 
-    None if it isn't a file of ours, or where a run may not be finished, which is named then.
+    None if the registry isn't a file that torquebench wrote, or where a named run may be
+    unfinished.
     """
     if os.environ.get(REGISTRY_URL):
         return None
@@ -342,7 +343,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
 
 
 def _show_verification(verification: VerificationEntry) -> None:
-    """Print the errors before and after that a verification found."""
+    """Print a verification's errors before and after compensation."""
     from torquebench.calibration import ErrorSummary
     from torquebench.campaign.fitting import model_title
     from torquebench.cli.tables import error_blocks

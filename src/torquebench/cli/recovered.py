@@ -1,4 +1,4 @@
-"""What a command says of runs that it found unfinished, and of warnings while it works."""
+"""Messages about runs that a command found unfinished, and about warnings while it works."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
         named = unfinished.pop(run.run_id, None)
         if run.run_id == but:
             continue
-        if run.status != "interrupted":  # sealed, and unknown to the registry until now
+        if run.status != "interrupted":  # sealed, and not in the registry yet
             warn(f"run {run.run_id} ({run.status}) is entered now, from its folder")
             tell_unfinished([named] if named else [])
             continue

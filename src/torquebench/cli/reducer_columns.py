@@ -1,4 +1,4 @@
-"""Tables of measured reducers: columns by quantity, and which rows."""
+"""Tables of measured reducers: columns by quantity, and the choice of rows."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 __all__ = ["Kind", "read_columns"]
 
 Kind = str
-"""As of `records.columns`."""
+"""As in `records.columns`."""
 
 
 def read_columns(

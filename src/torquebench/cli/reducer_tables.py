@@ -1,4 +1,4 @@
-"""What an evaluation of a reducer test prints and writes."""
+"""Tables and files of an evaluated reducer test."""
 
 from __future__ import annotations
 
@@ -181,7 +181,7 @@ def _write(
 
 
 def _write_curves(output: Path, result: Any) -> None:
-    """Write what a figure needs as CSV: loops, error curves."""
+    """Write the data of figures as CSV: loops, error curves."""
     import numpy as np
 
     from torquebench.atomic_write import atomic_write

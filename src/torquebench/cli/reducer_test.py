@@ -1,4 +1,4 @@
-"""`torquebench test`: a mounted reducer put to its tests, evaluated against its data sheet."""
+"""`torquebench test`: test a mounted reducer and compare the results with its data sheet."""
 
 from __future__ import annotations
 
@@ -112,7 +112,7 @@ YesOption = Annotated[
 
 
 class _Tests(TyperGroup):
-    """Names the tests if one is requested that doesn't exist."""
+    """Lists the tests if the requested one doesn't exist."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if args and not args[0].startswith("-") and args[0] not in self.commands:
@@ -215,9 +215,9 @@ def _settings(
 def _mounted(
     described: BenchDescription, named: str | None, serial: str
 ) -> tuple[ReducerDescription, BenchDescription]:
-    """Return the type that is tested, and the bench with it mounted where it is simulated.
+    """Return the tested type, and the bench; a simulated bench gets that reducer mounted.
 
-    A simulated bench mounts the packaged type that is named; another serial is another specimen.
+    A simulated bench mounts the named packaged type; another serial number is another specimen.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Tables of reducer tests within 80 columns: what would be done, and what was found."""
+"""Tables of reducer tests within 80 columns: planned steps and results."""
 
 from __future__ import annotations
 
@@ -135,7 +135,7 @@ def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> 
         table.add_column("verdict", no_wrap=True)
     for each in quantities:
         if each.key.startswith("order_") and each.value < each.expanded_uncertainty:
-            continue  # an order that doesn't stand out of its uncertainty says nothing
+            continue  # an order within its uncertainty says nothing
         cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
         if judged and each.verdict:
             style = "red" if each.verdict.failed else "green"

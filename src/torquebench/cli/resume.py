@@ -1,4 +1,4 @@
-"""`torquebench calibrate --resume RUN`: continue with a calibration that was interrupted."""
+"""`torquebench calibrate --resume RUN`: continue an interrupted calibration."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def resume_run(
 
 
 def _read(name: str, data: Path) -> InterruptedCalibration | None:
-    """Read a run back; None where it was only to be registered, which is done then."""
+    """Read a run back; None where only its registration was missing, which is then done."""
     from torquebench.campaign.finishing import find_unfinished
     from torquebench.campaign.resuming import find_interrupted, read_interrupted
     from torquebench.cli.finish import finish_and_report
@@ -99,7 +99,7 @@ def _read(name: str, data: Path) -> InterruptedCalibration | None:
 
 
 def _begun_with(interrupted: InterruptedCalibration) -> ModelChoice | None:
-    """Return the model that the interrupted run was to put into use, where it says so."""
+    """Return the model that the interrupted run was to activate, where recorded."""
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.records import REGISTERS
 

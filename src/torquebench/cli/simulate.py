@@ -1,4 +1,4 @@
-"""`torquebench simulate`: the twin behind real protocols, served until it is interrupted."""
+"""`torquebench simulate`: the twin behind real protocols, until interrupted."""
 
 from __future__ import annotations
 
@@ -152,7 +152,8 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
-        start_new_session=True,  # Ctrl-C is for the demo, which needs them to come to rest
+        # Ctrl-C goes to the demo, which needs the simulators to come to rest
+        start_new_session=True,
     )
     try:
         assert process.stdout is not None
@@ -170,7 +171,7 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
 
 
 def _status(control: str) -> dict[str, Any] | None:
-    """Return what running simulators say, None if there are none."""
+    """Return the status of running simulators, None if there are none."""
     from torquebench.bench.drivers.simulation_control import SimulationControl
 
     channel = SimulationControl(control, timeout_s=2.0)

@@ -1,4 +1,4 @@
-"""A staircase before it is loaded: what, in which order, for how long; within 80 columns."""
+"""A loading sequence before it is run: steps, order and duration; within 80 columns."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def placement_table(placement: Placement) -> RenderableType:
 
 
 def _setup(rehearsal: Rehearsal[Any]) -> str:
-    """Return what is commanded before the drive is switched on, in words."""
+    """Return, in words, the commands before the drive is switched on."""
     words = []
     for move in itertools.takewhile(
         lambda move: not move.device.endswith("power"), rehearsal.moves
@@ -146,7 +146,7 @@ def _by_series(steps: Sequence[Step]) -> Iterable[list[list[Step]]]:
 def _alike(
     series: Iterable[list[list[Step]]],
 ) -> Iterable[tuple[str, list[list[list[Step]]]]]:
-    """Yield series that repeat each other as one, with their numbers in words."""
+    """Yield repeated series as one, with their numbers in words."""
 
     def load(groups: list[list[Step]]) -> list[tuple[object, ...]]:
         return [

@@ -1,4 +1,4 @@
-"""`torquebench test standard-reducer`: the bench checked from end to end by known friction."""
+"""`torquebench test standard-reducer`: end-to-end check of the bench with known friction."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ def standard_reducer(
 
 
 def _kind(named: str | None, described: BenchDescription) -> ReducerDescription | None:
-    """Read the reducer's description and check it before a bench is opened."""
+    """Read and check the reducer's description before a bench is opened."""
     from torquebench.campaign.standard_reducer import standard_reducer
     from torquebench.reducers import load_reducer
 

@@ -55,7 +55,7 @@ def _numbers(summary: ErrorSummary) -> list[str]:
 
 
 def _narrow(value: float | None) -> str:
-    """Return a number that leaves a space to its neighbour, with fewer digits where it must."""
+    """Return a number with fewer digits where it would touch the next column."""
     texts = (number(value, digits) for digits in (3, 2, 1))
     return next((text for text in texts if len(text) <= NUMBER_COLUMNS), "0.000")
 
@@ -208,7 +208,7 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
 
 
 def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
-    """Return the mean and half the range over repeats and branches; none of a single value."""
+    """Return the mean and half the range over repeats and branches; no range of a single value."""
     if values.size < 2:
         return [f"{float(values.mean()):.1f}", "-"]
     half_range = 0.5 * float(values.max() - values.min())

@@ -1,4 +1,4 @@
-"""`torquebench turn`: runs while a module turns, by profiles."""
+"""`torquebench turn`: runs with a rotating module, by profiles."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def turn(
 
 
 def _confirm(description: BenchDescription, side: str, profile: TurningProfile, yes: bool) -> None:
-    """Ask before a shaft turns, where the bench is a real one."""
+    """Ask for confirmation before a shaft turns on a real bench."""
     import sys
 
     if yes or description.simulated:
@@ -172,7 +172,7 @@ def _run(
 
 
 def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
-    """Rehearse the plan that would run, and print it."""
+    """Rehearse the same plan as the real run, and print it."""
     import tempfile
 
     from torquebench.campaign.turning_runs import rehearse_turning

@@ -144,7 +144,7 @@ def verification(
 
 
 def _entries(station: Station, side: Side, named: list[str] | None) -> dict[str, ModelEntry]:
-    """Return the models that are verified, by their names; each must be of this module."""
+    """Return the models to be verified by name; each must belong to this module."""
     transducer = station.description.module(side).transducer.serial
     registry = station.registry
     if not named:
@@ -246,7 +246,7 @@ def _measured(
 
 
 def _print(result: VerificationResult, titles: dict[str, str], tolerance: float) -> bool:
-    """Print the errors, and return whether the first model keeps the tolerance."""
+    """Print the errors; return whether the first model keeps the tolerance."""
     from torquebench.cli.tables import error_blocks
 
     simulated = " - simulated" if result.simulated else ""

@@ -1,4 +1,4 @@
-"""Models of the measuring chain's error: from a torque reading to the best estimate of the torque.
+"""Compensation models: from a torque reading to the best estimate of the torque.
 
 Every model is a scikit-learn regressor with an uncertainty; this package also selects among them by
 cross-validation, stores them as JSON, compiles them to tables that run live or elsewhere, follows
@@ -10,4 +10,4 @@ import lazy_loader
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 RECOMMENDED = "hybrid"
-"""Kind of model that a calibration puts into use when nobody chooses another."""
+"""Kind of model that a calibration activates by default."""

@@ -1,4 +1,4 @@
-"""What every compensation model has in common: columns, checks, range."""
+"""The interface of all compensation models: columns, checks, range."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
-_ROWS_AT_ONCE = 2048  # a prediction's memory stays bounded, and in cache
+_ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
 
 
 class CompensationModel(Estimator, ABC):
@@ -120,14 +120,14 @@ class CompensationModel(Estimator, ABC):
     kind: str = ""
     """Name in `MODELS`; set by `register`."""
     complexity: ClassVar[int] = 50
-    """Rank for the comparison: of equally good models, the one with the lower rank comes first."""
+    """Rank in the comparison: of equally good models, the one with the lower rank comes first."""
     maximum_points: int | None = 2000
     """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
-    """Columns that the model looks at; others are ignored."""
+    """Columns that the model uses; others are ignored."""
 
     doubtful: ClassVar[bool] = False
-    """Whether the kind may well be worse than the raw reading, so that a fit looks at that."""
+    """Whether the kind may be worse than the raw reading, so that a fit checks that."""
 
     outliers_: list[Outlier]
     full_scale_nm_: float
@@ -141,11 +141,11 @@ class CompensationModel(Estimator, ABC):
     # ---- to be written by a subclass ------------------------------------------------------
 
     def _minimum_points(self) -> int:
-        """Return the number of points below which a fit is refused."""
+        """Return the smallest number of points for a fit."""
         return 3
 
     def _minimum_distinct(self) -> int:
-        """Return the number of distinct readings below which a fit is refused."""
+        """Return the smallest number of distinct readings for a fit."""
         return 3
 
     @abstractmethod
@@ -157,7 +157,7 @@ class CompensationModel(Estimator, ABC):
         """Return compensated torque and, when requested, the curve's standard uncertainty."""
 
     def _after_restore(self) -> None:
-        """Recompute what isn't part of the state."""
+        """Recompute attributes that aren't part of the stored state."""
 
     # ---- the estimator's interface --------------------------------------------------------
 
@@ -278,7 +278,7 @@ class CompensationModel(Estimator, ABC):
         return std
 
     def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
-        """Return what `_predict` returns beside the torque; overridden where that takes less."""
+        """Return the standard uncertainty of `_predict` alone; overridden where that is quicker."""
         std = self._predict(X, True)[1]
         assert std is not None
         return std
@@ -430,8 +430,8 @@ class CompensationModel(Estimator, ABC):
         low, high = float(np.min(reading)), float(np.max(reading))
         margin = self.range_margin * self._reached(largest)
         if self.range_nm is not None:
-            # What was never loaded stays refused, whatever range is declared: a direction, or the
-            # part of the range above a calibration of small torques.
+            # Torque that was never loaded is refused, whatever range is declared: a direction, or
+            # the part of the range above a calibration of small torques.
             low = -self._reached(-low) if low < -margin else 0.0
             high = self._reached(high) if high > margin else 0.0
         self.reading_low_nm_ = low - margin

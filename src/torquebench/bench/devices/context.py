@@ -72,7 +72,7 @@ class BenchContext:
         try:
             await self.call(order, *args, **kwargs)
         except BenchError as failure:
-            if self.supervisor.alarm is None:  # else it may just have been switched off for that
+            if self.supervisor.alarm is None:  # it may just have been switched off for that
                 found = f"{side} drive, commanded to {what}: {failure.found}"
                 trip, kind = self.supervisor.trip, AlarmKind.DRIVE_FAULT
                 await self.call(trip, kind, side, found, failure.allowed, failure.remedy)

@@ -103,7 +103,7 @@ class DriveSwitch(StandardReadable):
                 await context.tell_drive(side, "switch on", drive.enable)
                 commands.at_zero(context.clock.now())
                 commands.on()
-            except BaseException:  # it may have power nevertheless
+            except BaseException:  # a drive that failed to enable may still have power
                 await self._take_off()
                 raise
             finally:
@@ -111,7 +111,9 @@ class DriveSwitch(StandardReadable):
             return
         await context.clock.sleep(await context.call(context.supervisor.unload, (side,)))
         if context.supervisor.alarm is not None:
-            return  # the supervisor takes the power off when zero is read back
+            # the supervisor takes the power off when zero is read back; a drive that switches off
+            # earlier is an alarm
+            return
         commands.off(context.clock.now())  # before: a drive that goes off by itself is an alarm
         await self._take_off()
         alarm = await context.call(context.supervisor.read_off, (side,))
@@ -123,7 +125,7 @@ class DriveSwitch(StandardReadable):
         try:
             await context.call(context.drivers.drives[side].disable)
         except BaseException:
-            context.commands.side(side).on()  # so that the supervisor goes on watching it
+            context.commands.side(side).on()  # so that the supervisor continues watching it
             raise
 
 

@@ -1,4 +1,4 @@
-"""What holds and configures the assembly: mode conversion, clamp, guide rail, mounting."""
+"""Mode conversion, clamp, guide rail and mounting."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ class MountingDevice(StandardReadable):
         check_mounting(context.state, value)
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
-        # The standard's first samples are in when this is done.
+        # The first samples of the reference standard have arrived when this is done.
         await context.clock.sleep(context.description.counter.block_s)
 
 

@@ -1,4 +1,4 @@
-"""Torque and speed at a rate of one's own.
+"""Torque and speed ramps at a given rate.
 
 The speed of a loop decides its shape, and a quick change of speed loads a transducer with the
 shafts' inertia.
@@ -67,7 +67,7 @@ async def go_to(
     commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
         await context.tell_drive(side, f"go to {target:g} {unit}", tell, target, rate)
-    told_s = context.clock.present()  # what was acquired so far ends before
+    told_s = context.clock.present()  # the samples so far end before the ramp
     commands.told(quantity, target, told_s)
     await context.clock.sleep_until(told_s + abs(target - before) / rate)
 

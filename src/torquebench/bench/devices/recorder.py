@@ -1,4 +1,4 @@
-"""Angles and torques of both sides at the same times, over a stretch of bench time."""
+"""Angles and torques of both sides at the same times, over an interval of bench time."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ __all__ = ["ModuleRecording", "Recorder", "SynchronousRecording", "group_delay_s
 FloatArray = NDArray[np.float64]
 
 FINE_WINDOW_S = 0.002
-"""Windows of a fine stretch, s: a drive's ripple of some 10 Hz is resolved by them."""
+"""Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
 _GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
 _LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}
-"""Angle that a side can't gain within one sample beyond its present speed, rad."""
+"""Largest change of a side's angle within one sample, beyond its present speed, rad."""
 
 
 def group_delay_s(option_khz: int) -> float:
@@ -175,7 +175,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
     def _module(self, side: Side, start_s: float, stop_s: float) -> ModuleRecording:
         context, half_s = self._context, 0.5 * self._window_s
         channel = context.acquisition.channel(torque_channel(side))
-        samples = channel.window(start_s - half_s, stop_s - half_s)  # angles end with the stretch
+        samples = channel.window(start_s - half_s, stop_s - half_s)  # angles end with the interval
         samples.raise_on_fault()
         option = context.description.module(side).transducer.option_khz
         acted_s = samples.time_s - group_delay_s(option)
@@ -210,7 +210,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
     def _fine_torque(
         self, side: Side, start_s: float, stop_s: float
     ) -> tuple[FloatArray, ...] | None:
-        """Return what `_torque` does from fine windows; None where they weren't all counted."""
+        """Return `_torque` from fine windows; None where some weren't counted."""
         if not self._fine:
             return None
         channel = self._context.acquisition.channel(torque_channel(side))
@@ -248,7 +248,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
     def _columns(
         self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, found: TimedTorque | None
     ) -> tuple[FloatArray, ...]:
-        """Time at which the torques acted, torque, its uncertainty, and the curve's part of it."""
+        """Return time, torque, its standard uncertainty, and the static curve's part of that."""
         delay_s = group_delay_s(self._context.description.module(side).transducer.option_khz)
         if found is None:
             unknown = np.full(counted_s.size, np.nan)
@@ -312,7 +312,7 @@ def refuse_outside(side: Side, curve: StaticCurve, reading_nm: FloatArray) -> No
 
 
 def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:
-    """Mean angle over windows around some times: a moving mean, read between its samples."""
+    """Mean angle over windows: a moving mean, interpolated between its samples."""
     angle, at = samples.angle_rad, samples.time_s
     if at.size < 2:
         raise SignalFault("no angle in the recorded interval", "samples in every window")
@@ -338,7 +338,7 @@ def _interpolated(time_s: FloatArray, at: FloatArray, values: FloatArray) -> Flo
 
 
 def _check_jumps(side: Side, samples: AngleSamples) -> None:
-    """Refuse an angle that jumps: no shaft gains so much within one sample."""
+    """Refuse an angle that jumps by more than a shaft can turn within one sample."""
     if samples.counts.size < 3:
         return
     change = np.diff(samples.angle_rad)

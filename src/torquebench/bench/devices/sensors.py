@@ -1,4 +1,4 @@
-"""What is read beside the steady torque: transducer, mounted standard, encoder, temperature."""
+"""Readings beside the steady torque: transducer, mounted standard, encoder, temperature."""
 
 from __future__ import annotations
 

@@ -315,18 +315,18 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
 
 
 def _steady_torque(active: ActiveChain, reading: _Evaluated) -> Torque:
-    """Average what the stream stated of the windows that a steady value rests on.
+    """Average the stream's torque over the windows of a steady value.
 
-    The mean is that of one loading. It is shifted by what ripple and drift leave between the mean
-    of the windows' readings and their steady value, whose standard error takes the place of the
-    counter's share where it is larger.
+    The mean belongs to one loading. It is shifted by the difference, due to ripple and drift,
+    between the mean of the windows' readings and their steady value. The standard error of the
+    steady value replaces the counter's share where it is larger.
 
     Raises
     ------
     SignalFault
-        A window wasn't compensated: the chain came into use meanwhile.
+        A window wasn't compensated because the chain was activated later.
     InputError
-        A reading lies outside of what was calibrated.
+        A reading lies outside the calibrated range.
     """
     steady = reading.steady
     found = active.window(steady.start_s, np.nextafter(steady.stop_s, np.inf))

@@ -1,6 +1,7 @@
-"""Instruments behind narrow roles: `base` says what a role is, one file a wire protocol.
+"""Instruments behind narrow roles: `base` defines the roles, and each wire protocol has a file.
 
-`instruments` puts a bench together from its sections, `plugins` finds the protocols.
+`instruments` assembles a bench from its sections, `plugins` finds the protocols. `simulated` is the
+only file of the bench that uses the twin.
 
 `simulated` is the only file of the bench that knows the twin.
 """
@@ -17,7 +18,7 @@ __all__ = ["DRIVERS", "open_drivers"]
 
 
 def _simulated(description: BenchDescription) -> DriverSet:
-    from torquebench.bench.drivers.simulated import open_simulated  # brings the twin along
+    from torquebench.bench.drivers.simulated import open_simulated  # imports the twin
 
     return open_simulated(description)
 
@@ -32,7 +33,7 @@ DRIVERS: dict[str, Callable[[BenchDescription], DriverSet]] = {
     "simulated": _simulated,
     "instruments": _instruments,
 }
-"""How to open the instruments of a bench, by the name that `bench.driver` gives."""
+"""Functions that open a bench's instruments, by the name in `bench.driver`."""
 
 
 def open_drivers(description: BenchDescription) -> DriverSet:
@@ -57,7 +58,7 @@ def open_drivers(description: BenchDescription) -> DriverSet:
 
 
 def _whole_bench(name: str) -> Callable[[BenchDescription], DriverSet] | None:
-    """Return how a plug-in opens a bench of its own kind, if there is one of this name."""
+    """Return how a plug-in opens a whole bench; None if no plug-in has this name."""
     from torquebench.bench.drivers.plugins import find_plugin, protocols
 
     return find_plugin(name, "bench.driver").bench if name in protocols() else None

@@ -15,7 +15,7 @@ from torquebench.bench.roles import SIDES, Side
 __all__ = ["AngleSource", "CounterWithAngles", "with_angles"]
 
 POLLS = 2
-"""Positions a block: the least that a speed can be told from. Each ends a part of the block."""
+"""Positions a block: the fewest that give a speed. Each ends a part of the block."""
 
 
 class AngleSource(Protocol):

@@ -1,9 +1,9 @@
-"""What the bench asks of an instrument: one narrow interface a role, nothing of any wire protocol.
+"""Roles of instruments: one narrow interface each, independent of any wire protocol.
 
-A driver serves one or several roles and is chosen by `bench.toml`. Every method may be called
-from any thread and may block for as long as its wire needs; `DriverSet.blocking` says whether
-callers on an event loop have to move such calls to a thread. A method that can't do what it is
-asked raises `torquebench.errors.BenchError` with the instrument, its answer and what to do.
+A driver serves one or several roles and is chosen by `bench.toml`. Every method may be called from
+any thread and may block for as long as its wire needs; `DriverSet.blocking` says whether callers on
+an event loop have to move such calls to a thread. A method that fails raises
+`torquebench.errors.BenchError` with the instrument, its answer and what to do.
 """
 
 from __future__ import annotations
@@ -374,21 +374,21 @@ class DriverSet:
     certificates: Mapping[Mounting, Mapping[Side, ReferenceCertificate]] = field(
         default_factory=dict
     )
-    """Certificates that the instruments bring along; files of the description come first."""
+    """Certificates that the instruments supply; files of the description take precedence."""
     encoder_certificates: Mapping[Side, EncoderCertificate] = field(default_factory=dict)
-    """The same of the encoders."""
+    """Certificates of the encoders, likewise."""
     reducer_certificate: tuple[CertifiedFriction, ...] = ()
     """Certified no-load friction of a standard reducer that comes with the bench."""
     hold: Callable[[ReducerDescription | None, str], None] | None = None
-    """Has a simulated bench hold a reducer of a type and serial number, or again its own one."""
+    """Mounts a reducer of a type and serial number on a simulated bench, or its own one again."""
     simulated_time: bool = False
     """Whether `read_block` computes instead of waiting for time to pass."""
     blocking: bool = True
     """Whether commands may block for longer than an event loop should."""
     shortest_read_s: float = 0.0
-    """Shortest block that the counter can deliver, s: the supervisor can't look more often."""
+    """Shortest block that the counter can deliver, s: the supervisor's shortest check interval."""
     resources: contextlib.ExitStack = field(default_factory=contextlib.ExitStack)
-    """What else is to be closed with the instruments."""
+    """Other resources that are closed with the instruments."""
 
     def identities(self) -> list[Identity]:
         """Ask every instrument who it is."""

@@ -1,7 +1,7 @@
 """A CiA 402 servo drive over CANopen (`canopen`): profile torque and profile velocity.
 
-The drive runs its ramps and its heartbeat consumer by itself. Objects that are used are in
-`cia402.eds`; a drive needs no others.
+The drive runs its ramps and its heartbeat consumer by itself. `cia402.eds` lists all objects that
+are used.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ STATES = (
 )
 """Mask, value and name of the states (CiA 402-2, statusword)."""
 BUSY_STATES = ("not ready to switch on", "fault reaction active")
-"""States that a drive leaves by itself, and in which it takes no controlword."""
+"""States that end by themselves, and in which a drive accepts no controlword."""
 
 Result = TypeVar("Result")
 
@@ -123,7 +123,7 @@ class CanopenLink(Link[Any]):
         self._dictionary = load_dictionary()
 
     def _open(self) -> Any:
-        if self.reconnects:  # an answer that is late goes to everybody on the bus
+        if self.reconnects:  # a late answer is delivered to every reader on the bus
             time.sleep(self.timeout_s)
         network = self._canopen.Network(self._open_bus())
         network.NOTIFIER_CYCLE = 0.05
@@ -260,7 +260,7 @@ class Cia402Drive:
         self._await_state(lambda status: status == wanted, wanted, controlword != FAULT_RESET)
 
     def _await_state(self, reached: Callable[[str], bool], wanted: str, refuses: bool) -> str:
-        """Wait for a state, with heartbeats meanwhile: the drive may watch for them already."""
+        """Wait for a state and send heartbeats meanwhile, as the drive may expect them already."""
         deadline = time.monotonic() + self._options.switching_s
         while not reached(status := self._status()):
             if time.monotonic() > deadline or (refuses and status == "fault"):
@@ -291,7 +291,7 @@ class Cia402Drive:
         link.write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()
         status = self._await_state(lambda status: status not in BUSY_STATES, "ready", False)
-        if status == "fault":  # reset by the rising edge of its bit, which may be high still
+        if status == "fault":  # a rising edge of the bit resets, and the bit may still be high
             link.write(CONTROLWORD, DISABLE_VOLTAGE)
             self._switch(FAULT_RESET, "switch on disabled")
         elif status == "quick stop active":
@@ -337,7 +337,8 @@ class Cia402Drive:
         _check_within(self._link.name, torque_nm, self._maximum_nm, "N·m")
         _check_rate(ramp_nm_per_s, "N·m/s")
         self._check_enabled()
-        # Before the mode: the drive goes to the target that it has when the mode is switched.
+        # Set the target before the mode: the drive follows its present target as soon as the mode
+        # changes.
         self._link.write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
         self._link.write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
         self._set_mode(PROFILE_TORQUE)
@@ -437,4 +438,4 @@ def _drive(request: InstrumentRequest) -> Cia402Drive:
 
 
 PLUGIN = DriverPlugin("canopen", {"drive": _drive})
-"""What `protocol = "canopen"` opens."""
+"""Plug-in for `protocol = "canopen"`."""

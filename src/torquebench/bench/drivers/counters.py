@@ -1,4 +1,4 @@
-"""What counters have in common: the clock as described, the channels they serve, frequencies."""
+"""What counters have in common: timebase, channels and frequencies."""
 
 from __future__ import annotations
 
@@ -96,12 +96,12 @@ class LibraryCounter(DescribedCounter):
         self._closed = False
 
     def _ask(self, question: Callable[[], Result], what: str = "") -> Result:
-        """Ask something of the library.
+        """Call the library.
 
         Raises
         ------
         BenchError
-            The device fails, or the counter is closed.
+            The device fails or the counter is closed.
         """
         if self._closed:
             raise BenchError("counter is closed", "an open instrument", "open it again")

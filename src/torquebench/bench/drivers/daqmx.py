@@ -36,9 +36,9 @@ from torquebench.signals import EdgeBlock
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
 BUFFER_S = 10.0
-"""As much as may be caught up at the start; the supervisor acts long before it is full."""
+"""Buffer at the start, s; the supervisor acts long before it is full."""
 HIGHEST_HZ = 400e3
-"""240 ± 120 kHz, and room."""
+"""240 ± 120 kHz, with margin"""
 COUNTS_A_PULSE = 4
 SHORTEST_REMOTE_READ_S = 0.025
 Terminal = Annotated[str, Field(pattern=r"^[^/\s]+/ctr\d+$", description="such as Dev1/ctr0")]
@@ -72,7 +72,7 @@ class DaqmxOptions(Options):
 
 
 class _Periods:
-    """Periods of one channel, summed up to the times of its edges."""
+    """Periods of one channel, summed to the times of its edges."""
 
     def __init__(self) -> None:
         self._last = 0
@@ -311,7 +311,7 @@ class DaqmxCounter(LibraryCounter):
         return CounterBlock(start_s, stop_s, edges, angles, waiting_s=waiting_s)
 
     def _waiting(self) -> int:
-        """Return how many samples more the sample clock has passed already."""
+        """Return how many more samples the sample clock has passed."""
         stream = self._tasks[f"{SIDES[0]}_encoder"].in_stream
         return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
@@ -383,4 +383,4 @@ def _counter(request: InstrumentRequest) -> DaqmxCounter:
 
 
 PLUGIN = DriverPlugin("nidaqmx", {"counter": _counter})
-"""What `protocol = "nidaqmx"` opens."""
+"""Plug-in for `protocol = "nidaqmx"`."""

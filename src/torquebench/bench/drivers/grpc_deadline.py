@@ -1,4 +1,4 @@
-"""A time limit for every gRPC call: without it a server that hangs would hang its client."""
+"""A time limit for every gRPC call, so that a server that hangs doesn't block its client."""
 
 from __future__ import annotations
 

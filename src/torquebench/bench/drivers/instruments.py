@@ -157,7 +157,7 @@ def _check_needs_angles(counter: object) -> None:
 
 
 def _running(control: SimulationControl, bench: str) -> dict[str, Any]:
-    """Return what the simulators say; where they aren't there, that is the first thing to say."""
+    """Return the state of the simulators; an error says how to start them if they don't run."""
     try:
         return control.ask("status")
     except BenchError as error:

@@ -35,7 +35,7 @@ TimeOut = Annotated[float, Field(ge=0.02, le=30.0, description="s")]
 SwitchingTime = Annotated[float, Field(gt=0.0, le=30.0, description="s")]
 LONGEST_TIME_OUT_S = 0.3
 TRIES_A_WATCHDOG = 4
-"""So many tries fit into a drive's watchdog: two, and a new connection, with room."""
+"""Number of attempts within a drive's watchdog time: two and a new connection, with margin."""
 
 
 def drive_timeout(described_s: float | None, watchdog_s: float, section: str) -> float:
@@ -113,7 +113,7 @@ class Link(ABC, Generic[Connection]):
 
     @abstractmethod
     def _open(self) -> Connection:
-        """Connect; raise `OSError` or `WireError` where that fails."""
+        """Connect; raise `OSError` or `WireError` on failure."""
 
     @abstractmethod
     def _close(self, connection: Connection) -> None:
@@ -149,7 +149,7 @@ class Link(ABC, Generic[Connection]):
     def _drop(self) -> None:
         connection, self._connection = self._connection, None
         if connection is not None:
-            with contextlib.suppress(Exception):  # it is gone in any case
+            with contextlib.suppress(Exception):  # the connection is lost in any case
                 self._close(connection)
 
     @contextlib.contextmanager

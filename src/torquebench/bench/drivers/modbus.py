@@ -231,4 +231,4 @@ PLUGIN = DriverPlugin(
         "angles": _angles,
     },
 )
-"""What `protocol = "modbus"` opens."""
+"""Plug-in for `protocol = "modbus"`."""

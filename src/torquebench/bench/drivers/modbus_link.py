@@ -1,4 +1,4 @@
-"""A Modbus TCP connection to one unit (pymodbus), and the keys that say where it is."""
+"""A Modbus TCP connection to one unit (pymodbus), and the keys of its address."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ BUSY_S = 0.01
 
 
 class _BusyError(Exception):
-    """The instrument has no time at the moment."""
+    """The instrument is busy."""
 
 
 Unit = Annotated[int, Field(ge=0, le=255)]

@@ -93,7 +93,7 @@ class Coil(IntEnum):
     OUTPUT_DRIVEN = 2
     OUTPUT_LOCKED = 3
     CLAMP = 4
-    RAIL = 5  # to its end position; off draws it back
+    RAIL = 5  # to its end position; 0 draws it back
 
 
 class Contact(IntEnum):
@@ -117,7 +117,7 @@ IDENTITY = 900
 """Input registers of the name plate: manufacturer, model, serial, firmware, 16 characters each."""
 IDENTITY_LENGTH = 32
 PROBE_BROKEN = -32768
-"""Hundredths of a degree that no probe has: broken or not connected."""
+"""Hundredths of a degree that stand for a broken or disconnected probe."""
 READOUT_HEADER = 4
 """Input registers before a read-out's samples: count (2), period in µs, samples held."""
 READOUT_SAMPLES = 50

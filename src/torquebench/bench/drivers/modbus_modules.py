@@ -1,4 +1,4 @@
-"""What stands around the drives on Modbus TCP: probes, read-out, mode conversion, clamp, angles."""
+"""Instruments beside the drives on Modbus TCP: probes, read-out, mode conversion, clamp, angles."""
 
 from __future__ import annotations
 

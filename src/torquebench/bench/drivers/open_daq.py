@@ -191,7 +191,7 @@ class OpenDaqCounter(LibraryCounter):
         return CounterBlock(start_s, self._windows * window_s, {}, {}, frequencies)
 
     def _samples(self, count: int) -> NDArray[np.float64]:
-        """Read so many samples of every channel without a gap, float64[channel, count]."""
+        """Read a number of samples of every channel without a gap, float64[channel, count]."""
         parts: list[NDArray[np.float64]] = []
         missing = count
         deadline = time.monotonic() + count / self._rate_hz + self._options.timeout_s
@@ -245,4 +245,4 @@ def _counter(request: InstrumentRequest) -> OpenDaqCounter:
 
 
 PLUGIN = DriverPlugin("opendaq", {"counter": _counter})
-"""What `protocol = "opendaq"` opens."""
+"""Plug-in for `protocol = "opendaq"`."""

@@ -1,8 +1,8 @@
-"""Which protocols there are, and how a section of `[driver]` becomes an instrument in its role.
+"""The available protocols, and how a section of `[driver]` becomes an instrument.
 
-A protocol is a `DriverPlugin`: its name and one opener a role. The package's own are loaded when a
-bench names them; any other package adds its own by an entry point in the group
-`torquebench.drivers` that gives a `DriverPlugin`.
+A protocol is a `DriverPlugin`: its name and one opener a role. Built-in protocols are loaded when a
+bench names them. Another package adds one by an entry point in the group `torquebench.drivers` that
+gives a `DriverPlugin`.
 """
 
 from __future__ import annotations
@@ -148,7 +148,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
             "correct the bench description or install the package that provides the protocol",
         )
     plugin = known[name]()
-    if callable(plugin) and not isinstance(plugin, DriverPlugin):  # a factory
+    if callable(plugin) and not isinstance(plugin, DriverPlugin):  # a factory function
         plugin = plugin()
     if not isinstance(plugin, DriverPlugin):
         raise InputError(

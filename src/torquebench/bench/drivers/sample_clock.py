@@ -1,4 +1,4 @@
-"""Bench times for samples of an instrument with a clock of its own, known by when they arrive."""
+"""Bench times for samples of an instrument with its own clock, estimated from their arrival."""
 
 from __future__ import annotations
 
@@ -12,11 +12,13 @@ from torquebench.bench.drivers.base import ReferenceSamples
 __all__ = ["SampleClock"]
 
 LARGEST_DRIFT = 2e-4
-"""By which the instrument's clock may differ from the counter's, relative."""
+"""Largest relative deviation of the instrument's clock from the counter's."""
 SETTLED_BY = 5
-"""So many answers one after the other that weren't quicker than one before, by a period."""
+"""After this many answers in a row that weren't a period quicker than the quickest, the clock is
+set.
+"""
 FORGOTTEN_S = 1.0
-"""Nobody has requested so long: what lies between is lost, and how much, nobody says."""
+"""After so long without a request samples are lost, and their number is unknown."""
 
 
 class SampleClock:
@@ -53,7 +55,7 @@ class SampleClock:
         self._begin()
 
     def _begin(self) -> None:
-        self._number = 0  # of the next sample
+        self._number = 0  # earliest time of the next sample when the first one began
         self._begun_s = -math.inf  # when the first one began, at the earliest
         self._settled = False
         self._quiet = 0

@@ -34,7 +34,7 @@ SETUP = (
     "TRIG:COUN 1000000",
     "INIT",
 )
-"""Gap-free frequencies as the Keysight 53230A measures them; `setup` replaces it."""
+"""Commands for gap-free frequencies of the Keysight 53230A; `setup` replaces them."""
 
 
 class CounterOptions(Options):
@@ -185,7 +185,7 @@ class ScpiReadout:
         self._options = options
         self._channels: dict[Side, int] = {"input": options.input, "output": options.output}
         self._clocks = {side: SampleClock(options.period_s) for side in SIDES}
-        for side in SIDES:  # what it has measured before belongs to nobody
+        for side in SIDES:  # earlier measurements are discarded
             self._fetch(side)
 
     def identity(self) -> Identity:
@@ -223,4 +223,4 @@ def _readout(request: InstrumentRequest) -> ScpiReadout:
 
 
 PLUGIN = DriverPlugin("scpi", {"counter": _counter, "reference": _readout})
-"""What `protocol = "scpi"` opens."""
+"""Plug-in for `protocol = "scpi"`."""

@@ -1,4 +1,4 @@
-"""SCPI over a TCP socket, or over VISA (pyvisa) for anything else that VISA reaches."""
+"""SCPI over a TCP socket, or through VISA (pyvisa) for other interfaces."""
 
 from __future__ import annotations
 
@@ -18,10 +18,10 @@ from torquebench.errors import BenchError
 __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 
 NO_NUMBER = 9.91e37
-"""What SCPI instruments send where they have no number (SCPI-1999, 7.2.1.5)."""
+"""Number that SCPI instruments send for "not a number" (SCPI-1999, 7.2.1.5)."""
 LONGEST_ANSWER = 16_000_000
 LONGEST_QUEUE = 100
-"""Errors that an instrument may have queued up."""
+"""Largest number of errors in an instrument's queue."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
 """Decimal numeric response data (IEEE 488.2, 8.7.2 to 8.7.4), and a little more."""
 
@@ -84,7 +84,7 @@ class _SocketConnection:
 
 
 class _VisaConnection:
-    """Lines over whatever VISA reaches."""
+    """A connection through VISA."""
 
     def __init__(self, resource: str, timeout_s: float) -> None:
         visa = require_library("pyvisa", "visa")
@@ -139,7 +139,7 @@ class ScpiLink(Link[_Connection]):
             connection = _VisaConnection(self.address, self.timeout_s)
         else:
             connection = _SocketConnection(self.address, self.timeout_s)
-        connection.send("*CLS")  # errors that somebody before has left
+        connection.send("*CLS")  # errors of earlier sessions
         return connection
 
     def _close(self, connection: _Connection) -> None:
@@ -164,7 +164,7 @@ class ScpiLink(Link[_Connection]):
         """
 
         def exchange(connection: _Connection) -> str:
-            for _ in range(LONGEST_QUEUE):  # what stands there already isn't this command's
+            for _ in range(LONGEST_QUEUE):  # errors in the queue aren't this command's
                 if _no_error(error(connection)):
                     break
             connection.send(line)

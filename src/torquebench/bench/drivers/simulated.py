@@ -1,7 +1,7 @@
-"""The simulated bench behind the roles: the only file outside the twin's package that knows it.
+"""The simulated bench behind the roles: the only file outside the twin's package that uses it.
 
-It delivers edges and encoder is treated as hardware does; frequency, torque and everything after
-them is the same code for both. Drives ramp by themselves and have their own watchdog.
+It delivers edges and encoder counts as hardware does; the code that computes frequency, torque and
+everything after is the same for both. Drives ramp by themselves and have their own watchdog.
 """
 
 from __future__ import annotations
@@ -96,7 +96,7 @@ class SimulatedOptions(BaseModel):
 
 @dataclass
 class _Ramp:
-    """A set point on its way."""
+    """A set point that ramps to its target."""
 
     present: float = 0.0
     target: float = 0.0
@@ -198,7 +198,7 @@ class SimulatedBench:
         }
 
     def _check_nameplates(self) -> None:
-        """Refuse a description of other transducers than the twin has."""
+        """Refuse a description whose transducers differ from the twin's."""
         for channel in CHANNELS:
             side: Side = "input" if channel.startswith("input") else "output"
             if channel == torque_channel(side):
@@ -244,7 +244,7 @@ class SimulatedBench:
             self._activate()
 
     def _activate(self) -> None:
-        """Make the edges that were selected, and those that the standard's read-out counts."""
+        """Generate the edges of the selected channels, and those of the standard's read-out."""
         wanted = self._selected | (self.readout.channels if self.readout else frozenset())
         self._twin.set_active_channels([name for name in CHANNELS if name in wanted])
 
@@ -266,7 +266,7 @@ class SimulatedBench:
         self._closed = True
 
     def _conduct(self, remaining_s: float) -> float:
-        """Set the drives' present set points; return for how long they hold."""
+        """Apply the drives' present set points; return for how long they hold."""
         self._watch(self._twin.time_s)
         ramping = any(axes.moving for axes in self._axes.values())
         step_s = min(RAMP_STEP_S, remaining_s) if ramping else remaining_s
@@ -285,7 +285,7 @@ class SimulatedBench:
                 self._set_enabled(side, False)
 
     def _watched_s(self, now_s: float) -> float:
-        """Return the time until the next watchdog acts, if it isn't fed."""
+        """Return the time until the next watchdog acts, unless it is fed."""
         left = [
             axes.fed_s + self.drives[side].watchdog_s - now_s
             for side, axes in self._axes.items()
@@ -447,7 +447,7 @@ class SimulatedBench:
     def cancel(self) -> None:
         """Nobody ever waits for the simulated operator."""
 
-    # -- what no real bench has -------------------------------------------------------------
+    # -- simulation only --------------------------------------------------------------------
 
     def true_torque(self, side: Side, start_s: float, stop_s: float) -> float:
         """Mean true torque at the flange over a window that was run already, N·m."""

@@ -1,4 +1,4 @@
-"""The read-out of a simulated standard that states torque itself, as one on a bus does."""
+"""The read-out of a simulated standard that states torque, like a standard on a bus."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class SimulatedReadout:
 
     def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call; NaN where it has no signal."""
-        del until_s, timed_s  # what is later has not been simulated yet
+        del until_s, timed_s  # later times have not been simulated yet
         samples, self._samples[side] = self._samples[side], []
         return ReferenceSamples(
             np.concatenate([part.time_s for part in samples] or [np.empty(0)]),

@@ -1,7 +1,7 @@
 """The control channel of simulators: lines of JSON over TCP, one answer a request.
 
-It does what no instrument can: it puts things between the flanges, breaks wires and heals them.
-A bench of real instruments never opens it.
+It controls what instruments can't: it mounts objects between the flanges, and breaks and repairs
+wires. A bench of real instruments never opens it.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
 """A client of `socketcand`, a CAN bus over TCP, for python-can.
 
-python-can's own continues trying for 10 s if nobody listens, leaves its socket open when the
-greeting fails, and spins when the server has gone.
+It replaces python-can's own client, which tries for 10 s if nothing listens, leaves its socket open
+when the greeting fails, and spins after the server has closed.
 """
 
 from __future__ import annotations
@@ -73,7 +73,7 @@ class SocketcandBus(can.BusABC):
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         if self._frames:
             return self._frames.popleft(), False
-        if self.gone:  # whoever sends next is told
+        if self.gone:  # the next sender gets the error
             time.sleep(timeout or 0.0)
             return None, False
         try:
@@ -94,7 +94,7 @@ class SocketcandBus(can.BusABC):
         return (self._frames.popleft() if self._frames else None), False
 
     def _take(self, line: bytes) -> None:
-        """Keep a frame; what is none is left out, so that its answer is missed."""
+        """Queue a frame; text that is none is dropped, so that its answer is missed."""
         words = line.rpartition(b"<")[2].split()
         if len(words) < 3 or words[0] != b"frame":
             return

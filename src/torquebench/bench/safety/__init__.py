@@ -1,6 +1,6 @@
-"""What watches the bench below every procedure and brings it to a safe state.
+"""Monitoring of the bench, independent of procedures, that brings it to a safe state.
 
-`SafetySupervisor` holds signals, drives and heartbeats against limits; alarms say what was found.
+`SafetySupervisor` compares signals, drives and heartbeats with limits; alarms state what was found.
 """
 
 from torquebench.bench.safety.alarms import Alarm, AlarmKind, AlarmLevel, StandingAlarm

@@ -1,4 +1,4 @@
-"""Alarms: what they are, which of them stand, and who has acknowledged them."""
+"""Alarms: their kinds, which of them are active, and who has acknowledged them."""
 
 from __future__ import annotations
 
@@ -359,5 +359,5 @@ class AlarmBook:
             for listener in self._listeners:
                 try:
                     listener(entry)
-                except Exception:  # a viewer's fault must never keep the bench busy
+                except Exception:  # a viewer's error must never block the bench
                     continue

@@ -1,7 +1,7 @@
-"""The workers that ask, feed and stop the drives, no drive waiting for another.
+"""Worker threads that poll, feed and stop the drives independently of each other.
 
-A drive on a wire may take its time to answer, and one that hangs must not keep the supervisor
-from stopping the other. So every drive that may block gets a thread of its own.
+A drive on a wire may be slow, and one that hangs must not keep the supervisor from stopping the
+other. So every drive whose calls may block gets a thread of its own.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ Order = Callable[[], None]
 Answer = Callable[[bool], None]
 SHORTEST_SILENCE_S = 0.005
 ENDING_S = 2.0
-"""How long a worker that is commanded to end may still be busy with its drive, s."""
+"""Longest time that a worker may be busy with its drive after it was told to end, s."""
 
 
 class DriveWorker:
@@ -61,7 +61,7 @@ class DriveWorker:
         self._put = 0.0
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
-        self._idle = threading.Event()  # nobody is asking it at the moment
+        self._idle = threading.Event()  # nobody polls it at the moment
         self._idle.set()
         self._thread: threading.Thread | None = None
         if threaded:
@@ -90,7 +90,7 @@ class DriveWorker:
         """
         return self.state if self.asked > since and not self.failure else None
 
-    # -- what the supervisor asks for -------------------------------------------------------
+    # -- called by the supervisor ------------------------------------------------------------
 
     def ask(self, *, feed: bool) -> None:
         """Ask for the state and feed the watchdog; on a thread, once at a time."""
@@ -189,7 +189,7 @@ class DriveWorker:
     def _ramp(self, duration_s: float) -> None:
         try:
             self.drive.ramp_to_zero(duration_s)
-        except Exception:  # whatever is wrong with it, it must not go on
+        except Exception:  # after any error the drive must not continue
             with contextlib.suppress(Exception):
                 self.drive.disable()
 
@@ -200,7 +200,7 @@ class DriveWorker:
             asked = time.monotonic()
             self.state = self.drive.state()
             self.asked = asked
-        except Exception as error:  # a broken wire is judged like a broken drive
+        except Exception as error:  # a broken wire is treated as a broken drive
             self.failure = f"{type(error).__name__}: {error}"
         else:
             self.failure = ""

@@ -1,9 +1,9 @@
-"""Whether the drives do what they were told: command and reading compared with each other.
+"""Whether the drives follow their commands: command and reading are compared.
 
-A drive that pulls the other way, keeps its torque or turns on its own says "enabled, no fault";
-so does one whose torque transducer reads something else. Where the drive would be if it obeyed is
-known from the commands and their ramps. It may obey late, and a shaft that is free to turn takes
-up less than it is given, so what is compared is a band.
+A drive that pulls the wrong way, keeps its torque or turns unasked may state "enabled, no fault",
+and so may one whose torque transducer reads another value. The expected state is computed from the
+commands and their ramps. A drive may lag, and a shaft that is free to turn takes up less than
+commanded, so the reading is compared with a band.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from torquebench.units import RPM_PER_RAD_S
 __all__ = ["FollowingJudge"]
 
 DEVIATING_S = 0.1
-"""How long a drive may be outside its band, s of bench time; for one block in any case."""
+"""Longest time that a drive may be outside its band, s of bench time; at least one block."""
 
 
 class _Course:
-    """Where a drive would be that obeys at once, and was a little earlier.
+    """State of a drive that follows at once, now and a little earlier.
 
     Parameters
     ----------
     time_s, found : float
-        When it got power, and what the bench read then.
+        Time when it got power, and the reading then.
     """
 
     def __init__(self, time_s: float, found: float) -> None:
@@ -46,7 +46,7 @@ class _Course:
 
     def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
         """Go on to a time, towards a set point that may be obeyed late."""
-        asked = replace(point, told_s=math.inf)  # being told doesn't begin the ramp anew
+        asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if asked != self._point:
             if point.quantity != self._point.quantity:
                 self._value = 0.0
@@ -61,7 +61,7 @@ class _Course:
         self._value = point.value if abs(apart) <= way else self._value + math.copysign(way, apart)
         self._time_s = stop_s
         self._before.append((stop_s, self._value))
-        late_s += point.told_s - point.asked_s  # without end while it is still being told
+        late_s += point.told_s - point.asked_s  # infinite while the drive hasn't taken the command
         while self._before[0][0] < stop_s - late_s:
             self._before.popleft()
 
@@ -112,12 +112,12 @@ class FollowingJudge:
         known = values[np.isfinite(values)]
         course = self._courses.get(side)
         if known.size == 0:
-            return None  # a missing signal is judged elsewhere
+            return None  # a missing signal is checked elsewhere
         last = float(known[-1])
         if course is None:
             course = self._courses[side] = _Course(block.stop_s, last)
         lasts_s = block.stop_s - block.start_s
-        # What was told within a block is seen at its end, and a speed is the mean over a block.
+        # A command within a block shows at its end, and a speed is the mean over a block.
         course.go_on(point, block.stop_s, last, self._late_s + 2.0 * lasts_s)
         low, high = course.band()
         held = reference_channel(side) in block.channels
@@ -141,7 +141,7 @@ class FollowingJudge:
 
 
 def _values(quantity: Quantity, side: Side, block: AcquiredBlock) -> NDArray[np.float64]:
-    """Return what the bench reads of a quantity."""
+    """Return the bench's readings of a quantity."""
     if quantity == "speed":
         return np.array([block.speed_rad_s.get(side, math.nan)])
     samples = block.channels.get(torque_channel(side))

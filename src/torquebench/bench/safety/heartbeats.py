@@ -1,4 +1,4 @@
-"""Who has to show signs of life: run engine, procedure, operator."""
+"""Heartbeats of run engine, procedure and operator."""
 
 from __future__ import annotations
 
@@ -103,5 +103,5 @@ class Heartbeats:
         with self._lock:
             pings = [each.ping for each in self._beats.values() if each.ping is not None]
         for ping in pings:
-            with contextlib.suppress(Exception):  # who can't even be asked doesn't beat
+            with contextlib.suppress(Exception):  # a source that can't be asked gives no heartbeat
                 ping()

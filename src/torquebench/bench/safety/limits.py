@@ -1,4 +1,4 @@
-"""Limits that are in force: those of the bench description, and what a step has tightened."""
+"""Limits in force: those of the bench description, and tighter ones of a step."""
 
 from __future__ import annotations
 

@@ -1,11 +1,11 @@
-"""Processor time when it is needed: priority for the threads that safety depends on.
+"""Processor priority for the threads that safety depends on.
 
-A violation between two looks waits for three things: the processor, which other programs want
-too; the interpreter, which another thread of this process may hold; and the processor again, for
-the thread that holds it. So acquisition and supervisor ask for real-time priority, all other
-threads of the process for a better one than other programs have, and the interpreter is handed
-over quickly. What the system doesn't grant stays as it was, and is said. Where something else on
-the computer matters more, `TORQUEBENCH_PRIORITY=usual` asks the system for nothing.
+A violation between two checks is delayed by other programs on the processor, by another thread that
+holds the interpreter, and by other programs again while that thread waits. So acquisition and
+supervisor request real-time priority, all other threads of the process a higher priority than other
+programs, and the interpreter switches threads quickly. A priority that the system doesn't grant
+stays as it was, with a message. `TORQUEBENCH_PRIORITY=usual` requests nothing, for computers on
+which other programs matter more.
 """
 
 from __future__ import annotations
@@ -21,14 +21,14 @@ from torquebench.errors import InputError
 __all__ = ["PRIORITY", "Priority", "available_priority", "lift_process", "prefer_this_thread"]
 
 PRIORITY = "TORQUEBENCH_PRIORITY"
-"""Environment variable: `best` (default) asks for all that the system grants, `usual` for none."""
+"""Environment variable: `best` (default) requests the highest priority, `usual` none."""
 BEST, USUAL = "best", "usual"
 
 NICENESS = -10
 REAL_TIME_LEVEL = 1
-"""The lowest of the real-time priorities: above every usual program, below the system's own."""
+"""The lowest real-time priority: above every usual program, below the system's own."""
 SWITCH_INTERVAL_S = 0.0002
-"""How long one thread may keep the interpreter when another waits for it, s; Python's is 5 ms."""
+"""Longest time that one thread keeps the interpreter when another waits, s; Python's is 5 ms."""
 
 
 class Priority(IntEnum):
@@ -45,7 +45,7 @@ class Priority(IntEnum):
 
 
 def _asked() -> bool:
-    """Whether to ask for priority at all."""
+    """Whether priority is requested at all."""
     asked = os.environ.get(PRIORITY) or BEST
     if asked not in (BEST, USUAL):
         raise InputError(f"{PRIORITY}={asked}", "best or usual", "change it, or unset it for best")
@@ -84,17 +84,17 @@ def available_priority() -> Priority:
 
 
 def _set_niceness(thread: int, niceness: int) -> bool:
-    """Set the niceness of one thread (0: the caller's); True where that was granted."""
-    if sys.platform != "linux":  # elsewhere a thread has no niceness of its own
+    """Set the niceness of one thread (0: the caller's); True if granted."""
+    if sys.platform != "linux":  # other systems have no niceness of a thread
         return False
-    with contextlib.suppress(OSError):  # no right to it, or the thread has ended
+    with contextlib.suppress(OSError):  # not permitted, or the thread has ended
         os.setpriority(os.PRIO_PROCESS, thread, niceness)
         return True
     return False
 
 
 class _Lift:
-    """Counts the benches in real time and lifts the process as long as there is one."""
+    """Counts the benches in real time; raises the process's priority as long as there is one."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()

@@ -1,7 +1,8 @@
-"""Judges what the counter delivers: torque, speed, angle, temperature, rates and their freshness.
+"""Checks of the counter's signals: torque, speed, angle, temperature, rates and freshness.
 
-Twice: a fast check of the bare edges of a few milliseconds, in real time, so that the drives hear
-of a violation at once; and every block after the whole signal path, which knows the faults.
+Two stages: a fast check of the bare edges of a few milliseconds, in real time, so that the drives
+are stopped at once; and a check of every block after the whole signal path, where faults are
+marked.
 """
 
 from __future__ import annotations
@@ -30,20 +31,20 @@ __all__ = ["Change", "FastCheck", "SignalJudge"]
 TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
-"""Fewer edges than these in one fast check are no frequency."""
+"""Fewer edges in one fast check give no frequency."""
 CLOCKS_APART_S = 0.1
-"""How far the clock of a standard's read-out may be apart from the counter's, s; two of its
-periods come on top."""
+"""Largest deviation of a read-out's clock from the counter's, s, in addition to two of its periods.
+"""
 CLOCK_SETTLING_S = 1.0
-"""How long a read-out may take at the start until the times of its samples are known, s."""
+"""Longest time at the start until the times of a read-out's samples are known, s."""
 OWN_KEPT_S = 2.0
-"""How long a module's torque is kept for its standard to be compared with, s."""
+"""How long a module's torque is kept for comparison with its standard, s."""
 HELD_SHARE = 0.01
 """A standard that repeats one value while its module moves by this share of the range is stuck."""
 
 
 Torques = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Times, s, and torques at them, N·m."""
+"""Times, s, and torques, N·m."""
 
 
 class FastCheck(Protocol):
@@ -67,7 +68,7 @@ class Change:
 
 @dataclass(frozen=True)
 class _Held:
-    """A value that a standard keeps stating, and how far its module's torque went meanwhile."""
+    """A value that a standard repeats, and the change of its module's torque meanwhile."""
 
     value_nm: float
     since_s: float
@@ -165,7 +166,7 @@ class SignalJudge:
         """
         self._begin()
         for name in self._read_until_s.keys() - raw.edges.keys():
-            del self._read_until_s[name]  # it isn't timed any more, and silent for nobody
+            del self._read_until_s[name]  # a channel that isn't timed any more isn't silent
         for name, edges in raw.edges.items():
             channel = channels.get(name)
             if channel is not None:
@@ -220,7 +221,7 @@ class SignalJudge:
         """Judge a block after the whole signal path; returns like `check_edges`."""
         self._begin()
         for side in SIDES:
-            speed = block.speed_rad_s.get(side)  # a silent encoder: see below
+            speed = block.speed_rad_s.get(side)  # a silent encoder is handled below
             if speed is not None:
                 self._speed(side, speed * RPM_PER_RAD_S, block.stop_s, quick=False)
             angles = block.angles.get(side)
@@ -307,7 +308,7 @@ class SignalJudge:
                 self._unread(samples, block.stop_s)
                 continue
             before_s = self._faulty_s.get(name, 0.0)
-            if samples.fault.size == 0:  # nothing at all came: as bad as a fault
+            if samples.fault.size == 0:  # no samples at all: as bad as a fault
                 faulty_s = longest_s = before_s + (block.stop_s - block.start_s)
                 kind = SignalFaultKind.LOST_DATA
             else:
@@ -320,7 +321,7 @@ class SignalJudge:
                 self._lost(name, kind, longest_s)
 
     def _note_readout(self, block: AcquiredBlock) -> None:
-        """Note until when a standard's read-out has stated torque, by the times of its samples."""
+        """Note the time of a standard's last sample."""
         if self._readout is None:
             return
         standards = {name: each for name, each in block.channels.items() if each.standard}
@@ -334,8 +335,8 @@ class SignalJudge:
                 self._valid_until_s[name] = max(until_s, newest_s)
 
     def _unread(self, samples: ChannelSamples, stop_s: float) -> None:
-        """Notice that a standard's read-out states no torque any more."""
-        # What falls into a block's last period is stated with the next one.
+        """Detect a standard's read-out that states no torque any more."""
+        # The samples of a block's last period come with the next block.
         allowed_s = self._description.safety.signal_loss_s + 2.0 * self._period_s
         silent_s = stop_s - self._valid_until_s[samples.channel]
         if silent_s > allowed_s + 1e-9:
@@ -348,7 +349,7 @@ class SignalJudge:
         return 0.0 if self._readout is None else self._readout.period_s
 
     def _holding(self, block: AcquiredBlock) -> None:
-        """Notice a standard that repeats one value while the torque beside it changes."""
+        """Detect a standard that repeats one value while the torque beside it changes."""
         for side in SIDES:
             own = block.channels.get(torque_channel(side))
             standard = block.channels.get(reference_channel(side))
@@ -375,10 +376,10 @@ class SignalJudge:
                 self._lost(standard.channel, SignalFaultKind.STUCK, lasted_s)
 
     def _disagreeing(self, block: AcquiredBlock) -> None:
-        """Hold a module against the standard on its side: they carry the same torque.
+        """Compare a module with the standard on its side, which carries the same torque.
 
-        At the same times; where the standard has a clock of its own, with what the module read
-        as far before and after as both clocks may be apart.
+        Both are compared at the same times. Where the standard has its own clock, the module's
+        readings before and after are included as far as the clocks may deviate.
         """
         share = self._description.safety.disagreement_percent / 100.0
         apart_s = 0.0 if self._readout is None else 2.0 * self._period_s + CLOCKS_APART_S
@@ -391,7 +392,7 @@ class SignalJudge:
                 continue
             time_s, torque_nm = _appended(self._own.get(side), own)
             stated_s, stated_nm = _appended(self._stated.get(side), standard)
-            # What the standard states is judged when the module has been read as far beyond it.
+            # A standard's sample is compared once the module has been read that far beyond it.
             due = stated_s + apart_s < block.stop_s
             self._stated[side] = stated_s[~due], stated_nm[~due]
             stated_s, stated_nm = stated_s[due], stated_nm[due]
@@ -404,7 +405,8 @@ class SignalJudge:
                 for i, k, value in zip(first, last, stated_nm, strict=True)
                 if k > i
             ]
-            least = min(deviations, default=0.0)  # all the time, not for a moment of a ramp
+            # during the whole interval, not for a moment of a ramp
+            least = min(deviations, default=0.0)
             allowed = share * self._description.module(side).range_nm
             if least > allowed:
                 self._violated(
@@ -532,7 +534,7 @@ def _appended(before: Torques | None, samples: ChannelSamples) -> Torques:
 def _faulty_time(
     faulty: np.ndarray[tuple[int], np.dtype[np.bool_]], before_s: float, window_s: float
 ) -> tuple[float, float]:
-    """Return how long the fault lasts at the end, and how long it lasted at its longest, s."""
+    """Return the duration of the fault at the end, and its longest duration, s."""
     present_s, longest_s = before_s, 0.0
     for wrong in faulty.tolist():
         present_s = present_s + window_s if wrong else 0.0

@@ -1,4 +1,4 @@
-"""The way to the safe state: zero, power off, and both read back before anybody may go on.
+"""The way to the safe state: zero, power off, and both read back before work continues.
 
 A drive that takes an order hasn't carried it out. So its power state and the torque at its side
 are read after every stop, until both are gone.

@@ -1,11 +1,9 @@
-"""The supervisor: watches the bench below every procedure and brings it to a safe state.
+"""The supervisor: monitors the bench independently of procedures and brings it to a safe state.
 
-Acquisition hands it what the counter delivered before anybody else sees it; drives, heartbeats,
-the operator's presence and acquisition itself are watched from a thread of its own. So it acts
-when the run engine hangs, when the event loop is blocked and when acquisition stalls. When the
-whole process is gone, nobody feeds the drives' watchdogs any more, and they act.
-Software on a computer is never the safety function: safe torque off, the emergency stop and the
-hardware watchdog belong to the drive and the safety relay.
+Acquisition passes each block to the supervisor first; a thread of its own monitors drives,
+heartbeats, the operator's presence and acquisition itself. So it acts when the run engine hangs,
+when the event loop is blocked and when acquisition stalls. When the whole process is gone, the
+drives' watchdogs are no longer fed and act.
 """
 
 from __future__ import annotations
@@ -59,27 +57,27 @@ __all__ = [
 logger = logging.getLogger(__name__)
 
 WATCH_PERIOD_S = 0.005
-"""How often the supervisor's thread looks in real time, s of wall time."""
+"""Interval of the supervisor's thread in real time, s of wall time."""
 IDLE_PERIOD_S = 0.05
-"""The same in simulated time, where acquisition does most of it, block by block."""
+"""The same in simulated time, where most checks are made by acquisition, block by block."""
 UNLOAD_SETTLING_S = 0.2
-"""How long shafts and drives swing after a ramp to zero, s of bench time."""
+"""Settling time of shafts and drives after a ramp to zero, s of bench time."""
 GOING_OFF_S = 1.0
-"""How long power and torque may take to be gone, s; a drive's own watchdog comes on top."""
+"""Longest time until power and torque are gone, s, in addition to a drive's own watchdog."""
 UNREAD_S = 0.5
-"""So long after power is off the supervisor waits for a torque to be read, s."""
+"""How long the supervisor waits for a torque reading after power is off, s."""
 NEWS = 0.05
-"""An alarm that says how much is still on says it again when it has changed by this share."""
+"""An alarm that states the remaining torque is updated when it has changed by this share."""
 RETOLD_S = 1.0
-"""So often a drive that is on although it was told to go off is told again, s of wall time."""
+"""Interval at which a drive that is still on is told again to go off, s of wall time."""
 FAST_PATIENCE = 15.0
-"""How much longer a stall may be in simulated time, which doesn't pass in the meantime."""
+"""Additional stall time in simulated time, which stands meanwhile."""
 FAST_SILENCE_S = 0.5
-"""Without a block for so long drives are asked without one in simulated time, s of wall time."""
+"""In simulated time, drives are polled without a block after this time, s of wall time."""
 DRIVE_PATIENCE_S = 0.1
-"""How long simulated time stands for a drive that takes its time to answer, s of wall time."""
+"""How long simulated time waits for a slow drive, s of wall time."""
 ANSWER_S = 10.0
-"""How long a drive may take to be told to go off, with all tries of its wire, s of wall time."""
+"""Longest time for switching a drive off, with all attempts of its link, s of wall time."""
 
 
 class SafetySupervisor:
@@ -126,18 +124,18 @@ class SafetySupervisor:
         self._unloaded_s = 0.0
         self._read_back = ReadBack(description, self._workers)
         self._stage = Stage.SAFE
-        self._stage_s, self._stage_wall = 0.0, 0.0  # when it began, bench and wall time
+        self._stage_s, self._stage_wall = 0.0, 0.0  # start, bench and wall time
         self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
-        self._ended = threading.Event()  # the way to the safe state: there, or given up
+        self._ended = threading.Event()  # state of the way to the safe state: reached, or given up
         self._ended.set()
         self._powered = False  # since power and torque were last read back as gone
-        self._off_s: float | None = None  # when power was last taken off in order, bench time
+        self._off_s: float | None = None  # bench time of the last orderly switching off
         self._told_wall = 0.0
         self._untold: dict[Side, float] = {}
         self._on_since: dict[Side, float] = {}
         self._remains: int | None = None
         self._stated: list[Remaining] = []
-        self._news: list[int] = []  # numbers of alarms to be announced without the lock
+        self._news: list[int] = []  # numbers of alarms that are announced without the lock
         self._failed = ""
         self._busy_since: float | None = None
         self._checked_wall = time.monotonic()
@@ -311,7 +309,7 @@ class SafetySupervisor:
 
     def check_edges(self, raw: CounterBlock, channels: Mapping[str, FastCheck]) -> None:
         """Judge the bare edges of a few milliseconds, before they become samples."""
-        self._busy_since = time.monotonic()  # a part of a block came: nothing stalls
+        self._busy_since = time.monotonic()  # part of a block arrived, so acquisition doesn't stall
         self._act(*self._signals.check_edges(raw, channels))
 
     def check(self, block: AcquiredBlock) -> None:
@@ -319,7 +317,8 @@ class SafetySupervisor:
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
         self._read_back.take(block)
-        if self._clock.fast:  # time passes with blocks only, so the rest is looked at with them
+        # bench time passes only with blocks, so the other checks are made with them
+        if self._clock.fast:
             self._look_around()
         self._go_on(block.stop_s)
 
@@ -339,7 +338,7 @@ class SafetySupervisor:
     # -- drives and heartbeats --------------------------------------------------------------
 
     def _look_around(self) -> None:
-        """Ask the drives, feed their watchdogs, look for signs of life."""
+        """Poll the drives, feed their watchdogs and check the heartbeats."""
         latched = self._book.latched is not None
         for side in self._workers:
             if not self._commands.side(side).enabled:
@@ -348,7 +347,7 @@ class SafetySupervisor:
                 self._powered = True
                 self._enabled_since.setdefault(side, time.monotonic())
         feed = not latched or self._stage is Stage.RAMPING
-        self.heartbeats.ask()  # without power too: who lives then does so when power comes on
+        self.heartbeats.ask()  # also without power: heartbeats must be present when power comes on
         for worker in self._workers.values():
             worker.ask(feed=feed)
         for worker in self._workers.values():
@@ -369,7 +368,7 @@ class SafetySupervisor:
             commands = self._commands.side(side)
             watchdog_s = self._description.module(side).drive.watchdog_s
             found = worker.found_wrong(since, commands.enabled_wall_s, watchdog_s)
-            # It may have been switched off meanwhile: what was told last is what counts.
+            # It may have been switched off meanwhile: the last command counts.
             if found and commands.enabled:
                 return Violation(
                     AlarmKind.DRIVE_FAULT,
@@ -381,7 +380,7 @@ class SafetySupervisor:
         return None
 
     def _unasked_power(self) -> Violation | None:
-        """Notice a drive that has power although nobody here wants it to."""
+        """Detect a drive that has power without a command."""
         now = self._clock.now() if self._clock.fast else time.monotonic()
         for side, worker in self._workers.items():
             commands = self._commands.side(side)
@@ -408,7 +407,7 @@ class SafetySupervisor:
         """
         with self._lock:
             first = self._book.latched is None
-            if first:  # before anybody else sees that a way to safety is being gone
+            if first:  # before others see that the bench is on its way to the safe state
                 self._powered = self._powered or self._commands.any_enabled
                 self._begin_ramp()
             violation = Violation(kind, source, found, allowed, remedy)
@@ -424,7 +423,7 @@ class SafetySupervisor:
         return alarm
 
     def _begin_ramp(self) -> None:
-        """Give a ramp from now its time; power goes off when zero is read back, or it is over."""
+        """Start a ramp's time; power goes off when zero is read back or the time is over."""
         safety = self._description.safety
         lasts_s = safety.ramp_to_zero_s + UNLOAD_SETTLING_S + self._description.counter.block_s
         self._enter(Stage.RAMPING, lasts_s, safety.stall_s)
@@ -437,7 +436,7 @@ class SafetySupervisor:
         self._ended.clear()
 
     def _go_on(self, now_s: float | None = None) -> None:
-        """Go on with the way to the safe state, as far as what is read back allows."""
+        """Continue to the safe state as far as the readings allow."""
         now_s = self._clock.now() if now_s is None else now_s
         with self._lock:
             violation = self._advance(now_s)
@@ -449,7 +448,7 @@ class SafetySupervisor:
             self._trip_for(violation)
 
     def _advance(self, now_s: float) -> Violation | None:
-        """Take the next step of the way; return what must stop the bench again."""
+        """Take the next step to the safe state; return a reason to stop the bench again."""
         stage, since_s, since = self._stage, self._stage_s, self._stage_wall
         if stage is Stage.RAMPING:
             if self._deadline.passed(now_s) or self._read_back.at_zero(since_s, since):
@@ -470,7 +469,7 @@ class SafetySupervisor:
         return self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
 
     def _take_power_off(self) -> None:
-        """Take the power off both drives; from now on nobody feeds their watchdogs."""
+        """Take the power off both drives; from now on their watchdogs aren't fed."""
         drives = [self._description.module(side).drive for side in self._workers]
         lasts_s = max(drive.watchdog_s for drive in drives) + GOING_OFF_S
         lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
@@ -482,13 +481,13 @@ class SafetySupervisor:
             worker.disable(lambda _told: None)
 
     def _await_off(self, now_s: float) -> None:
-        """Read back whether power and torque are gone; say it where they aren't in time."""
+        """Read back whether power and torque are gone; raise an alarm where they aren't in time."""
         found = self._read_back.remaining(self._stage_s, self._stage_wall, torque=self._powered)
         known = [each for each in found if each.known]
         if all(each.gone for each in found):
             self._powered = False
         if not known:
-            # Torque that nobody can read holds up the acknowledgement only.
+            # A torque that can't be read delays the acknowledgement only.
             if all(each.gone for each in found) or self._unread.passed(now_s):
                 self._stage = Stage.SAFE
                 self._ended.set()
@@ -505,7 +504,7 @@ class SafetySupervisor:
                     self._workers[side].disable(lambda _told: None)
 
     def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
-        """Say in the alarm what is on and how much, again where that has changed."""
+        """State remaining power and torque in the alarm, again after each change."""
         latched, found = self._book.latched, self._not_safe(known)
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
             self._news.append(self._book.add(_alarm(found, self._clock.now())).number)
@@ -517,7 +516,7 @@ class SafetySupervisor:
         self._stated = list(known)
 
     def _differs(self, known: Sequence[Remaining]) -> bool:
-        """Whether that is news: another state of the power, or 5 % of the range."""
+        """Whether the state has changed: another power state, or 5 % of the range."""
         if [(each.side, each.power) for each in known] != [
             (each.side, each.power) for each in self._stated
         ]:
@@ -529,7 +528,7 @@ class SafetySupervisor:
         )
 
     def _watch_torque_go(self, now_s: float) -> Violation | None:
-        """Watch that torque goes after an orderly stop; return torque that a drive may make."""
+        """Check that torque goes after an orderly stop; return torque that a drive may cause."""
         if self._off_s is None:
             self._off_s = now_s
         found = self._read_back.remaining(self._off_s, self._stage_wall, torque=True)
@@ -555,7 +554,7 @@ class SafetySupervisor:
         return None
 
     def _much_nm(self, side: Side) -> float:
-        """Torque that a drive may make, not what friction holds in a shaft, N·m."""
+        """Torque that a drive may cause, beyond what friction holds in a shaft, N·m."""
         share = self._description.safety.following_percent / 100.0
         return share * self._description.module(side).range_nm
 
@@ -576,7 +575,7 @@ class SafetySupervisor:
                     abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
                     commands.set_point.uncertain_s,
                 )
-                if commands.enabled and ramp_s > 0.0:  # else it is there, or on its way
+                if commands.enabled and ramp_s > 0.0:  # otherwise it is at zero, or on its way
                     self._ramp_to_zero(side, ramp_s)
                     self._unloaded_s = max(self._unloaded_s, present + ramp_s + UNLOAD_SETTLING_S)
             return max(0.0, self._unloaded_s - now)
@@ -605,7 +604,7 @@ class SafetySupervisor:
                     self._trip_for(unreachable(side))
 
             for side, worker in self._workers.items():
-                self._commands.side(side).off(self._clock.now())  # from now on it may be off
+                self._commands.side(side).off(self._clock.now())  # it may be off from now on
                 worker.disable(functools.partial(done, side))
 
     def read_off(self, sides: Sequence[Side] = SIDES, *, torque: bool = False) -> Alarm | None:
@@ -668,7 +667,7 @@ class SafetySupervisor:
         while not self._closing.wait(period_s):
             try:
                 self._watch_once()
-            except Exception as error:  # nobody watches the watcher, so it goes on
+            except Exception as error:  # nothing supervises this thread: continue
                 self._fail(error)
 
     def _watch_once(self) -> None:
@@ -679,9 +678,9 @@ class SafetySupervisor:
         if not self._clock.fast:
             self._look_around()
         elif self._stage is not Stage.SAFE:
-            if time.monotonic() - self._checked_wall > FAST_SILENCE_S:  # no blocks any more
+            if time.monotonic() - self._checked_wall > FAST_SILENCE_S:  # no more blocks come
                 self._look_around()
-            if self._stage is Stage.NOT_SAFE:  # time goes on with the wall until it is safe
+            if self._stage is Stage.NOT_SAFE:  # wall time continues until the bench is safe
                 self._clock.require(self._clock.now() + self._description.counter.block_s)
         self._go_on()
         for side, since in tuple(self._untold.items()):
@@ -691,7 +690,7 @@ class SafetySupervisor:
                     self._trip_for(unreachable(side))
 
     def _stalls(self) -> bool:
-        """Whether a block takes too long, or in real time none is being made any more."""
+        """Whether a block takes too long or, in real time, none is being acquired."""
         busy_since, now = self._busy_since, time.monotonic()
         if busy_since is not None:
             return now - busy_since > self._stall_s
@@ -699,10 +698,10 @@ class SafetySupervisor:
         return not self._clock.fast and now - self._checked_wall > between_s
 
     def _fail(self, error: Exception) -> None:
-        """Go to the safe state, since the supervisor can't tell any more whether all is well."""
+        """Go to the safe state after an error in the supervisor itself."""
         found = f"{type(error).__name__}: {error}"
         if found == self._failed:
-            return  # it comes with every look
+            return  # it repeats with every check
         self._failed = found
         logger.error("the supervisor failed", exc_info=error)
         try:
@@ -713,7 +712,7 @@ class SafetySupervisor:
                 "a supervisor that receives all data",
                 "open the bench again; if it happens again, report it",
             )
-        except Exception:  # not even that: the power goes off without ceremony
+        except Exception:  # even that failed: the power goes off without a ramp
             logger.exception("the supervisor can't stop the bench normally")
             for worker in self._workers.values():
                 worker.disable(lambda _told: None)

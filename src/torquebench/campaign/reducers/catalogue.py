@@ -1,6 +1,6 @@
 """The tests of a reducer, by name, in the order of the full test.
 
-The entries import nothing of the bench until they are used, so that help can list them.
+Entries import the bench only when used, so that help lists them quickly.
 """
 
 from __future__ import annotations
@@ -143,7 +143,7 @@ PARTS = (
         empty_run=("input", "output"),
     ),
 )
-"""What doesn't heat the reducer comes first."""
+"""Order: tests that don't heat the reducer come first."""
 
 TESTS: Mapping[str, ReducerTest] = MappingProxyType(
     {

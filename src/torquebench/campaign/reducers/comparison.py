@@ -1,4 +1,4 @@
-"""Runs of one reducer test side by side: specimens of a type, or one before and after."""
+"""Runs of one reducer test compared: specimens of a type, or one specimen before and after."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a bench measures of itself before a reducer test: its twist, and what empty shafts read."""
+"""Measurements of the bench before a reducer test: its twist, and readings of empty shafts."""
 
 from __future__ import annotations
 

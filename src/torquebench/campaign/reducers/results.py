@@ -1,4 +1,4 @@
-"""What a reducer test finds out: values only, for tables, figures, reports and the panel."""
+"""Results of a reducer test: values only, for tables, figures, reports and the panel."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""What a reducer test left out and what that adds to its uncertainty.
+"""Uncertainty due to the limited sampling of a reducer test.
 
 A short test takes fewer output positions and a cold reducer. Its own repeats can't show how values
-differ elsewhere on the turn, or how friction falls while the reducer warms up. Both enter every
-budget with stated limits, so that less sampling never gives a smaller U.
+vary over the turn, or how friction falls while the reducer warms up. Both enter every budget with
+stated limits, so that less sampling never gives a smaller U.
 """
 
 from __future__ import annotations
@@ -28,13 +28,15 @@ __all__ = [
 ]
 
 LEAST_POSITIONS = 3
-"""From so many output positions on, the spread between them is the test's own."""
+"""From this many output positions on, the variation over the turn is estimated from them."""
 POSITION_SHARE = 0.03
-"""Standard deviation of a value from one output position to the next, as a share of it: an
-assumption, wide beside the 0.3 to 1 % of the simulated reducers, as worn gears differ more."""
+"""Standard deviation of a value from one output position to the next, as a share of it. It is an
+assumption: the simulated reducers show 0.3 to 1 %, and worn gears vary more.
+"""
 WARMING_SHARE = 0.3
-"""Limit by which friction may fall until the reducer is warm, as a share of it: 10 to 15 K with a
-lubricant whose viscosity falls by 2 to 3 % per kelvin."""
+"""Limit by which friction may fall while a reducer warms up, as a share of it: 10 to 15 K with a
+lubricant whose viscosity falls by 2 to 3 % per kelvin.
+"""
 
 
 @dataclass(frozen=True)

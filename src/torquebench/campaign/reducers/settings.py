@@ -1,4 +1,4 @@
-"""How the reducer tests are driven: defaults by the reducer's size, and a short form."""
+"""Settings of the reducer tests: defaults by the reducer's size, and a short form."""
 
 from __future__ import annotations
 

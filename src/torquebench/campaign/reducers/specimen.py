@@ -1,4 +1,4 @@
-"""One reducer on one bench: every test of it a run of its own, evaluated, evaluated, registered."""
+"""One reducer on one bench: each test is a run, evaluated and registered."""
 
 from __future__ import annotations
 
@@ -74,7 +74,7 @@ class Specimen:
             kept.append((recording, found, judged))
             return self._results(test, found, whole, judged)
 
-        # What a rehearsal records can't be evaluated.
+        # A rehearsal records nothing that could be evaluated.
         short = self.settings.is_short
         kind = f"test-{test.name}-short" if short else f"test-{test.name}"
         title = f"{test.title}, short test" if short else test.title
@@ -119,7 +119,7 @@ class Specimen:
         ).record
 
     def _equipment(self) -> dict[str, Any] | None:
-        """Return the specimen as it is entered among the equipment; None without a number."""
+        """Return the specimen as an item of equipment; None without a serial number."""
         if not self.serial:
             return None
         reducer = self.reducer
@@ -141,7 +141,7 @@ class Specimen:
         whole: PartlySampled,
         quantities: tuple[ReducerTestQuantity, ...],
     ) -> dict[str, Any]:
-        """Return what stands in the run's ``results.json``."""
+        """Return the content of the run's ``results.json``."""
         budgets = {each.key: plain_budget(each.estimate) for each in whole.quantities()}
         budgets |= {each.key: plain_budget(each.estimate) for each in verdicts(whole, self.reducer)}
         return {
@@ -164,7 +164,7 @@ def _quantities(
 ) -> tuple[ReducerTestQuantity, ...]:
     limits = {each.key: each for each in judged}
     found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
-    # What is limited between measured points, as an efficiency, is no quantity of the list.
+    # A limit between measured points, such as an efficiency, isn't in the list of quantities.
     known = {key for key, _, _, _ in found}
     found += [
         (each.key, each.title, each.estimate, "interpolated")

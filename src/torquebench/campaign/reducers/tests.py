@@ -1,4 +1,4 @@
-"""Tests of a mounted reducer: rehearsed, measured, evaluated, evaluated, recorded."""
+"""Tests of a mounted reducer: rehearsed, measured, evaluated and recorded."""
 
 from __future__ import annotations
 
@@ -80,7 +80,7 @@ def rotating_sides(station: Station) -> tuple[Side, ...]:
 
 
 def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
-    """Refuse a test that loads the output beyond what its model was calibrated to."""
+    """Refuse a test that loads the output beyond its model's calibrated torque."""
     active = station.devices.context.acquisition.compensation("output")
     if active is None:
         return
@@ -195,7 +195,7 @@ def run_reducer_test(
 def _all_parts(
     specimen: Specimen, name: str
 ) -> tuple[tuple[ReducerTestOutcome, ...], tuple[ReducerTestFailure, ...]]:
-    """Go through all parts; of several, one that fails doesn't take the others' results along."""
+    """Run all parts; if one of several fails, the results of the others are kept."""
     tests, station = chosen_tests(name), specimen.station
     outcomes: list[ReducerTestOutcome] = []
     failures: list[ReducerTestFailure] = []

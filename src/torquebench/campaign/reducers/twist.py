@@ -1,4 +1,4 @@
-"""The bench's own twist: from cycles against the held calibrator to what loops do without."""
+"""The bench's own twist, measured against the clamped calibrator and subtracted from loops."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["TwistCompliance", "twist_compliance", "twist_compliances"]
 FloatArray = NDArray[np.float64]
 
 TWIST_LEVELS = 40
-"""Levels of torque on each side of zero between which the twist is taken for straight."""
+"""Levels of torque on each side of zero between which the twist is treated as linear."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +105,7 @@ def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) 
 
 
 def _rising(torque_nm: FloatArray) -> NDArray[np.bool_]:
-    """Return which samples belong to legs on which the torque rises, whatever its noise does."""
+    """Return which samples belong to legs with rising torque, regardless of noise."""
     rising = np.zeros(torque_nm.size, dtype=np.bool_)
     for start, stop in pairwise(turning_points(torque_nm).tolist()):
         rising[start : stop + 1] = torque_nm[stop] > torque_nm[start]

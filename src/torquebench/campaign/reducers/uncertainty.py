@@ -1,4 +1,4 @@
-"""What a bench adds to the uncertainty of a reducer test, and what is subtracted for it."""
+"""The bench's contribution to the uncertainty of a reducer test, and its corrections."""
 
 from __future__ import annotations
 
@@ -33,13 +33,14 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 UNCOMPENSATED_SHARE = 0.005
-"""Half width of what a chain without compensation may be off, as a share of full scale: the
-0.5 % that such benches are reported with (Measurement and Control, 2022, introduction)."""
+"""Half width of the error of a chain without compensation, as a share of full scale: the 0.5 %
+reported for such benches (Measurement and Control, 2022, introduction).
+"""
 REPEATABILITY_SHARE = 2e-4
-"""Standard deviation by which a chain gives another torque for the same one after its load has
-changed, as a share of full scale: 0.01-0.03 % is what transducers of this class are sold with.
-It stays as long as the torque does, so that only repeats average it; where there are some, what
-they show counts instead."""
+"""Standard deviation of a chain's torque after load changes, as a share of full scale: data sheets
+of such transducers state 0.01-0.03 %. It is constant while the torque is, so that only repeats
+average it; where there are repeats, their spread is used instead.
+"""
 
 
 @dataclass(frozen=True)
@@ -211,7 +212,7 @@ _ZERO = ("zero", "zero drift", "temperature of zero")
 
 
 def _without_chain(bench: Bench, side: Side, zero_nm: float) -> TorqueUncertainty:
-    """Return the limits that a chain without compensation is reported with."""
+    """Return the reported limits of a chain without compensation."""
     module = bench.description.module(side)
     nominal = module.transducer.nominal_torque_nm
     shift = 1e-2 * module.transducer.speed_zero_percent_per_1000rpm * nominal / 1000.0

@@ -1,4 +1,4 @@
-"""What every test of a reducer provides."""
+"""The interface that every reducer test implements."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class TestWork:
         Returns the influences that the test leaves out by its settings.
     """
 
-    __test__ = False  # no test of pytest's
+    __test__ = False  # not a test of pytest
 
     settings: Any
     short: Any

@@ -1,4 +1,4 @@
-"""Counting the frequency, and the clock that it is counted by."""
+"""Frequency counting and its timebase."""
 
 from __future__ import annotations
 

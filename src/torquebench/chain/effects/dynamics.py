@@ -1,4 +1,4 @@
-"""Dynamics: what shaft, transducer and counter make of a torque that changes quickly."""
+"""Dynamics: response of shaft, transducer and counter to a torque that changes quickly."""
 
 from __future__ import annotations
 
@@ -115,7 +115,7 @@ class Dynamics(Effect):
 
 @dataclass
 class _Memory:
-    """What a stream of readings leaves behind."""
+    """State between the blocks of a stream of readings."""
 
     filtering: FilterStream
     settling: int = 0
@@ -161,7 +161,7 @@ class _FollowedDynamics(Effect):
             step[0], step[1:] = time[0] - self.memory.last_s, time[1:] - time[:-1]
             wanted = self.effect.interval_s
             even = np.abs(step - wanted) <= _UNEVEN * wanted
-            if not np.isfinite(step[0]):  # the first of a stream has nothing before it
+            if not np.isfinite(step[0]):  # the first reading of a stream has no predecessor
                 even[0] = count == 1 or even[1]
             if even.any():
                 spread = known_or(readings.counter_nm, 0.0)
@@ -197,13 +197,13 @@ class _FollowedDynamics(Effect):
         curve: FloatArray,
         noise: FloatArray,
     ) -> None:
-        """Write what the filter adds to readings without a gap between them."""
+        """Write the filter's correction for readings without a gap between them."""
         faulty = ~np.isfinite(reading_nm)
         found = self.memory.filtering.push(reading_nm, np.where(faulty, 0.0, counter_nm))
         added[:] = found.value - reading_nm
         curve[:] = found.of_coefficients
         noise[:] = np.sqrt(np.maximum(found.of_noise**2 - counter_nm**2, 0.0))
-        # what was before the first reading is unknown: so is what the filter makes of it
+        # readings before the first one are unknown, and so is the filter's output
         if self.memory.settling >= len(self.effect.weights) - 1 and not faulty.any():
             self.memory.settling += reading_nm.size
             return

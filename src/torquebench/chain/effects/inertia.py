@@ -1,4 +1,4 @@
-"""Inertia of what turns between transducer and flange."""
+"""Inertia of the rotating parts between transducer and flange."""
 
 from __future__ import annotations
 

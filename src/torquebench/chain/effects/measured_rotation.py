@@ -1,4 +1,4 @@
-"""Zero over speed, bearing drag and what load and running-in make of them, as measured."""
+"""Measured zero over speed and bearing drag, with their dependence on load and running-in."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _blind(self) -> FloatArray:
-        """Tables without a temperature: at the calibration's, u over all measured ones."""
+        """Tables at the calibration's temperature, with u over all measured temperatures."""
         nodes = self._nodes[1]
         rows = np.arange(float(len(self.speeds_rpm)))
         around = np.array(
@@ -157,7 +157,7 @@ class MeasuredRotation(Effect):
 
     @cached_property
     def _unknown(self) -> tuple[float, float]:
-        """What an unknown speed makes of zero and drag, N·m: rectangular."""
+        """Zero and drag at an unknown speed, N·m: rectangular."""
         even, even_u, odd, odd_u = self._tables
         return (
             float(np.max(np.hypot(even / np.sqrt(3.0), even_u))),
@@ -219,7 +219,7 @@ class MeasuredRotation(Effect):
         return tuple(found)
 
     def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
-        """Return what running-in adds; at an unknown time anything from nothing to all of it."""
+        """Return the effect of running-in; at an unknown time between none and all of it."""
         if readings.time_s is None or readings.of_bench:
             u = np.copysign(np.hypot(start / np.sqrt(3.0), start_u), start_u)
             return Component("running-in", Shared.MOUNTING, u)

@@ -1,4 +1,4 @@
-"""Temperature of zero and span as it was measured on one chain."""
+"""Temperature effect on zero and span as measured on one chain."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class MeasuredTemperature(Effect):
 
     @cached_property
     def _unknown(self) -> tuple[float, float]:
-        """What an unknown temperature makes of zero (N·m) and span: rectangular."""
+        """Zero (N·m) and span at an unknown temperature: rectangular."""
         measured = located(self._nodes, between(self._nodes, self.low_c, self.high_c))
         zero, zero_u, span, span_u = (linear(curve, measured) for curve in self._curves)
         root = np.sqrt(3.0)

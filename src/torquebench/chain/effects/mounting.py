@@ -1,4 +1,4 @@
-"""Reproducibility of mounting: another span with every mounting."""
+"""Reproducibility between mountings: the span changes with each mounting."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reference standard that the calibration was made with."""
+"""The reference standard of the calibration."""
 
 from __future__ import annotations
 

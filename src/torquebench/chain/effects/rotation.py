@@ -15,7 +15,7 @@ from torquebench.uncertainty import Distribution
 __all__ = ["Rotation"]
 
 STANDSTILL_RPM = 0.5
-"""Speeds below are an encoder's noise."""
+"""Speeds below this are noise of the encoder."""
 
 
 @register("rotation")

@@ -1,4 +1,4 @@
-"""Scatter of single loadings about the curve: re-seating, repeatability of the transducer."""
+"""Scatter of single loadings about the curve: re-seating and repeatability of the transducer."""
 
 from __future__ import annotations
 

@@ -21,10 +21,11 @@ __all__ = ["CORRELATION_SHARE", "StaticCurve"]
 
 CORRELATION_SHARE = 0.1
 """Errors of the curve at readings farther apart than this share of full scale, or on opposite
-branches, are treated as independent. A smooth form is wrong in the same way over more than that; to
-share less than there is makes a comparison's U larger, never smaller."""
+branches, are treated as independent. A smooth curve's errors are correlated over longer distances;
+assuming a shorter distance only makes a comparison's U larger.
+"""
 _STATE = frozenset({"speed_rpm", "temperature_c"})
-"""Features that change while a model is in use: no table holds for all of them."""
+"""Features that change while a model is in use, so that no table covers them."""
 _SQUARE_ROOT_3 = np.sqrt(3.0)
 _SQUARE_ROOT_2 = np.sqrt(2.0)
 
@@ -127,7 +128,7 @@ class StaticCurve(Effect):
     def _evaluate(
         self, readings: Readings, reading_nm: FloatArray, branch: FloatArray
     ) -> tuple[FloatArray, FloatArray]:
-        """Torque and the curve's standard uncertainty; NaN outside of what was calibrated."""
+        """Return torque and the curve's standard uncertainty; NaN outside the calibrated range."""
         inside = self.inside(reading_nm)
         torque, deviation = np.full((2, reading_nm.size), np.nan)
         accepted, sides = reading_nm[inside], branch[inside]
@@ -142,7 +143,7 @@ class StaticCurve(Effect):
             X = features(accepted, sides, 0, speed, temperature)[:, : self._columns]
             try:
                 torque[inside], deviation[inside] = self.model.predict(X, return_std=True)
-            except InputError:  # a speed or temperature that the model refuses
+            except InputError:  # the model refuses this speed or temperature
                 torque[:] = deviation[:] = np.nan
         return torque, deviation
 
@@ -154,7 +155,7 @@ def _rows(values: Known, inside: np.ndarray[Any, np.dtype[np.bool_]]) -> FloatAr
 
 @dataclass(frozen=True)
 class _FollowedCurve(Effect):
-    """The static curve along one stream: every reading moves the plays of its hysteresis."""
+    """The static curve along one stream: each reading moves its hysteresis play operators."""
 
     title: ClassVar[str] = StaticCurve.title
     curve: StaticCurve

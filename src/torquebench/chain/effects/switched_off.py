@@ -19,7 +19,7 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
     "rotation": ("zero over speed", "bearing drag", "running-in"),
     "inertia": ("inertia",),
 }
-"""What can be switched off by itself, and the components that each stands for."""
+"""Corrections that can be switched off, and the components of each."""
 
 
 @register("switched off")

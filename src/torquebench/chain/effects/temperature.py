@@ -1,4 +1,4 @@
-"""Temperature of zero and span."""
+"""Temperature effect on zero and span."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class Temperature(Effect):
 
     @property
     def _reach_k(self) -> float:
-        """How far the bench's temperatures reach from that of the calibration, K."""
+        """How far the bench's temperatures may deviate from that of the calibration, K."""
         return max(abs(self.high_c - self.calibrated_c), abs(self.calibrated_c - self.low_c))
 
     def _change(self, now: Known, before: Known, unknown_k: float) -> FloatArray:

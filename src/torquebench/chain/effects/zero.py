@@ -1,4 +1,4 @@
-"""The zero that was taken, and its drift since."""
+"""The measured zero and its drift."""
 
 from __future__ import annotations
 

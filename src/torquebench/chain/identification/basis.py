@@ -1,9 +1,9 @@
-"""Functions of temperature, speed, load, acceleration and time that a reading may contain.
+"""Basis functions of temperature, speed, load, acceleration and time.
 
 Physical forms (Coulomb, powers of the speed, Stribeck's fall at low speeds, viscosity that falls
-about exponentially with temperature) and bumps for what no form has. All speeds are shares of the
-largest one that was measured, so that no form has a constant of its own: falls of every width
-between that speed and a hundredth of it are in the basis at once.
+about exponentially with temperature) and bumps for the rest. Speeds are shares of the largest
+measured one, so that no form has a constant of its own: the basis holds Stribeck falls of all
+widths between a hundredth of that speed and the speed itself.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from torquebench.chain.readings import FloatArray
 __all__ = ["Block", "Circumstances", "blocks", "running_in_columns"]
 
 _KELVIN = 20.0
-"""Unit of changes of temperature."""
+"""Unit of temperature changes."""
 _FALLS = 2.0 ** -np.arange(1, 8)
 _POWERS = (0.5, 1.0, 1.5, 2.0)
 _SPEED_CENTRES, _SPEED_WIDTH = np.linspace(0.0, 1.0, 9), 0.15
@@ -123,13 +123,13 @@ def _warm(c: Circumstances, power: int) -> FloatArray:
 
 
 def _warm_bumps(c: Circumstances) -> FloatArray:
-    """Bumps over temperature, less their value at that of the static curve."""
+    """Bumps over temperature, less their value at the static curve's temperature."""
     bumps = np.exp(-0.5 * ((c.warmth_k[:, None] - _WARM_CENTRES) / _WARM_WIDTH) ** 2)
     return np.asarray(bumps - np.exp(-0.5 * (_WARM_CENTRES / _WARM_WIDTH) ** 2))
 
 
 def _since_zero(columns: Columns) -> Columns:
-    """Return what has changed since the zero was taken."""
+    """Return the change since the zero was measured."""
     return lambda c: columns(c) - columns(replace(c, warmth_k=c.zeroed_k))
 
 
@@ -148,7 +148,7 @@ def _falls(c: Circumstances) -> FloatArray:
 
 
 def _thinning(c: Circumstances) -> FloatArray:
-    """Viscosity over temperature less its value at that of the static curve."""
+    """Viscosity over temperature, less its value at the static curve's temperature."""
     limited = np.clip(c.warmth_k, -60.0, 60.0)
     return _stack(*(np.exp(-rate * limited) - 1.0 for rate in _VISCOSITIES))
 
@@ -163,7 +163,7 @@ def _forms(c: Circumstances) -> FloatArray:
 
 
 def _static_columns(c: Circumstances) -> FloatArray:
-    """Return what the first fit of the static curve may have got wrong."""
+    """Return columns for errors of the first fit of the static curve."""
     x, side = c.share, np.sign(c.share)
     waves = [f(k * np.pi * x) for k in range(1, 5) for f in (np.sin, np.cos)]
     loops = [c.branch * side * (1 - np.abs(x)) ** k for k in (1, 2)]
@@ -197,7 +197,7 @@ def _bent_drag_on_load(c: Circumstances) -> FloatArray:
 
 
 def _wanderings(runs: int) -> Columns:
-    """Return what creep and remanence leave of each run's zero: a constant, and what dies away."""
+    """Return columns of each run's zero after creep and remanence: constant and decaying part."""
 
     def columns(c: Circumstances) -> FloatArray:
         own = c.run[:, None] == np.arange(1, runs + 1)

@@ -1,4 +1,4 @@
-"""Linear model with blocks of columns: scales by evidence, and what their doubt adds."""
+"""Linear model with blocks of columns: scales by evidence, and the uncertainty of the scales."""
 
 from __future__ import annotations
 
@@ -139,7 +139,7 @@ def explore(
     doubtful : bool
         Whether to look beside the most probable scales as well.
     """
-    from scipy.optimize import minimize  # long to import; only empty runs need it
+    from scipy.optimize import minimize  # imported late: only empty runs need it
 
     owner = np.repeat(np.arange(len(sizes)), sizes)
     problem = _Problem(tuple(groups), owner, centres, widths)

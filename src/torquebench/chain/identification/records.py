@@ -1,4 +1,4 @@
-"""What an identification starts from: empty runs, and a calibration with its circumstances."""
+"""Input of an identification: empty runs, and a calibration with its conditions."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from torquebench.errors import InputError
 __all__ = ["SAME_K", "EmptyRun", "TurningCalibration", "stretches"]
 
 SAME_K = 2.0
-"""Points within it were taken at one temperature."""
+"""Points whose temperatures spread less than this were measured at one temperature."""
 
 _FEWEST_ROWS = 20
 

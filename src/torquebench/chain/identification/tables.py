@@ -1,4 +1,4 @@
-"""Identify what temperature, rotation and acceleration add, as tables that effects hold."""
+"""Identify effects of temperature, rotation and acceleration as tables."""
 
 from __future__ import annotations
 
@@ -33,16 +33,16 @@ from torquebench.errors import InputError
 __all__ = ["LEAST_KELVIN", "Identified", "identify"]
 
 _UNIT = 1e-4
-"""Columns' weights count in this share of full scale."""
+"""Unit of the columns' weights, as a share of full scale."""
 _NOISE, _NOISE_SPREAD = 1.0, 1.5
 LEAST_KELVIN = 4.0
-"""A smaller spread of temperatures says nothing of zero or span."""
+"""A smaller spread of temperatures doesn't identify zero or span."""
 _LEAST_SPEEDS = 4
 _LEAST_RAD_S2 = 1.0
 _LEAST_LOAD = 0.2
 _FEWEST_POINTS = 8
 _BEND = 0.045
-"""Usual size of bumps over temperature, as a share of the linear part over 20 K."""
+"""Prior size of bumps over temperature, as a share of the linear part over 20 K."""
 _OUTLIER = 5.0
 _RUNNING_IN_GAIN = 6.0
 _LEAST_EXTENSION_K = 10.0
@@ -51,7 +51,7 @@ _SPEED_NODES = 48
 _STILL = 0.001
 _FEWEST_IN_BIN = 20
 _MOST_ROWS = 20_000
-"""Rows of a run; samples of longer ones are averaged in groups."""
+"""Most rows of a run; samples of longer runs are averaged in groups."""
 
 
 @dataclass(frozen=True)
@@ -123,7 +123,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
         temperature_c=calibration.temperature_c,
         zero_temperature_c=calibration.zero_temperature_c,
         acceleration_rad_s2=0.0,
-        time_s=np.full(calibration.reading_nm.size, np.inf),  # run in
+        time_s=np.full(calibration.reading_nm.size, np.inf),  # after running-in
     )
     torque = calibration.reading_nm
     for effect in effects:
@@ -134,7 +134,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
 
 @dataclass(frozen=True, eq=False)
 class _Data:
-    """Rows of calibration and empty runs in units of the fit, and what they can tell."""
+    """Rows of calibration and empty runs in units of the fit, and what they identify."""
 
     range_nm: float
     calibrated_c: float
@@ -170,7 +170,7 @@ class _Data:
         speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
         largest_rpm = max(float(np.max(np.abs(speeds))), 1.0)
         accelerations = [np.abs(run.acceleration) for run in runs]
-        # a few derived values at the ends of ramps are no measure of what was driven
+        # derived values at the ends of ramps don't represent the driven accelerations
         largest_rad_s2 = float(np.quantile(np.concatenate(accelerations), 0.995)) if runs else 0.0
         share = calibration.standard_nm / range_nm
         data = cls(
@@ -273,7 +273,7 @@ class _Data:
 
 
 def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
-    """Return the record that the effects state."""
+    """Return the provenance that the effects state."""
     points = f"{calibration.reading_nm.size} points of the calibration"
     if not runs:
         return points
@@ -284,7 +284,7 @@ def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
 def _static_additional(
     calibration: TurningCalibration, near: NDArray[np.bool_], range_nm: float
 ) -> FloatArray:
-    """Return the additional torque at the points by those at standstill and at one temperature."""
+    """Return the additional torque at the points relative to standstill and one temperature."""
     rows = near if np.sum(near) >= _FEWEST_POINTS else np.ones(near.size, dtype=bool)
     if np.sum(rows) < _FEWEST_POINTS:
         raise InputError(
@@ -313,7 +313,7 @@ class _Fit:
     posterior: Posterior
     running_in_s: float
     left_over: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
-    """Size of the speed, share of the largest, and what the fit leaves of the empty runs."""
+    """Speed as a share of the largest, and the fit's residuals of the empty runs."""
 
     @classmethod
     def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
@@ -367,7 +367,7 @@ def _columns(used: Sequence[Block], rows: Circumstances) -> FloatArray:
 def _averaged(
     used: Sequence[Block], rows: Circumstances, target: FloatArray, together: int
 ) -> _Run:
-    """Return a run in means of some samples each, so that a long one stays small."""
+    """Return a run averaged in groups of samples, to limit its size."""
     if together == 1:
         return _columns(used, rows), target, rows
     count = target.size // together
@@ -410,7 +410,7 @@ def _groups(runs: Sequence[_Run], points: Normal, slowness: float = 1.0) -> list
 
 
 def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
-    """Return runs without outliers, and by how much their noise is correlated over time."""
+    """Return runs without outliers, and the correlation of their noise over time."""
     if not runs:
         return runs, 1.0
     residuals = [target - columns @ fit.mean for columns, target, _ in runs]
@@ -441,7 +441,7 @@ def _slowness(residual: FloatArray) -> float:
 
 
 def _tied(centres: FloatArray, used: Sequence[Block], data: _Data, fit: _Fit) -> FloatArray:
-    """Return centres with bumps over temperature in proportion to the slope that was found."""
+    """Return centres with bumps over temperature in proportion to the fitted slope."""
     tied = centres.copy()
     low, high = (limit - data.calibrated_c for limit in data.limits_c)
     at = Circumstances.of(2, share=1.0, warmth_k=np.array([low, high]))
@@ -462,7 +462,7 @@ def _running_in(
     prior: tuple[FloatArray, FloatArray],
     data: _Data,
 ) -> float:
-    """Return the time in which drag dies away, s; 0 where the runs show no such thing."""
+    """Return the time constant with which drag decays, s; 0 where the runs show none."""
     if not runs or "odd" not in data.groups:
         return 0.0
     longest = max(float(np.max(rows.time_s)) for _, _, rows in runs)
@@ -588,7 +588,7 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
 
 
 def _ripple(fit: _Fit, shares: FloatArray) -> FloatArray:
-    """Return how much more single readings scatter at speeds than at standstill, share of range."""
+    """Return the additional scatter of single readings at speed over standstill, share of range."""
     size, left = fit.left_over
     still = left[size <= _STILL]
     if still.size < _FEWEST_IN_BIN:

@@ -41,9 +41,9 @@ __all__ = ["BACK_DRIVING", "STARTING"]
 FloatArray = NDArray[np.float64]
 
 PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
-"""What elastic contacts, backlash and wind-up may move before a side is treated as turning."""
+"""Movement of elastic contacts, backlash and wind-up before a side is treated as turning."""
 TAKEN_AWAY = 0.85
-"""Share of the largest torque of a ramp below which its drive has let go."""
+"""Share of a ramp's largest torque below which the drive has released the torque."""
 
 
 def _plan(
@@ -58,7 +58,7 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
     parts = [_rising(each, side) for each in ramps.ramps]
     sizes = [part[0].size for part in parts]
     time_s, angle, torque, whole = (np.concatenate(column) for column in zip(*parts, strict=True))
-    # What a chain adds turns its sign with the torque: the mean of both directions keeps it.
+    # A chain's zero error changes sign with the direction: the mean of both directions keeps it.
     peak = max(float(np.max(np.abs(part[2]))) for part in parts)
     whole_nm = root_mean_square(whole) if ramps.compensated else nominal_nm(bench, side)
     relative = whole_nm / peak
@@ -79,9 +79,9 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
 
 
 def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Cut a ramp where the torque is taken away again.
+    """Cut a ramp before the torque is removed again.
 
-    Once it turns, the torque hardly rises any more: its largest sample is anywhere there.
+    Once the reducer turns, the torque hardly rises: its maximum may be anywhere after that.
     """
     recording = ramp.recording
     torque = recording.torque_nm(side) - ramp.standing_nm

@@ -28,7 +28,7 @@ from torquebench.reducers import EfficiencyMap, ReducerDescription, evaluate_eff
 __all__ = ["WORK"]
 
 LEAST_MAP = 2
-"""Torques and speeds that iso-lines need at least."""
+"""Smallest number of torques and of speeds for iso-lines."""
 
 
 def _plan(
@@ -39,7 +39,7 @@ def _plan(
 
 
 def _evaluate(bench: Bench, reducer: ReducerDescription, running: RunningRecording) -> Evaluated:
-    """Evaluate the efficiency map; the output's load is what brakes it, so its sign turns."""
+    """Evaluate the efficiency map; the output is braked, so its torque changes sign."""
     given, taken = running.torque_nm["input"], running.torque_nm["output"]
     speed = running.speed_rpm["input"]
     known = torque_uncertainty(bench, running, "input")
@@ -96,7 +96,7 @@ def _figure(result: EfficiencyMap) -> str:
                 fontsize=7.5,
                 bbox={"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0},
             )
-        axes.use_sticky_edges = False  # the measured points lie on the map's edges
+        axes.use_sticky_edges = False  # the measured points are on the map's edges
         axes.margins(0.06)
         axes.autoscale_view()
         axes.set_xlabel("input speed in rpm")
@@ -105,7 +105,7 @@ def _figure(result: EfficiencyMap) -> str:
 
 
 def _different(values: np.ndarray[tuple[int, ...], np.dtype[np.float64]]) -> int:
-    """Return how many values differ by more than 2 % of the largest."""
+    """Count the values that differ by more than 2 % of the largest."""
     ordered = np.sort(np.abs(values))
     return 1 + int(np.count_nonzero(np.diff(ordered) > 0.02 * ordered[-1]))
 

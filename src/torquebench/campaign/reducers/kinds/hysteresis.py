@@ -43,7 +43,7 @@ __all__ = ["WORK"]
 FloatArray = NDArray[np.float64]
 
 LARGE = 0.5
-"""Share of the loop's torque above which the torque is treated as large."""
+"""Share of a loop's torque above which the torque counts as large."""
 
 
 def _plan(
@@ -56,7 +56,7 @@ def _plan(
 def _loop_uncertainty(
     bench: Bench, ratio: float, loops: LoopRecording, recording: SynchronousRecording
 ) -> LoopUncertainty:
-    """Split the torque's uncertainty into what grows with torque and what branches keep."""
+    """Split the torque's uncertainty into a proportional part and one between branches."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
     known = LoopUncertainty(
@@ -72,8 +72,8 @@ def _loop_uncertainty(
     return replace(
         known,
         torque_relative=root_mean_square(whole[large] / np.abs(torque[large])),
-        # A reducer's loop is an inner loop of the chain's own hysteresis: what the model leaves
-        # of it stands between the branches at every torque, not only as little as near zero.
+        # A reducer's loop is an inner loop of the chain's own hysteresis: the model's residual
+        # hysteresis separates the branches at every torque, not less near zero.
         torque_branch_nm=root_mean_square(recording.output_curve_nm),
     )
 
@@ -111,7 +111,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
 
 
 def _flange(bench: Bench) -> FlangeInertia | None:
-    """Return what turns between the output's transducer and the reducer, if it is described."""
+    """Return the part that twists between the output's transducer and the reducer, if described."""
     module = bench.description.output
     if module.flange_inertia_kgm2 is None:
         return None
@@ -128,10 +128,10 @@ def _flange_remark(flange: FlangeInertia | None) -> str:
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:
-    """Return the angle of a flange: its encoder's, less what the bench twists between them.
+    """Return the angle of a flange: the encoder's angle less the twist of the bench between them.
 
-    The locked input counts too. Its shaft winds up under the torque that reaches it, T/R, and
-    that angle comes to the output divided by the ratio once more.
+    The locked input also twists. Its shaft carries the torque T/R, and its twist divided by the
+    ratio appears at the output.
     """
     twist = bench.twists.get(side)
     angle = recording.angle_rad(side)

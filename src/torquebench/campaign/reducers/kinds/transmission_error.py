@@ -28,10 +28,10 @@ __all__ = ["WORK"]
 
 
 def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float:
-    """Return the standard uncertainty of an encoder: resolution, and its error over a turn.
+    """Return the standard uncertainty of an encoder from resolution and error over a turn.
 
-    An error that goes once around as a sine of the accuracy given has it divided by √2; where a
-    certificate is subtracted, its uncertainty stays.
+    The stated accuracy is the amplitude of a sine over one turn, hence divided by √2; where a
+    certificate's correction is applied, its uncertainty remains.
     """
     if certified_rad is not None:
         return float(np.hypot(resolution_rad(bench, side) / np.sqrt(12.0), certified_rad))
@@ -111,7 +111,7 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
 
 
 def _polar(result: TransmissionErrorResult) -> str:
-    """Draw the error over one output revolution as a polar plot; the circle in the middle is 0."""
+    """Draw the error over one output revolution as a polar plot, with a circle at zero."""
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=(7.6, 4.4), layout="constrained")
         FigureCanvasSVG(figure)
