@@ -15,7 +15,7 @@ from tests.watching import Watching
 
 from torquebench.bench.prompts import QueuedOperator
 from torquebench.compensation import load_model
-from torquebench.errors import BenchError, InputError, RecordError, TorquebenchError
+from torquebench.errors import BenchError, InputError, RecordError
 from torquebench.panel.pages.calibrate.workflow import Dismissed, find_workflow
 from torquebench.panel.run_in_process import ProcessEndedError, run_in_process
 from torquebench.panel.service import (
@@ -113,7 +113,7 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
         ("verify", {"calibration_id": 9}, RecordError),
         ("check", {"side": "output", "profile": "nobodys"}, NotFoundError),
         ("resume-calibration", {"run_id": "none"}, RecordError),
-        ("finish-run", {"run_id": "none"}, TorquebenchError),
+        ("finish-run", {"run_id": "none"}, NotFoundError),
         ("reducer-test", {"test": "hysteresis", "reducer": "nobodys"}, NotFoundError),
     ):
         with pytest.raises(refusal):  # at the request, not in the job

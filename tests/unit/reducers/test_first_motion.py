@@ -44,6 +44,21 @@ def test_motion_after_parts_have_settled_and_crept_is_found() -> None:
     assert 9.6 < first_motion(time, angle, threshold_rad=9e-3).time_s < 10.6
 
 
+@settings(max_examples=40, deadline=None)
+@given(creep=st.floats(1.5e-4, 5e-4), turns=st.floats(0.5, 2.0), brake=st.floats(-0.01, 0.01))
+def test_creep_that_begins_the_other_way_does_not_hide_the_motion(
+    creep: float, turns: float, brake: float
+) -> None:
+    """The brake's release strains the contacts; their recovery reverses the first creep."""
+    time = np.arange(0.0, 11.0, 0.01)
+    since = np.maximum(time - 0.3, 0.0)
+    angle = brake * (time > 0.3) - creep * (since**2 - 2.0 * turns * since)
+    angle -= 0.01 * np.maximum(time - 9.0, 0.0) ** 3
+    found = first_motion(time, angle, threshold_rad=8.7e-3)
+    assert found.direction == -1
+    assert abs(found.time_s - 9.0) < 0.6
+
+
 def test_torque_that_stands_still_once_it_turns_is_read_there() -> None:
     """The inertia takes up what the drive adds: a late date costs little then."""
     time = np.arange(0.0, 9.0, 0.01)

@@ -14,6 +14,8 @@ QUIET_SAMPLES = 6
 """Least samples at rest before the first motion."""
 CREEP_WINDOWS = 40
 """Parts of a ramp in which its speed is checked."""
+ACCELERATION_OF_CREEP = 1.5
+"""Growth of the acceleration from one fifth of a ramp to the next of creep at most (motion: 2)."""
 SIGNIFICANT = 5.0
 """Standard deviations of the noise that are treated as motion."""
 
@@ -82,7 +84,7 @@ def first_motion(
         raise InputError("times that go back", "times that rise within a run", "sort the run")
     crossing, line, noise, level = _crossing(time, angle, threshold_rad)
     if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
-        creeping = _creeping(time, angle, threshold_rad)
+        creeping = _creeping(time, angle, threshold_rad, moves=crossing < time.size)
         # A straight line through much creep misses the motion, or finds it too early.
         if creeping is not None and (crossing == time.size or creeping[0] > crossing):
             crossing, line, noise = creeping
@@ -142,22 +144,27 @@ def _crossing(
 
 
 def _creeping(
-    time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float
+    time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float, *, moves: bool
 ) -> tuple[int, NDArray[np.float64], float] | None:
     """Return what `_crossing` does, of an angle that creeps before it moves; None if it doesn't.
 
     Under a uniform ramp the creep's speed grows with time, so that its path is a parabola; it ends
     where the angle is half as fast again for good. The very beginning, where elastic parts wind
-    up, isn't checked.
+    up, isn't checked. `moves` says that the angle leaves a straight line for good: an inertia may
+    turn already then.
     """
     edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
     speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)
     since = 0.5 * (time[edges][1:] + time[edges][:-1]) - time[0]
-    # An inertia that turns already gets faster with the square of time: that is no creep.
-    first, second = np.array_split((speed / since)[CREEP_WINDOWS // 10 : CREEP_WINDOWS // 2], 2)
-    growth = float(np.median(second))
-    if abs(growth) > 2.0 * abs(float(np.median(first))):
-        return None
+    first = slice(CREEP_WINDOWS // 10, 3 * CREEP_WINDOWS // 10)
+    second = slice(first.stop, CREEP_WINDOWS // 2)
+    growth = float(np.median((speed / since)[second]))
+    if moves and abs(growth) > 2.0 * abs(float(np.median((speed / since)[first]))):
+        # An inertia that turns already gets faster with the square of time: its acceleration
+        # doubles. Creep keeps its own, but may begin the other way after the brake is released.
+        before, after = (np.polyfit(since[part], speed[part], 1)[0] for part in (first, second))
+        if after * before <= 0.0 or abs(after) > ACCELERATION_OF_CREEP * abs(before):
+            return None
     fastest = 1.5 * abs(growth) * since + threshold / (time[-1] - time[0])
     slow = np.flatnonzero(np.abs(speed) <= fastest)
     if not slow.size or slow[-1] < CREEP_WINDOWS // 3 or slow[-1] + 1 == CREEP_WINDOWS:

@@ -11,10 +11,12 @@ from typing import Annotated
 from pydantic import Field
 
 from torquebench.campaign.finishing import discard_run, find_unfinished, finish_run
+from torquebench.errors import InputError
 from torquebench.panel.service.fields import RunId
 from torquebench.panel.service.jobs.calibrations import calibration_job_result
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.jobs.values import JobResult
+from torquebench.panel.service.problems import NotFoundError
 from torquebench.records import Registry, unfinished_runs
 
 __all__ = ["FINISHING_KINDS", "DiscardRequest", "FinishRequest", "UnfinishedView", "unfinished"]
@@ -89,7 +91,10 @@ def run_discard(context: JobContext, request: DiscardRequest) -> JobResult:
 
 
 def _check_unfinished(place: Workplace, request: FinishRequest | DiscardRequest) -> None:
-    find_unfinished(place.station.registry, request.run_id)
+    try:
+        find_unfinished(place.station.registry, request.run_id)
+    except InputError as problem:
+        raise NotFoundError(problem.found, problem.allowed, problem.remedy) from None
 
 
 FINISHING_KINDS: tuple[JobKind, ...] = (
