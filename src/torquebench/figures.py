@@ -1,4 +1,4 @@
-"""Figures as SVG text, and the style that all of them have.
+"""Figures as SVG text, and their common style.
 
 Every function takes arrays in SI units and returns the text of an ``<svg>`` element. The text
 is reproducible: the same arrays give the same bytes.
@@ -37,7 +37,7 @@ __all__ = [
     "svg_text",
 ]
 
-# Okabe and Ito's palette: told apart by colour-blind readers and in grey print.
+# Okabe and Ito's palette: distinguishable for colour-blind readers and in grey print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 RAW_COLOUR = "#8A8A8A"
 STYLE: Any = {  # Matplotlib types its keys one by one
@@ -400,7 +400,7 @@ def friction_figure(
 
 
 def _line_by_direction(axes: Axes, curve: Curve, line: str, colour: str) -> None:
-    """Draw a curve in two pieces, so that no line crosses the step at rest."""
+    """Draw a curve in two pieces, so that no line crosses the step at zero torque."""
     label: str | None = curve.label
     for sign in (1.0, -1.0):
         chosen = np.sign(curve.x) == sign

@@ -443,7 +443,7 @@ class CompensationModel(Estimator, ABC):
         return max(-self.reading_low_nm_, self.reading_high_nm_) / (1.0 + self.range_margin)
 
     def _reached(self, largest_nm: float) -> float:
-        """Return how far a direction was loaded, N·m: to full scale where that was meant."""
+        """Return the largest torque of a direction, N·m: full scale where that was intended."""
         whole = largest_nm >= WHOLE_SHARE * self.full_scale_nm_
         return self.full_scale_nm_ if whole else largest_nm
 

@@ -31,11 +31,11 @@ from torquebench.progress import SHARES, Progress
 
 __all__ = ["BayesianNetworkModel", "NetworkMember", "train_member"]
 
-_FIRST_DAMPING = 10.0  # times the precisions: the first steps keep the spread of the start
+_FIRST_DAMPING = 10.0  # times the precisions: keeps the first steps close to the start
 _LARGEST_DAMPING = 1e10
-_LEAST_NOISE_VARIANCE = 1e-12  # in scaled units: data without noise must not divide by zero
+_LEAST_NOISE_VARIANCE = 1e-12  # in scaled units: avoids division by zero for data without noise
 _NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
-_START_SIZES = (1.0, 0.25)  # of Nguyen and Widrow's: from fine to smooth
+_START_SIZES = (1.0, 0.25)  # in units of Nguyen and Widrow's: from fine to smooth
 
 
 @storable
@@ -68,7 +68,7 @@ class NetworkMember:
 
 
 class _Problem:
-    """Everything about the current weights that a step and the evidence need.
+    """State at the current weights for the next step and the evidence.
 
     With fewer points n than parameters p the systems are solved in n dimensions (Woodbury) with
     the tangent kernels J_g J_gᵀ, else in p dimensions with the Gauss-Newton Hessian.
@@ -113,7 +113,7 @@ class _Problem:
             system = self.normal / noise_variance
             system.reshape(-1)[:: self.flat.size + 1] += precisions.repeat(self.sizes)
         diagonal = system.reshape(-1)[:: len(system) + 1]
-        diagonal += rounding(diagonal)  # repeats without noise make equal rows
+        diagonal += rounding(diagonal)  # noise-free repeats give equal rows
         factor, info = lapack.dpotrf(system.T, lower=1, clean=1, overwrite_a=1)
         if info != 0:
             raise np.linalg.LinAlgError
@@ -138,7 +138,7 @@ class _Problem:
         inverse = lapack.dpotri(factor, lower=1, overwrite_c=1)[0]
         diagonal = inverse.diagonal()
         if self.in_points:
-            # Σ over both triangles of a symmetric product, from the lower one: the upper is zero.
+            # Σ over both triangles of a symmetric product; only the lower one is filled.
             both = 2.0 * (self.kernels @ inverse.T.reshape(-1))
             both -= self.kernels[:, :: self.count + 1] @ diagonal
             return both / precisions, log_determinant

@@ -1,4 +1,4 @@
-"""Checks of calibration points before any model sees them: named, refused or down-weighted."""
+"""Checks of calibration points before a fit: refused, reported or down-weighted."""
 
 from __future__ import annotations
 
@@ -26,13 +26,16 @@ __all__ = [
 ]
 
 WHOLE_SHARE = 0.9
-"""Share of the range from which on a calibration is treated as one to full scale: readings of the
-last step are a little off it, and placed points needn't lie on it."""
+"""Share of the range from which on a calibration counts as full-scale: readings of the last step
+deviate a little from it, and adaptively placed points may end before it.
+"""
 
-# An outlier is this many standard deviations beyond its neighbours; more where few points make
-# the standard deviation uncertain. Normal noise has such a point in less than 1 of 1000 data sets.
+# An outlier deviates by this many standard deviations from its neighbours; the number grows where
+# few points make the standard deviation uncertain. Normal noise gives one in less than 1 of 1000
+# data sets.
 _OUTLIER_SCALES, _OUTLIER_SCALES_PER_POINT = 6.0, 60.0
-# and at least this share of the largest torque: spline engagement makes real bumps up to 0.05 % FS
+# and by at least this share of the largest torque: spline engagement causes real bumps up to 0.05 %
+# FS
 _OUTLIER_SHARE_OF_LARGEST = 5e-4
 _CONTRADICTION_SCALES = 10.0
 _CONTRADICTION_SHARE_OF_SPAN = 1e-3
@@ -200,7 +203,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
     )
     for position, point in zip(positions, outlying, strict=True):
         weights[position] = min(1.0, (point.scatter_nm / point.residual_nm) ** 2)
-    # A model has to divide by weights; a point that is 10 000 scatters off has no say anyway.
+    # A model divides by weights; a point 10 000 standard deviations off has no influence anyway.
     return np.maximum(weights, 1e-8), outlying
 
 
@@ -238,7 +241,8 @@ def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
         outlying = np.flatnonzero(excess > limit)
         if outlying.size == 0:
             break
-        # Next to an outlier a good one can look bad: take the worst of each neighbourhood first.
+        # A good point next to an outlier can look bad: remove the worst of each neighbourhood
+        # first.
         outlying = np.array(
             [i for i in outlying if excess[i] >= np.max(excess[_around(int(i), kept.size)])]
         )
@@ -303,7 +307,7 @@ def reduce_points(
 
 
 def _neighbours(reading: FloatArray, stratum: NDArray[np.intp], maximum: int) -> NDArray[np.intp]:
-    """Give sorted points the number of their group: equally many in each, wide groups divided."""
+    """Return the group number of sorted points: groups of equal size, wide ones divided."""
     width = max(float(reading[-1] - reading[0]), 1e-300)
     group = np.empty(stratum.size, dtype=np.intp)
     first = 0
@@ -322,7 +326,7 @@ def _neighbours(reading: FloatArray, stratum: NDArray[np.intp], maximum: int) ->
 
 
 def _strata(X: FloatArray, used_features: tuple[str, ...]) -> NDArray[np.intp]:
-    """Give each point the number of the set within which points may be averaged."""
+    """Return the number of the set within which each point may be averaged."""
     stratum = np.zeros(X.shape[0], dtype=np.intp)
     for index, name in enumerate(FEATURES[: X.shape[1]]):
         if index == 0 or name not in used_features:
@@ -356,7 +360,7 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
     for start, stop in zip(starts, np.r_[starts[1:], group.size], strict=True):
         values = points.y[order[start:stop]]
         near_median = np.abs(values - np.median(values)) <= limit
-        # Of three or more, a majority shows which one is the outlier; two contradict each other.
+        # With three or more, a majority identifies the outlier; with two it can't be identified.
         if values[-1] - values[0] > limit and 2 * np.count_nonzero(near_median) <= values.size + (
             values.size == 2
         ):
@@ -417,7 +421,7 @@ def _around(index: int, count: int) -> slice:
 
 
 def _against_neighbours(residual: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Median of each point's neighbours, and how far the point lies beyond all of them."""
+    """Return the median of each point's neighbours, and the point's distance beyond all of them."""
     reach = _NEIGHBOURS_PER_SIDE
     padded = np.pad(residual, reach, constant_values=np.nan)
     windows = np.lib.stride_tricks.sliding_window_view(padded, 2 * reach + 1)

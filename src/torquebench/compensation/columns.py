@@ -1,4 +1,4 @@
-"""Columns of a feature matrix: what is known about a reading beside its value."""
+"""Columns of a feature matrix: the quantities of a reading."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ BRANCH_WORDS: Mapping[str, int] = {
     ),
     **dict.fromkeys(("unknown", "0", "0.0"), 0),
 }
-"""What each word in a column ``branch`` means: +1, -1 or 0."""
+"""Meaning of each word in a column ``branch``: +1, -1 or 0."""
 
 
 def branch_values(branch: ArrayLike) -> FloatArray:

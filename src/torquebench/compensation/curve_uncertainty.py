@@ -1,19 +1,19 @@
 """The standard uncertainty of a model's curve, tabulated, and where it comes from.
 
-What a simple form can't follow is no scatter: a parabola through a chain with a loop and ripple is
-wrong in the same way at the same reading every time, so that the covariance of its coefficients
-says nothing of its error. The truth isn't known, but its posterior is: the hybrid model's, which
-averages over everything a chain may show. A model's value m is therefore compared with it. With
-the truth f distributed as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known
-spread. This is the discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001)
-425-464), taken conditionally on the calibration; the model's values stay its own.
+The error of a simple form isn't scatter: a parabola through a chain with a loop and ripple has the
+same error at the same reading every time, which the covariance of its coefficients doesn't contain.
+The truth is unknown, but the hybrid model has a posterior of it, which averages over all effects of
+a chain. A model's value m is therefore compared with this posterior. With the truth f distributed
+as N(f̂, s²), the model's error is N(m − f̂, s²), a known bias with a known spread. This is the
+discrepancy of M. C. Kennedy and A. O'Hagan (J. R. Stat. Soc. B 63 (2001) 425-464), conditional on
+the calibration. The model's values don't change.
 
-A bias that isn't corrected is no normal distribution: adding its square to the variance (GUM
-F.2.4.5) makes intervals too wide where the bias rules, since ±1.96 |m − f̂| nearly always holds.
-The half-width U is therefore solved for, so that 95 % of the error's distribution at a reading, on
-all branches that the model can't tell apart, lie within ±U; the standard uncertainty is U / 1.96.
-Readings up to the next node of the table share a U: wider neighbourhoods, in which the bias
-changes, hold the truth too often, and a mean of narrower ones too rarely where a model is rough.
+An uncorrected bias isn't normally distributed: adding its square to the variance (GUM F.2.4.5)
+makes intervals too wide where the bias dominates, as ±1.96 |m − f̂| then covers nearly always. The
+half-width U is therefore computed such that 95 % of the error's distribution at a reading, over all
+branches that the model doesn't distinguish, are within ±U; the standard uncertainty is U / 1.96. U
+is computed from the readings up to the next node of the table: wider neighbourhoods, over which the
+bias changes, cover too often, and a mean over narrower ones too rarely where a model is rough.
 """
 
 from __future__ import annotations

@@ -1,11 +1,10 @@
-"""Where to measure next: calibration points that lower the predicted uncertainty most.
+"""Optimal design: calibration points that lower the predicted uncertainty most.
 
-A Gaussian process fitted to the first, coarse series says how strongly a new point would inform
-every place of the range; the model that is going to be used says how uncertain each place is now.
-Points are chosen one after the other, each the one that lowers the criterion most when all those
-before it are taken as measured: what a point will read doesn't matter for that, only where it lies
-(greedy sequential design; A. Krause, A. Singh, C. Guestrin, J. Machine Learning Research 9 (2008)
-235-284).
+A Gaussian process fitted to a first, coarse series predicts how strongly a new point would inform
+each place of the range; the model in use states its present uncertainty there. Points are chosen
+one by one, each the one that lowers the criterion most when all chosen ones are treated as
+measured. This depends on their places only, not on their readings (greedy sequential design; A.
+Krause, A. Singh, C. Guestrin, J. Machine Learning Research 9 (2008) 235-284).
 """
 
 from __future__ import annotations
@@ -28,10 +27,10 @@ Criterion = Literal["worst", "integrated"]
 
 _PLACES = 121
 _SHARPNESS = 16
-"""Exponent of the mean that stands for the worst: a maximum alone can't tell two peaks apart."""
+"""Exponent of the mean that approximates the maximum, which can't distinguish two peaks."""
 
 _MOST = 150
-"""Points of one proposal: more would be chosen on a guess that the first of them ought to check."""
+"""Most points of one proposal: more would rely on predictions that the first ones should check."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +107,7 @@ def propose_points(
     places = np.tile(np.linspace(low, high, _PLACES), 2)
     branch = np.repeat([1.0, -1.0], _PLACES)
     posterior, noise = _posterior(process, places, branch)
-    # how far a point's information reaches is the process', how much is unknown the model's
+    # the process gives the reach of a point's information, the model the present uncertainty
     deviation = _model_deviation(model, rows.shape[1], places, branch)
     scale = deviation / np.sqrt(np.diag(posterior))
     posterior *= np.outer(scale, scale)
@@ -161,7 +160,7 @@ def _model_deviation(
 
 
 def _score(variance: FloatArray, criterion: Criterion) -> FloatArray:
-    """Return what is to be made small, for each column of variances over the range."""
+    """Return the criterion to be minimised, for each column of variances over the range."""
     if criterion == "integrated":
         return np.asarray(np.mean(variance, axis=0))
     largest = np.max(variance)
@@ -170,13 +169,13 @@ def _score(variance: FloatArray, criterion: Criterion) -> FloatArray:
 
 
 def _uncertainty(variance: FloatArray, criterion: Criterion) -> float:
-    """Return the standard uncertainty by the criterion."""
+    """Return the standard uncertainty from the criterion."""
     size = np.max(variance) if criterion == "worst" else np.mean(variance)
     return float(np.sqrt(max(size, 0.0)))
 
 
 def _staircase(target: FloatArray, branch: FloatArray) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-    """Order points as a bench loads them: each direction up and down again, clockwise first."""
+    """Order points as a bench loads them: each direction rising and falling, clockwise first."""
     counter_clockwise = target < 0
     size = np.where(branch > 0, np.abs(target), -np.abs(target))
     return np.lexsort((size, -branch, counter_clockwise))

@@ -1,6 +1,6 @@
 """Model discrepancy: the uncertainty of any estimator against the posterior of the truth.
 
-What the uncertainty means and why it isn't a covariance stands in `curve_uncertainty`.
+The definition of this uncertainty is in `curve_uncertainty`.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ Values = Callable[[FloatArray, FloatArray], FloatArray]
 Posterior = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 """Mean and standard deviation of the true additional torque from u and branch."""
 
-_SPACING = 0.025  # of the nodes, as a share of full scale
+_SPACING = 0.025  # distance of the nodes, as a share of full scale
 _SAMPLES_PER_NODE = 4
 FEWEST_POINTS = 8
-"""Fewer say nothing of what a form can't follow."""
+"""Fewest points for which a discrepancy is estimated."""
 
 
 class DiscrepancyUncertainty(CompensationModel):
@@ -203,7 +203,7 @@ class DiscrepancyUncertainty(CompensationModel):
         self.degrees_of_freedom_ = fitted.degrees_of_freedom_
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
-        raise NotImplementedError  # `fit` leaves it to the estimator
+        raise NotImplementedError  # `fit` leaves the check to the estimator
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         if self.uncertainty_ is None:
@@ -243,12 +243,12 @@ def fit_posterior(
         outliers=estimator.outliers,
     )
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # the estimator has said what there is to say
+        warnings.simplefilter("ignore")  # the estimator has already warned
         return fitted.fit(_with_branch(np.asarray(X, dtype=np.float64)), y)
 
 
 def _with_branch(X: FloatArray) -> FloatArray:
-    """Return the columns up to the series at least, zeros where they aren't given."""
+    """Return the columns up to the series at least, filled with zeros."""
     return np.pad(X, ((0, 0), (0, max(3 - X.shape[1], 0))))
 
 
@@ -261,7 +261,7 @@ def _against(
     series = float(np.min(feature_column(X, "series")))
 
     def rows(u: FloatArray, branch: FloatArray) -> FloatArray:
-        # u times full scale rounds, at the limits perhaps to beyond them
+        # u times full scale rounds, and may then exceed the limits
         full = np.zeros((u.size, max(width, 3)))
         full[:, :3] = features(np.clip(scale * u, low, high), branch, series)
         return full
@@ -334,7 +334,7 @@ def discrepancy(
     if not branch_aware:
         both = std(error(0.0, 1.0), error(0.0, -1.0))
         return CurveUncertainty(u[nodes], both, both, both)
-    # Half a loop to either side, next to other contributions in a budget: its standard deviation.
+    # Half a loop to either side; the budget needs its standard deviation.
     halves = [bias**2 + spread**2 for bias, spread in (error(0.0, 1.0), error(0.0, -1.0))]
     middle = np.sqrt(np.mean(np.concatenate(halves, axis=1), axis=1))
     return CurveUncertainty(u[nodes], std(error(1.0, 1.0)), std(error(-1.0, -1.0)), middle)

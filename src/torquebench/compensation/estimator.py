@@ -1,7 +1,7 @@
-"""What makes a model an estimator of scikit-learn, without importing scikit-learn to use one.
+"""The scikit-learn estimator interface of models, without importing scikit-learn.
 
-A model that is fitted to arrays, read from a file or applied needs nothing of it; importing it
-takes longer than all of that. What scikit-learn asks of an estimator imports it when it asks.
+Fitting a model to arrays, reading it from a file and applying it don't need scikit-learn, whose
+import takes longer than all three. The methods that scikit-learn itself calls import it.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ class Truth:
 
 
 Limit = Between | OneOf | Truth | None
-"""What a parameter may be; None allows None."""
+"""Type of a parameter's value; None allows None."""
 
 
 class Estimator:
@@ -101,7 +101,7 @@ class Estimator:
 
     n_features_in_: int
     limits: ClassVar[dict[str, tuple[Limit, ...]]] = {}
-    """What each parameter may be, if it isn't free."""
+    """Allowed values of each parameter, if restricted."""
 
     @classmethod
     @functools.cache
@@ -161,7 +161,7 @@ class Estimator:
     def __sklearn_tags__(self) -> Any:
         from sklearn.utils import RegressorTags, Tags, TargetTags
 
-        # scikit-learn's test sets hide the signal in any column; here only the first is a reading.
+        # scikit-learn's test data vary any column; here only the first is a reading.
         return Tags(
             estimator_type="regressor",
             target_tags=TargetTags(required=True),
@@ -198,7 +198,7 @@ class Estimator:
             )
 
     def _require_fit(self) -> None:
-        """Raise scikit-learn's `NotFittedError` where the model isn't fitted."""
+        """Raise scikit-learn's `NotFittedError` if the model isn't fitted."""
         if "points_" not in vars(self):
             from sklearn.utils.validation import check_is_fitted
 
@@ -226,7 +226,7 @@ class Estimator:
 
 
 def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:
-    """Whether values are an array of finite float64 with something in it."""
+    """Return whether values are a non-empty array of finite float64."""
     return (
         type(values) is np.ndarray
         and values.dtype == np.float64

@@ -1,4 +1,4 @@
-"""Exports of a compiled table, by the ending of the file's name."""
+"""Exports of a compiled table; the file name's ending gives the format."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ EXPORTS: dict[str, Callable[[Path, CompensationTable, Provenance], Path]] = {
     ".h": export_header,
     ".onnx": export_onnx,
 }
-"""Exporters by the ending of the file's name."""
+"""Exporters by file name ending."""
 
 
 def check_export(path: Path, *, decimal_comma: bool = False) -> None:
@@ -84,5 +84,5 @@ def export_table(
 
 
 def _ending(path: Path) -> str:
-    """Return which format a name stands for; standard output takes CSV."""
+    """Return the format of a file name; standard output takes CSV."""
     return ".csv" if is_standard_output(path) else path.suffix.lower()

@@ -1,4 +1,4 @@
-"""CSV export: nodes of the compensated torque for linear interpolation, as LabVIEW does it."""
+"""CSV export: nodes of the compensated torque for linear interpolation, as in LabVIEW."""
 
 from __future__ import annotations
 
@@ -22,13 +22,14 @@ FloatArray = NDArray[np.float64]
 
 _BRANCHES = ((1, "up"), (-1, "down"), (0, "unknown"))
 _LINEAR_SHARE = 5e-7
-"""What linear interpolation may add to the table's own bound, in full scales."""
+"""Largest error that linear interpolation adds to the table's own bound, as a share of full scale.
+"""
 
 _UNCERTAINTY_SHARE = 0.03
-"""What it may change of a standard uncertainty."""
+"""Largest relative change of a standard uncertainty."""
 
 _BESIDE_ZERO = 1e-9
-"""Distance in full scales of the two rows that hold a step at torque reversal."""
+"""Distance of the two rows that represent a step at torque reversal, as a share of full scale."""
 
 
 def export_csv(
@@ -125,7 +126,7 @@ def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
 
 
 def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) -> float:
-    """Bound of what linear interpolation between the nodes adds on one branch."""
+    """Bound of the error of linear interpolation between the nodes on one branch."""
     values = _values(table, nodes, branch, uncertainty=False)
     worst = 0.0
     for share in (0.25, 0.5, 0.75):
@@ -133,12 +134,12 @@ def _linear_deviation(table: CompensationTable, nodes: FloatArray, branch: int) 
         line = values[:-1] + share * np.diff(values)
         deviation = np.abs(line - _values(table, between, branch, uncertainty=False))
         worst = max(worst, float(np.max(deviation[np.diff(nodes) > 1e-8 * table.full_scale_nm])))
-    # a cubic's largest deviation lies between the three points, by less than a tenth of it
+    # a cubic's largest deviation may lie between the three points, larger by less than a tenth
     return 1.1 * worst
 
 
 def _follow_uncertainty(table: CompensationTable, nodes: FloatArray) -> bool:
-    """Whether the rows are close-set enough for the standard uncertainty as well."""
+    """Return whether the rows are close enough for the standard uncertainty as well."""
     if table.uncertainty_curve is None:
         return True
     middle, negligible = 0.5 * (nodes[:-1] + nodes[1:]), 1e-6 * table.full_scale_nm

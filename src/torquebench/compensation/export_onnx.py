@@ -119,7 +119,7 @@ class _Graph:
         above = self.apply("GreaterOrEqual", ["reading_nm", low], "above_low")
         below = self.apply("LessOrEqual", ["reading_nm", high], "below_high")
         self.apply("And", [above, below], "in_range")
-        # a comparison with not-a-number is false, so that the limit is taken
+        # a comparison with NaN is false and selects the limit
         greater = self.apply("Greater", ["reading_nm", low], "greater_than_low")
         raised = self.apply("Where", [greater, "reading_nm", low], "raised")
         self.apply("Min", [raised, high], "clamped")

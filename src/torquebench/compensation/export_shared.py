@@ -1,4 +1,4 @@
-"""What all exports of a compiled table share: provenance in words."""
+"""Provenance of a compiled table in words, for all exports."""
 
 from __future__ import annotations
 

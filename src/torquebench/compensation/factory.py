@@ -1,4 +1,4 @@
-"""Models by their names, ready for use, and rebuilt from model files."""
+"""Create models by name, and rebuild them from model files."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from torquebench.errors import InputError
 __all__ = ["POSTERIOR_POINTS", "make_model", "model_from_state"]
 
 POSTERIOR_POINTS = 200
-"""Points that the posterior of the truth is fitted to; more are averaged with their neighbours."""
+"""Largest number of points to which the posterior of the truth is fitted; more are averaged."""
 
 
 def make_model(name: str, **parameters: Any) -> CompensationModel:

@@ -23,11 +23,11 @@ from torquebench.progress import SHARES, Progress
 
 __all__ = ["GaussianProcessModel", "log_posterior"]
 
-_RADIUS = 1.1  # of the design's points, in units of √(number of hyper-parameters)
+_RADIUS = 1.1  # radius of the design's points, in units of √(number of hyper-parameters)
 _BOUNDS = [
     (mean - 4 * std, mean + 4 * std) for mean, std in zip(PRIOR_MEAN, PRIOR_STD, strict=True)
 ]
-_LARGEST_STEP = 1.5  # no direction of the hyper-parameters is explored further than its prior's std
+_LARGEST_STEP = 1.5  # largest step in hyper-parameters, in prior standard deviations
 _JITTER = 1e-14
 
 
@@ -207,7 +207,7 @@ class GaussianProcessModel(CompensationModel):
 
 def _find_mode(data: _Data) -> FloatArray:
     """Maximise the posterior from a smooth and a rough start."""
-    from scipy.optimize import minimize  # long to import; other models need none of it
+    from scipy.optimize import minimize  # imported late: other models don't need it
 
     def objective(theta: FloatArray) -> tuple[float, FloatArray]:
         value, gradient = log_posterior(data.points, data.target, data.weights, theta)
@@ -224,7 +224,7 @@ def _find_mode(data: _Data) -> FloatArray:
 
 
 def _design(data: _Data, mode: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """Return points on the principal axes of the posterior round its mode, and their weights."""
+    """Return points on the principal axes of the posterior around its mode, and their weights."""
     size, step = mode.size, 1e-3
     hessian = np.empty((size, size))
     for k in range(size):
@@ -240,7 +240,7 @@ def _design(data: _Data, mode: FloatArray) -> tuple[FloatArray, FloatArray]:
     density = np.array(
         [log_posterior(data.points, data.target, data.weights, t)[0] for t in thetas]
     )
-    # Equal weights of the outer points that make E[zᵀz] = m for a standard normal z.
+    # The outer points have equal weights such that E[zᵀz] = m for a standard normal z.
     outer = 1.0 / (2 * size * (_RADIUS**2 - 1.0) * np.exp(-0.5 * radius**2))
     weights = np.exp(density - density[0])
     weights[1:] *= outer

@@ -1,21 +1,22 @@
-"""Hysteresis with memory: which branch a live reading is on follows from where it came from.
+"""Hysteresis with memory: the branch of a live reading follows from the readings before it.
 
 A reading that reverses in mid-range is on neither branch of the calibrated loop. Its place
-between them is the state of play (backlash) operators of several widths w, moved by the readings:
+between them follows from the state of play (backlash) operators of several widths w, which the
+readings move:
 
     p ← max(x − w, min(x + w, p)),    s = (x − p) / w  in [−1, 1]
 
 (A. Visintin, Differential Models of Hysteresis, Springer 1994, chapter III; M. Brokate and
 J. Sprekels, Hysteresis and Phase Transitions, Springer 1996.) The weighted mean of the s is +1
 after a long rise and −1 after a long fall. It is compared with the states that the calibration
-passed through at the same reading, so that on the calibrated loop the branch-aware model's own two
-curves come out, between them a mixture, and beyond them (a reversal through zero, which a series in
-one direction never sees) the loop's own amplitude. The operators keep order: an unknown initial
-state is carried as an interval, which closes as the history becomes known.
+passed through at the same reading. On the calibrated loop the result is the branch-aware model's
+two curves, between them a mixture, and beyond them (a reversal through zero, which a series in one
+direction doesn't contain) the loop's own amplitude. An unknown initial state is an interval of
+states, which closes as the history becomes known: the operators keep their order.
 
-A calibrated loop tells little of the plays' weights, and nothing of a loop that it never went
-round. The place within the loop is therefore also computed with equal weights, and what both differ
-by is uncertain; beyond the loop everything is, amplitude and its standard uncertainty together.
+A calibrated loop determines the operators' weights poorly, and says nothing of loops that were
+never measured. The place within the loop is therefore also computed with equal weights, and the
+difference counts as an uncertainty; beyond the loop the whole amplitude is uncertain.
 """
 
 from __future__ import annotations
@@ -43,11 +44,12 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 
 _GENERIC_WIDTHS = np.geomspace(0.005, 0.9, 14)
-"""Play widths in full scales: the narrowest is far above the noise of a reading, the widest never
-reverses within one direction."""
+"""Widths of the play operators in full scales: the narrowest is far above the noise of a reading,
+the widest never reverses within one direction.
+"""
 
 _REFERENCE_STEPS = 512
-"""Steps of a full scale in which the calibration's path is followed."""
+"""Steps of a full scale along the calibration's path."""
 
 
 def one_sided_path(full_scale_nm: float) -> FloatArray:
@@ -62,7 +64,7 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
 
 @njit(cache=True)
 def _follow(reading, widths, weights, lowest, highest, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    """Move the plays along the readings; `lowest` and `highest` are the states' bounds."""
+    """Move the play operators along the readings; `lowest` and `highest` bound their states."""
     for k in range(reading.size):
         x = reading[k]
         state_low = 0.0
@@ -86,7 +88,7 @@ class HysteresisOperator:
     widths_nm : float64 array of shape (j,)
         Play widths, above 0.
     weights : float64 array of shape (j,)
-        Shares of the plays, adding up to 1.
+        Shares of the play operators, adding up to 1.
     amplitude_nm : float
         Compensated torque after a long rise less that half-way, at the same reading.
     path_nm : float64 array of shape (k,)
@@ -140,7 +142,7 @@ class HysteresisOperator:
     def from_table(
         cls, table: CompensationTable, path_nm: ArrayLike | None = None
     ) -> HysteresisOperator:
-        """Find the play operators whose loop along the calibration's path is that of the model.
+        """Fit the play operators' loop along the calibration's path to the model's.
 
         The widths are the generic ones; their weights follow from how the model's two branches
         part and meet (non-negative least squares).
@@ -190,10 +192,10 @@ class HysteresisOperator:
         )
 
     def _weighted(self, parts: FloatArray, loop: FloatArray) -> HysteresisOperator:
-        """Weigh the plays, smoothly over the widths, so that `parts` add up to a loop."""
-        from scipy.optimize import nnls  # long to import; a chain without loops needs none of it
+        """Fit the operators' weights, smooth over the widths, to a loop."""
+        from scipy.optimize import nnls  # imported late: a chain without loops doesn't need it
 
-        # the shares of neighbouring widths are alike: without that, noise picks single widths
+        # neighbouring widths have similar weights: without that, noise would select single widths
         bend = np.diff(np.eye(parts.shape[1]), 2, axis=0)
         scale = float(np.sqrt(np.sum(parts**2) / parts.shape[1]))
         rows = [np.vstack([sign * parts, scale * bend]) for sign in (1.0, -1.0)]
@@ -222,10 +224,10 @@ class HysteresisOperator:
 
     @cached_property
     def _reference(self) -> tuple[FloatArray, FloatArray]:
-        """States on the grid when last passed falling and rising."""
+        """Return the states on the grid when last passed falling and rising."""
         falling, rising = np.full((2, self._grid.size), np.nan)
         tracker = self.tracker()
-        # a calibration starts from rest: the plays in the middle
+        # a calibration starts at rest, with the operators in the middle
         tracker.settle(float(self.path_nm[0]))
         for start, stop in zip(self.path_nm[:-1], self.path_nm[1:], strict=True):
             low, high = min(start, stop), max(start, stop)
@@ -243,7 +245,7 @@ class HysteresisOperator:
 
 
 class BranchTracker:
-    """Follows the state of the plays along a stream of readings.
+    """Follows the state of the play operators along a stream of readings.
 
     The result depends on the readings only, not on how the stream is cut into blocks.
 
@@ -269,14 +271,14 @@ class BranchTracker:
     def forget(self) -> None:
         """Take the past as unknown, as after a gap in the readings or with another mounting.
 
-        Only what full scale allows: a play never went farther than full scale less its width.
+        Limited by full scale only: no operator is farther out than full scale less its width.
         """
         largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
         self._highest = np.maximum(largest - self._widths, 0.0)
         self._lowest = -self._highest
 
     def settle(self, reading_nm: float) -> None:
-        """Take the past as a demagnetised rest at a reading: every play in its middle."""
+        """Start from a demagnetised state at a reading: every operator in its middle."""
         self._lowest = np.full(self._widths.size, reading_nm)
         self._highest = self._lowest.copy()
 
@@ -402,7 +404,7 @@ class HistoryCompensator:
         self._even_tracker.forget()
 
     def _at(self, reading: FloatArray, tracker: BranchTracker, even: BranchTracker) -> LiveTorque:
-        """Move on along the readings and compensate between the bounds of the state."""
+        """Move along the readings and compensate between the bounds of the state."""
         low, high = tracker.push(reading)
         falling, rising = self.operator.reference(reading)
         others = (*even.push(reading), *self._even.reference(reading))
@@ -419,9 +421,9 @@ def _mix(  # type: ignore[no-untyped-def] # Numba infers
 ):
     """Fill in torque, place, half-width, uncertainties and middle between the bounds of the state.
 
-    `torque` and `std` hold the rising curve's values first and the falling one's after them,
-    `amplitude` the loop's and its standard uncertainty, and `others` what comes first with equal
-    weights: bounds of the state, and both curves.
+    `torque` and `std` hold the rising curve's values and then the falling one's, `amplitude` the
+    loop's amplitude and its standard uncertainty, and `others` the bounds of the state and both
+    curves for equal weights.
     """
     count = low.size
     bound = np.empty(2)
@@ -461,13 +463,13 @@ def _mix(  # type: ignore[no-untyped-def] # Numba infers
 def _rising_and_falling(
     table: CompensationTable, reading: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Torque on the rising and on the falling curve: with growing and shrinking signed torque."""
+    """Return torque on the rising and on the falling curve of the signed torque."""
     upward = np.where(reading >= 0.0, 1, -1).astype(np.int8)
     return table.torque(reading, upward), table.torque(reading, -upward)
 
 
 def _filled(wanted: FloatArray, other: FloatArray) -> FloatArray:
-    """Fill readings that were never passed in one sense from the other, then from neighbours."""
+    """Fill readings never passed in one direction from the other, then from neighbours."""
     result = np.where(np.isnan(wanted), other, wanted)
     known = np.flatnonzero(~np.isnan(result))
     return np.asarray(np.interp(np.arange(result.size), known, result[known]), dtype=np.float64)

@@ -2,17 +2,17 @@
 
 Everything is in fractions of full scale; u is the reading, b the branch. The covariance is a sum:
 
-    trend        c² (u u′ + u²u′² + u|u| u′|u′|) + c₀²      equation 15, wide; a zero that was taken
+    trend        c² (u u′ + u²u′² + u|u| u′|u′|) + c₀²      equation 15, wide; the measured zero
     smooth       a₁² exp(−(u − u′)² / 2l₁²)               eq. 4.9 of Rasmussen & Williams (2006)
     rough        a₂² (1 + d + d²/3) exp(−d), d = √5|u − u′|/l₂           Matérn 5/2, eq. 4.17
     reversal     a₃² tanh(u/w) tanh(u′/w)                 the step where the torque reverses
     hysteresis   a₄² bs(1 − |u|) b′s′(1 − |u′|) exp(−(u − u′)² / 2l₄²)   closes at full scale
-    drift        d² t t′                                  the zero's creep since it was taken
+    drift        d² t t′                                  drift of the zero since its measurement
     noise        σ² where both points are the same one
 
-with s = sign(u) and t the time that passed at calibration points (zero elsewhere: the drift is no
-part of the curve). Unknown are the logarithms of a₁, l₁, a₂, l₂, a₃, a₄, σ (`PARAMETERS`), with
-independent normal priors whose widths of a factor of two to four leave the data to decide.
+with s = sign(u) and t the time since the beginning at calibration points (zero elsewhere: the drift
+isn't part of the curve). The logarithms of a₁, l₁, a₂, l₂, a₃, a₄, σ (`PARAMETERS`) are unknown,
+with independent normal priors of a width of a factor of two to four.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ PARAMETERS = (
 """Names of the hyper-parameters, in order."""
 
 PRIOR_MEAN = np.log([3e-4, 0.4, 1e-4, 0.08, 2e-4, 1e-4, 2e-4])
-"""Prior means of the hyper-parameters (logarithms of fractions of full scale)."""
+"""Prior means of the hyper-parameters, as logarithms of fractions of full scale."""
 
 PRIOR_STD = np.array([1.2, 0.5, 1.0, 0.5, 1.0, 1.0, 1.0])
 """Prior standard deviations of the hyper-parameters."""
@@ -151,7 +151,7 @@ def gradients(a: KernelPoints, theta: FloatArray) -> tuple[FloatArray, FloatArra
 def _parts(
     a: KernelPoints, b: KernelPoints, theta: FloatArray
 ) -> list[tuple[FloatArray, FloatArray | None]]:
-    """Return every part of the sum, and its derivative by log length where it has one."""
+    """Return each part of the sum, and its derivative by log length if any."""
     smooth, _, rough, _, reversal, hysteresis, _ = np.exp(2 * theta)
     square = (a.u[:, None] - b.u[None, :]) ** 2
     scaled = square / np.exp(2 * theta[1])

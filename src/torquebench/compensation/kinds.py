@@ -1,4 +1,4 @@
-"""Every kind of model by its name."""
+"""All kinds of models by name."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ __all__ = ["MODELS", "check_kind", "parsed_kind", "register"]
 
 
 class _Kinds(Mapping[str, "type[CompensationModel]"]):
-    """Every kind by its name; a class is imported when somebody asks for it.
+    """Kinds by name; a class is imported at its first use.
 
-    A kind lies in the module of its name, such as "bayesian-network" in `bayesian_network`.
+    Each kind's module has its name, such as "bayesian-network" in `bayesian_network`.
     """
 
     def __init__(self, *kinds: str) -> None:
@@ -53,7 +53,7 @@ MODELS = _Kinds(
     "radial-basis",
     "spline",
 )
-"""Every kind of model by its name on the command line and in model files."""
+"""All kinds of models by their name on the command line and in model files."""
 
 _Model = TypeVar("_Model", bound="type[CompensationModel]")
 

@@ -1,4 +1,4 @@
-"""Model files: a fitted model with where it came from, as JSON that guards its own content."""
+"""Model files: a fitted model with its provenance, as JSON with a checksum."""
 
 from __future__ import annotations
 
@@ -200,7 +200,7 @@ def load_model(path: str | Path) -> StoredModel:
 
 
 def _read(source: Path) -> dict[str, Any]:
-    """Read the JSON and check what it claims to be."""
+    """Read the JSON and check its format and version."""
     try:
         document = json.loads(source.read_text(encoding="utf-8"))
     except OSError as problem:
@@ -235,6 +235,6 @@ def _content(stored: StoredModel) -> dict[str, Any]:
 
 
 def _checksum(content: Mapping[str, Any]) -> str:
-    """Hash the content in a form that doesn't depend on layout or order of keys."""
+    """Hash the content independently of layout and order of keys."""
     canonical = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(canonical.encode("ascii")).hexdigest()

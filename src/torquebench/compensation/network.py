@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 GROUPS = ("input weights", "hidden biases", "output weights and bias")
-"""Groups of parameters that have a prior precision of their own."""
+"""Groups of parameters with a common prior precision."""
 
 
 @storable
@@ -173,7 +173,7 @@ def network_values(parameters: NetworkParameters, x: FloatArray) -> FloatArray:
     >>> network_values(one, np.array([0.0])).tolist()
     [0.5]
     """
-    # Summed row by row, so that a value doesn't depend on how many others are asked for.
+    # Summed row by row, so that a value doesn't depend on the number of others in the call.
     weighted = hidden_values(parameters, x) * parameters.output_weights
     return np.asarray(weighted.sum(axis=1) + parameters.output_bias)
 

@@ -1,4 +1,4 @@
-"""The chain's physical form: what shafts, bearings and transducers add, as one linear basis.
+"""The chain's physical form: shafts, bearings and transducers as one linear basis.
 
 Everything is written in fractions of full scale: u = reading / FS, x = |u|, s = sign(u), and the
 branch b (+1 where |torque| grows, −1 where it falls, 0 unknown). The columns are
@@ -33,10 +33,13 @@ from torquebench.progress import Progress
 __all__ = ["PRIOR_SCALES", "ChainPoints", "PhysicsModel", "chain_points", "physics_basis"]
 
 PRIOR_SCALES = np.array([1.5e-4, 3e-2, 3e-2, 3e-2, 3e-2, 5e-4, 3e-4, 3e-4])
-"""Prior standard deviations of the columns' coefficients, as fractions of full scale.
+"""Prior standard deviations of the columns' coefficients, as fractions of full scale. They are
+orders of magnitude: a zero within some 0.03 % FS, gain and curvature of several per cent (so free),
+a reversal step and a loop of some hundredths of a per cent.
 
 Generic orders of size, not those of any chain: a zero within some 0.03 % FS, gain and curvature
-of per cents (so free), a reversal step and a loop of some hundredths of a per cent."""
+of per cents (so free), a reversal step and a loop of some hundredths of a per cent.
+"""
 
 _STEP_WIDTHS = np.tile([0.003, 0.008, 0.016, 0.03], 2)
 _LOOP_FACTORS = np.repeat([1.0, 10.0], 4)
@@ -195,7 +198,7 @@ class PhysicsModel(CompensationModel):
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         points = chain_points(X, self.full_scale_nm_)
         known = np.where(points.branch == 0.0, 1.0, 0.0)
-        # At zero the loop's limit from above, as tables give it.
+        # At zero the loop's limit from above, as in tables.
         beside = np.where(points.u == 0.0, np.finfo(np.float64).tiny, points.u)
         mean, second = np.zeros(X.shape[0]), np.zeros(X.shape[0])
         for share, width, coefficients, covariance in zip(
@@ -233,7 +236,7 @@ def _fit_linear(
     start = np.linalg.lstsq(scaled, y, rcond=None)[0]
     floor = 1e-9
     noise2 = float(np.mean((y - scaled @ start) ** 2)) + floor**2
-    # Data that no chain would give (another unit, a swapped column) get priors of their own size.
+    # Data unlike any chain's (another unit, a swapped column) get priors of their own size.
     scales = np.append(PRIOR_SCALES, np.full(basis.shape[1] - PRIOR_SCALES.size, _DRIFT_SCALE))
     scales[_REVERSING] *= loop_factor
     scales = scales * max(1.0, np.sqrt(noise2) / 1e-3, float(np.max(np.abs(target))) / 3e-2)
@@ -256,7 +259,7 @@ def _fit_linear(
         - float(np.sum(np.log(np.diag(factor[0]))))
         - float(np.sum(np.log(scales)))
     )
-    curve = slice(PRIOR_SCALES.size)  # the drift is no part of it
+    curve = slice(PRIOR_SCALES.size)  # drift isn't part of the curve
     return _LinearFit(
         mean[curve], covariance[curve, curve], float(np.sqrt(noise2)), effective, log_evidence
     )

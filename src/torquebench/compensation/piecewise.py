@@ -21,28 +21,30 @@ BRANCHES = (-1, 0, 1)
 """Order of the branches in `PiecewisePolynomial.coefficients`."""
 
 _POLICY = ((1, 4096), (3, 2048), (1, 1 << 18))
-"""Degree and largest number of intervals, in the order of their speed: the first two fit the
-first-level cache, the last one is for curves with kinks, which no degree helps."""
+"""Degree and largest number of intervals, in the order of speed: the first two fit the first-level
+cache, the last one is for curves with kinks, where a higher degree doesn't help.
+"""
 
 _FIRST_INTERVALS = 128
 _NEAR = 0.02
-"""Share of full scale round zero that has narrower intervals: there the torque reverses."""
+"""Share of full scale around zero with narrower intervals, as the torque reverses there."""
 
 _CHECKS = {1: 5, 3: 9}
-"""Evenly spaced points of an interval where the deviation is taken, by degree."""
+"""Number of evenly spaced points at which an interval's deviation is checked, by degree."""
 
 _NODES = {1: (0, 4), 3: (0, 2, 6, 8)}
-"""Those among them where polynomial and curve meet: the Chebyshev-Lobatto points."""
+"""Those points at which polynomial and curve agree: the Chebyshev-Lobatto points."""
 
 _MODEL_ROWS = 1 << 15
-"""Readings evaluated at once: a Gaussian process makes a matrix of them and its points."""
+"""Number of readings evaluated at once: a Gaussian process needs a matrix of them and its points.
+"""
 
 _BESIDE_ZERO = 1e-12
-"""Distance from zero, in full scales, at which the curve's limit at a reversal is taken."""
+"""Distance from zero, in full scales, at which the limit at a reversal is evaluated."""
 
 
 _NO_BRANCHES = np.empty(0, dtype=np.int8)
-_BLOCK = 1024  # readings whose places stay in the first-level cache
+_BLOCK = 1024  # readings whose places fit the first-level cache
 
 
 @njit(cache=True, nogil=True)
@@ -52,7 +54,7 @@ def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # N
     outside = 0
     for i in range(reading.size):
         value = reading[i]
-        # not a number compares false and lies at the lower limit, so that it has an interval, too
+        # a comparison with NaN is false, so NaN gets the interval of the lower limit
         clamped = value if value > low else low
         clamped = clamped if clamped < high else high
         central = min(max(clamped, -near), near)
@@ -66,7 +68,7 @@ def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # N
 
 @njit(cache=True, nogil=True)
 def _evaluate(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
-    """Evaluate block by block: what locates is vectorised, what fetches coefficients isn't."""
+    """Evaluate block by block: locating is vectorised, fetching coefficients isn't."""
     first_of = np.empty(_BLOCK, dtype=np.int32)
     place = np.empty(_BLOCK)
     outside = 0
@@ -278,11 +280,11 @@ def approximate(
 
 
 def _narrower(count: int, excess: float, degree: int) -> int:
-    """Return the number of intervals that an excess of the deviation over its limit asks for."""
+    """Return the number of intervals that brings the deviation within its limit."""
     if excess <= 1.0:
         return count
     growth = 1.1 * float(excess ** (1.0 / (degree + 1)))
-    # a curve with kinks gains less than its degree promises: grow by at least a half
+    # with kinks a curve gains less than its degree promises: grow by at least a half
     return ceil(count * min(max(growth, 1.5), 12.0))
 
 
@@ -353,7 +355,7 @@ class _Builder:
         return _Attempt(piecewise, worst[False], worst[True], at, worst_branch)
 
     def _difference(self, points: FloatArray, sides: FloatArray, branch: int) -> FloatArray:
-        """Curve less `gain · reading`, at 0 from the interval's own side."""
+        """Return the curve less `gain · reading`; at 0 the limit from the interval's side."""
         beside = sides[:, None] * _BESIDE_ZERO * self.full_scale
         readings = np.clip(np.where(points == 0.0, beside, points), self.low, self.high)
         distinct, back = np.unique(readings, return_inverse=True)
@@ -370,13 +372,13 @@ class _Builder:
 
 
 class _Pieces:
-    """Intervals with the points where their polynomials meet the curve and are checked."""
+    """Intervals with the points where polynomials and curve agree and where they are compared."""
 
     def __init__(self, edges: FloatArray, low: float, high: float, degree: int) -> None:
         left, right, widths = edges[:-1], edges[1:], np.diff(edges)
         self.degree = degree
         self.sides = np.where(left >= 0.0, 1.0, -1.0)
-        # where the limits cut an interval, its points keep to the part inside, at least half of it
+        # an interval cut by the limits keeps its points inside, on at least half of it
         first = np.clip(left, low, high - 0.5 * widths)
         last = np.clip(right, low + 0.5 * widths, high)
         steps = np.linspace(0.0, 1.0, _CHECKS[degree])

@@ -1,4 +1,4 @@
-"""Polynomials in the reading, by orthogonal polynomials on the calibration points themselves."""
+"""Polynomials in the reading, orthogonal on the calibration points."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class OrthogonalPolynomial:
 
 
 def _times_x(coefficients: NDArray[np.longdouble]) -> NDArray[np.longdouble]:
-    """Shift the coefficients of a polynomial up by one power; the highest one is zero."""
+    """Shift a polynomial's coefficients up by one power; the highest is zero."""
     return np.concatenate([np.zeros(1, dtype=np.longdouble), coefficients[:-1]])
 
 
@@ -144,7 +144,7 @@ def fit_orthogonal(
                 basis[k + 1] -= beta[k] * basis[k - 1]
     coefficients = np.zeros(count)
     residual = y.copy()
-    for _ in range(2):  # the second pass takes away the rounding of the first
+    for _ in range(2):  # the second pass removes the rounding errors of the first
         for k in range(count):
             step = np.sum(weights * basis[k] * residual) / norms[k]
             coefficients[k] += step

@@ -29,7 +29,9 @@ __all__ = ["PublishedNetworkModel"]
 
 _CURVE_EPOCHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
 _EPOCHS_PER_POINT = 500
-"""After the first epochs the training error is noted, and compared with its target, so often."""
+"""Interval in epochs, after the first ones, at which the training error is compared with its
+target.
+"""
 _MATLAB_ACTIVE_HALF_SPAN = 2.0
 
 _LOG2_E = 1.4426950408889634
@@ -99,7 +101,7 @@ def _descend(
 
 
 def _next_noted(done: int) -> int:
-    """Return the next epoch at which the training error is noted."""
+    """Return the next epoch at which the training error is stored."""
     following = next((epoch for epoch in _CURVE_EPOCHS if epoch > done), None)
     return following or (done // _EPOCHS_PER_POINT + 1) * _EPOCHS_PER_POINT
 
@@ -218,7 +220,7 @@ class PublishedNetworkModel(CompensationModel):
         residual = scaled_target - network_values(self.parameters_, x)
         self.training_rms_nm_ = float(self.training_curve_[-1, 1])
         self._estimate_uncertainty(start, x, residual, weights)
-        self.noise_nm_ *= np.sqrt(mean_weight)  # of one point, where bins stand for many
+        self.noise_nm_ *= np.sqrt(mean_weight)  # of one point; bins hold several
 
     def shortcoming(self, left_out_rms_nm: float) -> str:
         """Tell whether the start or the number of epochs causes errors at points left out."""
@@ -279,7 +281,7 @@ class PublishedNetworkModel(CompensationModel):
     def _estimate_uncertainty(
         self, start: NetworkParameters, x: FloatArray, residual: FloatArray, weights: FloatArray
     ) -> None:
-        """Set noise and prior variance by MacKay's rules on the network linearised at its end."""
+        """Set noise and prior variance by MacKay's rules on the trained, linearised network."""
         J = jacobian(self.parameters_, x) * np.sqrt(weights)[:, None]
         kernel_values = np.maximum(
             np.linalg.eigvalsh(J @ J.T if x.size < J.shape[1] else J.T @ J), 0

@@ -18,7 +18,7 @@ from torquebench.progress import SHARES, Progress
 
 __all__ = ["RadialBasis", "RadialBasisModel"]
 
-_WIDTH_LIMITS = (0.03, 2.0)  # of Gaussians over -1 ... 1
+_WIDTH_LIMITS = (0.03, 2.0)  # width of Gaussians over -1 ... 1
 _RIDGE_LIMITS = (1e-8, 1.0)
 # Constriction coefficients of M. Clerc, J. Kennedy, IEEE Trans. Evol. Comp. 6 (2002) 58-73.
 _INERTIA, _PULL = 0.7298, 1.4962
@@ -235,7 +235,7 @@ class RadialBasisModel(CompensationModel):
             ]
         )
         position = low + (high - low) * generator.random((self.particles, low.size))
-        # Spread evenly with one common width: a start that is good already.
+        # Evenly spread centres with one common width are a good start.
         spread = np.linspace(-1.0, 1.0, count)
         position[:, :count] = 0.5 * (spread + np.sort(position[:, :count], axis=1))
         position[:, count:-1] = np.log(np.geomspace(0.1, 1.0, self.particles))[:, None]
@@ -324,7 +324,7 @@ class RadialBasisModel(CompensationModel):
 
     @staticmethod
     def _decay(network: RadialBasis) -> FloatArray:
-        """Prior precision times noise variance of each parameter: of the amplitudes alone."""
+        """Return prior precision times noise variance of each parameter; 0 but for amplitudes."""
         count = network.centres.size
         return np.concatenate([np.zeros(2 * count), np.full(count, network.ridge), [0.0]])
 
@@ -334,7 +334,7 @@ class RadialBasisModel(CompensationModel):
         squares = float(np.sum(weights * residual**2))
         normal = (J.T * weights) @ J
         count = self.network_.centres.size
-        # Where centres and widths could as well have been: two gaps aside, or e times as wide.
+        # Alternative centres and widths: two gaps aside, or e times as wide.
         gap = 2.0 / count
         determined = 0.25 * x.size
         for _ in range(50):

@@ -1,4 +1,4 @@
-"""Repeated points of a calibration: steps, their scatter, and folds that keep them together."""
+"""Repeated points of a calibration: steps, their scatter, and folds that keep repeats together."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Comparison of models by their errors at points that they were never fitted to."""
+"""Comparison of models by their errors at held-out points."""
 
 from __future__ import annotations
 
@@ -62,11 +62,12 @@ CANDIDATES = (
     "gaussian-process",
     "hybrid",
 )
-"""What `compare` looks at when not told otherwise."""
+"""Default models of `compare`."""
 
-_PERCENT_OF_READING_FROM = 0.05  # of full scale; below it a share of the reading says nothing
+_PERCENT_OF_READING_FROM = 0.05  # of full scale; smaller torques have no error in % of reading
 _ALIKE_SHARE_OF_RANGE = 1e-6
-"""Root mean square errors this near, in full scales, aren't told apart: a table is no nearer."""
+"""Root mean square errors closer than this, in full scales, are treated as equal: a table's error.
+"""
 _FEW_STEPS = 8
 _Model = TypeVar("_Model", bound=CompensationModel)
 
@@ -359,7 +360,7 @@ def compare(
     check_points(points, 1, 1, model="a comparison")
     step = repeat_groups(features[:, 0]) if groups is None else _consecutive(groups, torque.size)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", OutlierWarning)  # the result names them
+        warnings.simplefilter("ignore", OutlierWarning)  # the result names the refused models
         outlying = point_weights(points, outliers)[1]
     outlying_rows = [point.row for point in outlying]
     fold_of_point, fold_count = spread_folds(step, folds)
@@ -492,7 +493,7 @@ class StepFolds:
 
 
 def _one_error(count: int) -> float:
-    """Return Student's factor for one standard error that is estimated from so many steps."""
+    """Return Student's factor for one standard error that is estimated from this many steps."""
     return float(stdtrit(max(count - 1, 1), ndtr(1.0)))
 
 
@@ -555,7 +556,7 @@ def _candidates(
 
 @dataclass(frozen=True)
 class _Trial:
-    """A candidate fitted to all points, and its errors at points left out."""
+    """A candidate fitted to all points, and its errors at held-out points."""
 
     model: CompensationModel
     fit_time_s: float
@@ -570,7 +571,7 @@ def _try_all(
     folds: int,
     progress: Progress,
 ) -> tuple[dict[str, _Trial], dict[str, str]]:
-    """Fit every candidate to all points and without each fold; keep what others refuse with."""
+    """Fit each candidate to all points and without each fold; collect the refusals."""
     trials: dict[str, _Trial] = {}
     refused: dict[str, str] = {}
     posteriors = _Posteriors(X, y)
@@ -614,7 +615,7 @@ class _Posteriors:
 
 
 def _quiet_fit(model: _Model, X: FloatArray, y: FloatArray) -> _Model:
-    """Fit; what every fit would warn of again is part of the comparison already."""
+    """Fit without warnings: the comparison has reported them already."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)
         warnings.simplefilter("ignore", PointsReducedWarning)
@@ -629,7 +630,7 @@ def _left_out_errors(
     folds: int,
     progress: Progress,
 ) -> FloatArray:
-    """Error at each point of a model that was fitted without its fold; NaN where never left out."""
+    """Return each point's error by the model fitted without its fold; NaN if never held out."""
     error = np.full(y.size, np.nan)
     form = model.estimator if isinstance(model, DiscrepancyUncertainty) else model
     for fold in range(folds):

@@ -16,8 +16,8 @@ from torquebench.progress import Progress
 
 __all__ = ["SplineModel", "integrated_wiener_kernel"]
 
-_MERGED_SHARE_OF_SPAN = 1e-5  # readings closer than this are one knot
-_LEAST_SMOOTHING = 1e-11  # of the largest eigenvalue: data without noise
+_MERGED_SHARE_OF_SPAN = 1e-5  # readings closer than this share one knot
+_LEAST_SMOOTHING = 1e-11  # of the largest eigenvalue, for data without noise
 _MOST_SMOOTHING = 1e4
 
 
@@ -131,7 +131,7 @@ class SplineModel(CompensationModel):
         self._spline = CubicSpline(self.knots_, self.fitted_, bc_type="natural")
 
     def _positions(self, reading: FloatArray) -> FloatArray:
-        """Scale readings to 0 ... 1 from the lowest one that is accepted."""
+        """Scale readings to 0 ... 1 from the lowest accepted one."""
         return (reading - self.reading_low_nm_) / self.span_nm_
 
     @staticmethod
@@ -142,7 +142,7 @@ class SplineModel(CompensationModel):
         return integrated_wiener_kernel(positions, self._positions(self.knots_)) / self.smoothing_
 
     def _choose_smoothing(self, means: FloatArray, within: float, count: int) -> None:
-        """Find λ in the basis in which kernel and noise are both diagonal."""
+        """Find λ in the basis that diagonalises both kernel and noise."""
         positions = self._positions(self.knots_)
         root = np.sqrt(self.knot_weights_)
         scaled_line = self._line(positions) * root[:, None]
@@ -191,7 +191,7 @@ class SplineModel(CompensationModel):
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         reading = X[:, 0]
         inside = np.clip(reading, self.knots_[0], self.knots_[-1])
-        beyond = reading - inside  # a natural spline goes on as a straight line
+        beyond = reading - inside  # a natural spline continues as a straight line
         torque = reading + self._spline(inside) + beyond * self._spline(inside, 1)
         if not return_std:
             return torque, None
@@ -206,8 +206,8 @@ class SplineModel(CompensationModel):
 
 
 def _minimum(function: Callable[[float], float], limits: tuple[float, float]) -> float:
-    """Lowest of a coarse grid, refined between its neighbours: the criteria have several minima."""
-    from scipy.optimize import minimize_scalar  # long to import; other models need none of it
+    """Return the minimum of a coarse grid, refined: the criteria have several minima."""
+    from scipy.optimize import minimize_scalar  # imported late: other models don't need it
 
     grid = np.linspace(*limits, 60)
     best = int(np.argmin([function(position) for position in grid]))

@@ -1,4 +1,4 @@
-"""Fitted values to JSON-ready values and back, bit for bit."""
+"""Conversion of fitted values to JSON-ready values and back without loss."""
 
 from __future__ import annotations
 

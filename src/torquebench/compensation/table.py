@@ -1,4 +1,4 @@
-"""A fitted compensation model as a table, at the speed of memory."""
+"""A fitted compensation model as a table for fast evaluation."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["CompensationTable", "compile_table"]
 FloatArray = NDArray[np.float64]
 
 
-_UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: nobody knows an uncertainty better
+_UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: no uncertainty is known better
 
 
 @dataclass(frozen=True)
@@ -94,7 +94,7 @@ class CompensationTable:
             When readings lie outside the range or are not a number: their count and the first.
         """
         reading, signs = _reading(reading_nm), _branch(branch)
-        # in place, a refused reading would already be gone
+        # evaluated in place, a refused reading would be overwritten
         kept = reading if out is None or not np.may_share_memory(out, reading) else None
         result = np.empty_like(reading) if out is None else out
         _require_same_shape(reading, signs, result)
@@ -310,12 +310,12 @@ def compile_table(
 
 
 def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
-    """Plain Python over plain lists: a NumPy or Numba call costs more than the arithmetic."""
+    """Return a function of plain Python: a NumPy or Numba call costs more than the arithmetic."""
     down, unknown, up = ([tuple(row) for row in rows] for rows in curve.coefficients.tolist())
-    # indexed by the branch itself: -1 is the last one
+    # indexed by the branch: -1 is the last one
     tables = (unknown, up, down)
     low, high, near, scale = curve.low, curve.high, curve.near, curve.scale
-    # locations half an interval up, so that an interval's number is their whole part
+    # locations half an interval up, so that their integer part is the interval's number
     central_scale, zero = curve.scale + curve.extra, curve.zero + 0.5
     below, above = zero - near * curve.extra, zero + near * curve.extra
 

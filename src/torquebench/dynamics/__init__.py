@@ -1,4 +1,4 @@
-"""What a chain does to a torque that changes quickly: identified, inverted, with uncertainty.
+"""Response of a chain to a torque that changes quickly: identified, inverted, with uncertainty.
 
 Pure: a transfer function from ramps, steps and sines; an inverse filter; filters along a stream
 with u of every sample.

@@ -1,4 +1,4 @@
-"""Loops of the filters. Every sum runs in one order, however the stream was cut into blocks."""
+"""Loops of the filters; sums have one order, so that results don't depend on a stream's blocks."""
 
 import numpy as np
 from numba import njit

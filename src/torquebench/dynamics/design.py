@@ -1,4 +1,4 @@
-"""Inverse filters: from the reading back to the torque at the flange, with less bandwidth lost."""
+"""Inverse filters: from the reading back to the torque at the flange, with a larger bandwidth."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ __all__ = ["InverseFilter", "StepResponse", "design_inverse", "step_response"]
 FloatArray = NDArray[np.float64]
 
 GAIN_OF_BANDWIDTH = 3.3
-"""Wanted bandwidth over the raw chain's, if nobody states another."""
+"""Default bandwidth, as a multiple of the raw chain's."""
 HIGHEST_SHARE = 0.3
 """Largest bandwidth as a share of the sampling rate."""
 _REGULARISATION = 1e-6
-_WIDTH = 3.6  # standard deviations of the low-pass's bell that the filter spans to each side
+_WIDTH = 3.6  # half length of the filter, in standard deviations of the Gaussian low-pass
 _GRID = 1024
 _FINE = 40  # steps of a simulated signal in a sample
 
@@ -136,7 +136,7 @@ def design_inverse(
     bell_s = sqrt(log(2.0)) / (2.0 * pi * wanted)
     side = ceil(_WIDTH * bell_s / interval_s)
     middle = side + round((transfer.delay_s + transfer.lag_s) / interval_s)
-    # the inverse of the damping dies away with k/c, that of the window within a few windows
+    # the damping's inverse decays with k/c, the window's within a few windows
     echo_s = 12.0 * transfer.damping_ratio / (2.0 * pi * transfer.resonance_hz)
     taps = middle + side + ceil(max(4.0 * transfer.window_s, echo_s, 4.0 * interval_s) / interval_s)
     weights = _solve(transfer, interval_s, wanted, middle, taps)
@@ -165,7 +165,7 @@ def design_inverse(
 def _solve(
     transfer: TransferFunction, interval_s: float, bandwidth_hz: float, middle: int, taps: int
 ) -> FloatArray:
-    """Return coefficients whose product with the chain is the delayed bell, with a sum of 1."""
+    """Return coefficients whose product with the chain is the delayed Gaussian, with a sum of 1."""
     frequency = np.linspace(0.0, 0.5 / interval_s, _GRID)
     delays = np.exp(-2j * np.pi * np.outer(frequency, np.arange(taps)) * interval_s)
     chain = transfer.response(frequency)[:, None] * delays

@@ -195,7 +195,7 @@ class UncertainFilter:
         return max(variance, 0.0)
 
     def _impulse_response(self) -> FloatArray:
-        """Return the impulse response, until it has died away."""
+        """Return the impulse response until it has decayed."""
         if not self.recursive:
             return self.numerator
         from scipy.signal import lfilter
@@ -301,7 +301,7 @@ def _runs(finite: NDArray[np.bool_]) -> Iterable[tuple[int, int]]:
 
 
 class _Convolving:
-    """State of a filter without feedback: the samples that it still needs."""
+    """State of a filter without feedback: the past samples that it needs."""
 
     def __init__(self, filter: UncertainFilter) -> None:  # noqa: A002 - the field's word
         self.weights = np.ascontiguousarray(filter.numerator)
@@ -333,7 +333,7 @@ class _Convolving:
 
 @dataclass
 class _Recursive:
-    """State of a filter with feedback, with what its uncertainty needs."""
+    """State of a filter with feedback, and of its uncertainty."""
 
     filter: UncertainFilter
     begun: bool = False
@@ -356,7 +356,7 @@ class _Recursive:
         return replace(self, begun=self.begun, state=parts[0], derivative=parts[1], spread=parts[2])
 
     def _begin(self, value: float, spread: float) -> None:
-        """Put the filter in the state of a constant input."""
+        """Set the filter's state to that of a constant input."""
         from scipy.linalg import solve_discrete_lyapunov
 
         order = self.a.size - 1

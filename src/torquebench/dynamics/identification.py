@@ -18,7 +18,7 @@ __all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_o
 FloatArray = NDArray[np.float64]
 
 _LARGEST_RELATIVE = {"resonance_hz": 0.05, "damping_ratio": 0.3}
-_LARGEST_PHASE = 0.2  # rad at the resonance, by what lag and delay together may be wrong
+_LARGEST_PHASE = 0.2  # rad at the resonance, common error of lag and delay
 _LARGEST_INERTIA = 0.05
 _UNEVEN = 1e-3
 _CORRELATED_LAGS = 200
@@ -151,7 +151,7 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
-    """A run, padded so that its end can't reach its beginning."""
+    """A run, padded so that its end doesn't affect its beginning."""
 
     reading: FloatArray
     spectrum: NDArray[np.complex128]
@@ -193,7 +193,7 @@ def _prepare(run: Known) -> _Prepared:
 
 
 def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) -> FloatArray:
-    """Covariance of the estimate, with what the deviations share in time."""
+    """Return the covariance of the estimate, with the deviations' correlation over time."""
     left = function(free)
     slopes = np.empty((left.size, free.size))
     for k in range(free.size):
@@ -218,7 +218,7 @@ def _covariance(function: Callable[[FloatArray], FloatArray], free: FloatArray) 
 
 
 def _check(transfer: TransferFunction, nyquist_hz: float) -> None:
-    """Refuse what the runs can't identify."""
+    """Refuse parameters that the runs can't identify."""
     what: list[str] = []
     for name, most in _LARGEST_RELATIVE.items():
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
@@ -286,7 +286,8 @@ def identify_inertia(
         )
     edges = np.arange(blocks + 1) * rows
     turning = speed * RAD_S_PER_RPM
-    if acceleration_rad_s2 is None:  # its mean over a block is exact by the speed at its ends
+    # its mean over a block follows exactly from the speed at its ends
+    if acceleration_rad_s2 is None:
         gained = np.diff(turning[edges])
         acceleration = gained / np.diff(time[edges])
     else:
@@ -340,7 +341,7 @@ def identify_inertia(
 
 
 def _means(values: FloatArray, edges: NDArray[np.int64]) -> FloatArray:
-    """Mean over each block by the trapezoidal rule, as the speed at its ends gives it."""
+    """Return the mean over each block by the trapezoidal rule, as for the speed at its ends."""
     total = np.concatenate([[0.0], np.cumsum(0.5 * (values[1:] + values[:-1]))])
     return np.asarray(np.diff(total[edges]) / np.diff(edges))
 

@@ -15,7 +15,7 @@ __all__ = ["PARAMETERS", "TransferFunction"]
 FloatArray = NDArray[np.float64]
 
 PARAMETERS = ("resonance_hz", "damping_ratio", "lag_s", "delay_s")
-"""What is identified of a transfer function, in the order of its covariance."""
+"""Identified parameters of a transfer function, in the order of its covariance."""
 
 _SEARCHED = 20_000
 

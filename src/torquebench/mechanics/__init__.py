@@ -1,6 +1,6 @@
 """Shafts, additional torque of the measuring chain, and the torsion of supports' sections.
 
-Pure functions of arrays: what a design adds to the torque, and how much each parameter matters.
+Pure functions of arrays: the influence of a design and of its parameters on the torque.
 """
 
 import lazy_loader

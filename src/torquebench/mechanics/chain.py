@@ -24,7 +24,8 @@ __all__ = [
 FloatArray = NDArray[np.float64]
 Form = Literal["consistent", "published"]
 
-_STEP = 1e-30  # relative step of the complex-step derivative: no cancellation, so no lower bound
+# relative step of the complex-step derivative; without cancellation it may be this small
+_STEP = 1e-30
 
 _UNITS = {
     "outer_diameter_m": "N·m/m",
@@ -214,7 +215,7 @@ def additional_torque(
 
 
 def _parts(chain: Chain, torque_nm: ArrayLike, form: Form) -> tuple[NDArray[Any], ...]:
-    """Parts and total for real or complex parameters (complex ones carry a derivative)."""
+    """Return parts and total for real or complex parameters; complex ones carry a derivative."""
     _check_form(form)
     torque = np.asarray(torque_nm)
     offset, radius = chain.coaxiality_error_m, chain.shaft_radius_m

@@ -1,4 +1,4 @@
-"""Triangles for a section: Delaunay of its outline and a lattice, with every side kept."""
+"""Triangle mesh of a section: Delaunay of its outline and a lattice, with every side kept."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,7 +70,7 @@ def triangulate(outline: Outline, size_m: float) -> tuple[FloatArray, IntArray]:
 
 
 def _divided(outline: Outline, size_m: float) -> tuple[FloatArray, IntArray]:
-    """Corners of all loops with long sides divided, and the sides as pairs of numbers."""
+    """Return the corners of all loops with long sides divided, and the sides as index pairs."""
     borders, sides, count = [], [], 0
     for loop in outline.loops:
         parts = []
@@ -104,7 +104,7 @@ def _distance(points: FloatArray, others: FloatArray) -> FloatArray:
 
 
 def _kept(triangles: IntArray, sides: IntArray, count: int) -> NDArray[np.bool_]:
-    """Which sides are sides of triangles."""
+    """Return which sides are sides of triangles."""
     edges = np.vstack((triangles[:, [0, 1]], triangles[:, [1, 2]], triangles[:, [2, 0]]))
     return np.isin(_key(sides, count), _key(edges, count))
 

@@ -1,4 +1,4 @@
-"""Outlines of sections: polygons with holes, and how to build the usual ones."""
+"""Outlines of sections: polygons with holes, and builders of the usual ones."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -245,7 +245,7 @@ def _trace(
 
 
 def _equal_area_circle(radius_m: float) -> FloatArray:
-    """Regular polygon with the circle's area, so that its torsion is the circle's to 1e-6."""
+    """Return the regular polygon with the circle's area, whose torsion is the circle's to 1e-6."""
     step = 2.0 * np.pi / _SEGMENTS
     angle = step * np.arange(_SEGMENTS)
     radius = radius_m * np.sqrt(step / np.sin(step))

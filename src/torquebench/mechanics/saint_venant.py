@@ -89,7 +89,7 @@ def section_torsion(outline: Outline, *, triangles: int = 1200) -> SectionTorsio
     thickness = 2.0 * area / outline.perimeter_m
     size = min(float(np.sqrt(4.0 * area / (np.sqrt(3.0) * triangles))), 0.5 * thickness)
     points, corners = triangulate(outline, size)
-    scale = float(np.sqrt(area))  # unit area: the matrices don't care for metres or micrometres
+    scale = float(np.sqrt(area))  # unit area makes the matrices independent of the unit of length
     centre = _centroid(points, corners)
     mesh = MeshTri(np.ascontiguousarray((points - centre).T / scale), corners.T.copy())
     basis = Basis(mesh, ElementTriP2())
@@ -162,7 +162,7 @@ def _by_stress_function(mesh: Any, basis: Any, stiffness: Any) -> float:
 
 
 def _warping_energy(mesh: Any, basis: Any, stiffness: Any) -> float:
-    """Take what warping saves off the polar moment; one value of each part is fixed."""
+    """Return the energy saved by warping; one value of each part is fixed."""
     load = _rotation.assemble(basis)
     pairs = mesh.facets
     size = mesh.p.shape[1]
@@ -175,7 +175,7 @@ def _warping_energy(mesh: Any, basis: Any, stiffness: Any) -> float:
 
 
 def _loops(mesh: Any, facets: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Tell to which closed loop each boundary facet belongs."""
+    """Return the closed loop of each boundary facet."""
     ends = mesh.facets[:, facets]
     size = mesh.p.shape[1]
     graph = coo_array((np.ones(ends.shape[1]), (ends[0], ends[1])), shape=(size, size))
@@ -184,7 +184,7 @@ def _loops(mesh: Any, facets: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _enclosed(mesh: Any, loop: NDArray[np.int64]) -> float:
-    """Area within a loop of facets; negative if the material lies outside of it."""
+    """Return the area within a loop of facets; negative if the material lies outside."""
     start, end = (mesh.p[:, mesh.facets[k, loop]] for k in range(2))
     inside = mesh.p[:, mesh.t[:, mesh.f2t[0, loop]]].mean(axis=1)
     along = end - start

@@ -176,7 +176,7 @@ def extruded(outline: Outline, length_m: float, *, layers: int, size_m: float) -
     flat, triangles = triangulate(outline, size_m)
     heights = np.linspace(0.0, length_m, layers + 1)
     points = np.vstack([np.column_stack((flat, np.full(len(flat), z))) for z in heights])
-    # Corners in rising order: neighbouring prisms then cut their common side along one diagonal.
+    # Corners in rising order: neighbouring prisms then divide their common side alike.
     low = np.sort(triangles, axis=1)
     high = low + len(flat)
     prism = np.vstack(

@@ -1,4 +1,4 @@
-"""The Python interface of notebooks and scripts: a few functions, data frames in and out.
+"""The Python interface for notebooks and scripts: a few functions, data frames in and out.
 
 Its names are those of `torquebench` itself: ``import torquebench as tb``.
 """

@@ -1,4 +1,4 @@
-"""Tables for calibrations and readings: paths, data frames and mappings, by columns' names."""
+"""Tables of calibrations and readings: paths, data frames and mappings, by column names."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from torquebench.records.tables import calibration_of
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
 
 Columns: TypeAlias = Mapping[str, str]
-"""Headers by what they are: ``{"reading": "Drehmoment[kNm]"}``."""
+"""Headers by their column: ``{"reading": "Drehmoment[kNm]"}``."""
 _OPTION = re.compile(r"--column '(\w+)=([^']+)'")
 
 

@@ -26,10 +26,10 @@ FloatArray = NDArray[np.float64]
 REFERENCE_TEMPERATURE_C = 23.0
 
 # Places of the memory in the state array.
-STOPS = 0  # three stop operators (complements of plays), relative torque
+STOPS = 0  # three stop operators (complements of play operators), relative torque
 CREEP = 3  # two creep terms, relative torque
 SEATING = 5  # offset by the way the parts seat, units of the repeatability
-SEATING_TORQUE = 6  # torque behind a play that ignores ripple
+SEATING_TORQUE = 6  # torque behind a play operator that ignores ripple
 LOADING_OFFSET = 7  # offset of the present loading, units of the repeatability
 LOADING_SPAN = 8  # change of span of the present loading, units of the repeatability
 LOADED = 9  # 1 after the torque has grown beyond 5 % of the range
@@ -109,7 +109,7 @@ def fresh_transducer_state() -> FloatArray:
 def _update_stops(constants: TransducerConstants, state: FloatArray, relative: float) -> float:
     """Move the stop operators to the new torque; returns the hysteresis, relative.
 
-    A stop is what a play leaves: s = x − play(x), within ± width. The sum of weighted stops lags
+    A stop operator is the complement of a play operator: s = x − play(x), within ± width. The sum of weighted stops lags
     the reading behind the torque, closes its loops and forgets inner loops (wiping-out).
     """
     change = relative - state[PREVIOUS]

@@ -1,8 +1,9 @@
 """The recommended model: the chain's physics, a Gaussian process, and structured effects.
 
-`model` has the estimator; the other modules are its parts: `effects` and `drift` say what a chain
-may show, `correlated_scatter` what repeats say of the noise, `inference` and `averaging` find the
-posterior for one setting, `search` averages over settings, `posterior_variance` gives the curve's.
+`model` has the estimator. Its parts: `effects` and `drift` describe what a chain may show,
+`correlated_scatter` estimates noise from repeats, `inference` and `averaging` find the posterior
+for one setting, `search` averages over settings, `posterior_variance` computes the curve's
+variance.
 """
 
 from torquebench.compensation.hybrid.model import HybridModel

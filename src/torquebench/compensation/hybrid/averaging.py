@@ -1,13 +1,12 @@
 """Averaging over structures: a sum of single effects, each one of many candidates or none.
 
-The model is y = Σₖ fₖ + ε with ε of unit covariance (whatever else is in the data has been whitened
-into it). Effect k is a group of columns times normal coefficients, and which group of a dictionary
-it is isn't known: candidate j has a prior probability, and with the rest of the probability the
-effect is absent. The posterior is approximated by a product over the effects, found by coordinate
-ascent: each step is the exact posterior of one effect on what the others leave. This is the "sum of
-single effects" of G. Wang, A. Sarkar, P. Carbonetto and M. Stephens (J. R. Stat. Soc. B 82 (2020)
-1273-1300, iterative Bayesian stepwise selection, Algorithm 1 and eq. 3.6), here with groups of
-columns instead of single ones.
+The model is y = Σₖ fₖ + ε with ε of unit covariance (the data are whitened). Effect k is a group of
+columns times normal coefficients, and which group of a dictionary it is, is unknown: candidate j
+has a prior probability, the effect's absence the remaining one. The posterior is approximated by a
+product over the effects, found by coordinate ascent: each step is the exact posterior of one effect
+given the residuals of the others. This is the "sum of single effects" of G. Wang, A. Sarkar, P.
+Carbonetto and M. Stephens (J. R. Stat. Soc. B 82 (2020) 1273-1300, iterative Bayesian stepwise
+selection, Algorithm 1 and eq. 3.6), here with groups of columns instead of single ones.
 
 The evidence lower bound compares settings of everything outside (noise, smoothness), so that those
 are averaged as well.
@@ -88,7 +87,7 @@ class AveragedEffects:
 
 @dataclass(frozen=True)
 class _Prepared:
-    """What doesn't depend on the data: posterior covariances and determinants of candidates."""
+    """Quantities independent of the data: posterior covariances and determinants of candidates."""
 
     candidates: Candidates
     gram: FloatArray
@@ -211,7 +210,7 @@ def _fill_gram(columns, gram):  # type: ignore[no-untyped-def] # Numba infers
 
 @njit(cache=True)
 def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def] # Numba infers
-    """Turn a matrix into its Cholesky factor, fill in that one's inverse; return Σ log diagonal."""
+    """Replace a matrix by its Cholesky factor, fill in the inverse; return Σ log diagonal."""
     log_diagonal = 0.0
     for p in range(matrix.shape[0]):
         for q in range(p + 1):
@@ -250,7 +249,7 @@ def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-de
 def _ascend(  # type: ignore[no-untyped-def] # Numba infers
     target, columns, gram, covariance, constant, trace, log_absent, weights, mu, sweeps, tolerance
 ):
-    """Take turns until the bound stays; fill weights and coefficients of every effect."""
+    """Update the effects in turn until the bound converges; fill in weights and coefficients."""
     count, points = len(columns), target.size
     fits, total = np.zeros((count, points)), np.zeros(points)
     gains, spreads, present = np.zeros(count), np.zeros(count), np.zeros(count)

@@ -1,8 +1,9 @@
-"""Correlated scatter: what repeats say of scatter that points of one series share.
+"""Correlated scatter: scatter common to the points of one series, estimated from repeats.
 
-Parts that re-seat with every loading shift the points of one series to the same side.
-Repeats average that, more points of a series don't (GUM 4.2.7): taken for independent, they make
-the curve look better known than it is, and effects are seen in what only one loading did.
+Parts that re-seat with every loading shift the points of one series to the same side. Repeats
+average this, more points of a series don't (GUM 4.2.7). If such points were treated as independent,
+the curve's uncertainty would be too small, and scatter of one loading would be identified as
+effects of the chain.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from torquebench.compensation.columns import FloatArray
 
 __all__ = ["correlated_covariance"]
 
-_FEWEST_SERIES = 3  # fewer can't tell correlated scatter from the curve
+_FEWEST_SERIES = 3  # fewer don't separate correlated scatter from the curve
 _LENGTHS = np.geomspace(0.003, 1.0, 8)
 """Candidate correlation lengths along the path, as shares of full scale."""
 _CHANCE = 2.5  # standard errors of the correlation
 _LARGEST_SHARE = 0.9
-_FEWEST_PAIRS = 1e-9  # of full correlation; a length that reaches from no point to another has none
-_SIDED = 5e-4  # readings next to zero are on neither side
+_FEWEST_PAIRS = 1e-9  # of full correlation; a length shorter than all distances has none
+_SIDED = 5e-4  # readings this close to zero have no direction
 
 
 def correlated_covariance(
@@ -78,7 +79,7 @@ def _side(u: FloatArray) -> FloatArray:
 def _scatter(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray:
-    """Return what every point differs by from others at its level; NaN if there are none."""
+    """Return the deviation of each point from the others at its level; NaN if there are none."""
     scatter = np.full(u.size, np.nan)
     for side, leg in np.unique(np.column_stack([_side(u), branch]), axis=0):
         rows = np.flatnonzero((_side(u) == side) & (branch == leg))
@@ -95,7 +96,7 @@ def _scatter(
 def _courses(
     u: FloatArray, branch: FloatArray, series: FloatArray
 ) -> Iterator[tuple[NDArray[np.intp], FloatArray]]:
-    """Return the points of each series and direction, and how far along they lie."""
+    """Return the points of each series and direction, and their distances along it."""
     for number, side in np.unique(np.column_stack([series, np.sign(u)]), axis=0):
         rows = np.flatnonzero((series == number) & (np.sign(u) == side))
         x = np.abs(u[rows])
@@ -105,7 +106,7 @@ def _courses(
 def _pairs(
     scatter: FloatArray, rows: NDArray[np.intp], position: FloatArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Return ways and products of all pairs of known scatter."""
+    """Return distances and products of all pairs of known scatter."""
     known = np.isfinite(scatter[rows])
     first, second = np.triu_indices(int(np.count_nonzero(known)), k=1)
     values, places = scatter[rows][known], position[known]
@@ -113,7 +114,7 @@ def _pairs(
 
 
 def _fitted(way: FloatArray, product: FloatArray) -> tuple[float, float]:
-    """Return share and length of the correlation; a share of 0 if there is none to speak of."""
+    """Return share and length of the correlation; a share of 0 if it isn't significant."""
     if way.size == 0:
         return 0.0, 1.0
     shapes = np.exp(-way / _LENGTHS[:, None])

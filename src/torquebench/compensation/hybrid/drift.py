@@ -1,12 +1,14 @@
-"""Drift of the zero during a calibration: what it may look like, as covariances over time.
+"""Zero drift during a calibration, as candidate covariances over time.
 
-The zero was taken at the beginning; what it has moved since is part of the calibration, not of the
-compensation, and is marginalised with everything else. How a zero drifts isn't known, so each kind
-of drift is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the end:
+The zero was measured at the beginning. Its drift since then is an error of the calibration, not
+part of the compensation, and is marginalised with everything else. The form of the drift is
+unknown, so each kind of drift is a Gaussian process W(t) with W(0) = 0 whose variance is 1 at the
+end:
 
-    steady      t with relaxations of long lags: a chain that follows the room relaxing
-    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles again        as
-    steady, but from each direction's own beginning, where a zero may have been taken
+    steady      t with relaxations of long lags: a chain that follows the room's temperature
+    relaxing    relaxations (1 − exp(−t/τ)) of short lags: a chain that warms up or settles
+    again       as steady, but from each direction's own beginning, where a new zero may have been
+                measured
 
 Each is a sum of functions φⱼ with common and own coefficients,
 W = a Σⱼ φⱼ / m + Σⱼ bⱼ φⱼ / √m, a and bⱼ independent with variance ½. Kinds and their amplitudes
@@ -30,7 +32,7 @@ NO_DRIFT_SHARE = 0.3
 """Prior probability of a zero that doesn't drift."""
 
 _STEADY_SHARE, _RELAXING_SHARE, _ANEW_SHARE = 0.35, 0.2, 0.15
-_STEADY_LAGS = (np.inf, 1.0, 0.4)  # as fractions of the calibration
+_STEADY_LAGS = (np.inf, 1.0, 0.4)  # lags as fractions of the calibration's duration
 _RELAXING_LAGS = (0.05, 0.15, 0.5)
 _ANEW_LAGS = (np.inf, 0.5)
 _COMMON = 0.5

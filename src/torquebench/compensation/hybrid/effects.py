@@ -2,7 +2,7 @@
 
 Each kind is a dictionary of candidate shapes, of which a chain shows one or none (local bumps: up
 to three); `averaging` weighs the candidates by their evidence. All scales are fractions of full
-scale and only orders of size: what mechanics can show, not what one chain does.
+scale and orders of magnitude from mechanics, not values of one chain.
 
 Where the shapes come from
     step        Coulomb friction of bearings and seals reverses with the torque; tanh(u/w) and
@@ -13,17 +13,17 @@ Where the shapes come from
                 the torque (a lag); the same sign in both directions is a rare candidate.
     ripple      engagement of splines and teeth: a sine of unknown period whose amplitude and
                 frequency may change linearly over the range (columns c, s, u c, u s), and which
-                may stretch with the load, as teeth that wind up: the phase is that of u + d u|u|.
-                Half as likely, where the torques are close-set enough, it grows from nothing, as
-                √|u|: without load teeth engage smoothly.
+                may stretch with the load, as teeth wind up: the phase is that of u + d u|u|. Where
+                the torques are close enough together, a variant that grows from zero as √|u| is
+                half as likely: without load teeth engage smoothly.
     wave        ripple whose amplitude and phase drift over the range, as of an engagement that
-                changes with the load: a sine under each of six overlapping windows. Only looked for
-                where the torques are close-set enough.
+                changes with the load: a sine under each of six overlapping windows. Searched only
+                where the torques are close enough together.
     bump        one local engagement error.
-    offset      a zero that was taken wrongly, beyond what the main form allows for.
-    skew        what a loop differs by from all those shapes: smooth, closed at full scale, alike in
-                both directions or not. With little noise no formula fits a real loop, and what it
-                leaves would pass for a zero that creeps.
+    offset      an error of the zero beyond what the main form describes.
+    skew        the deviation of a loop from all those shapes: smooth, closed at full scale, equal
+                in both directions or not. With little noise no formula fits a real loop, and its
+                residuals would be identified as zero drift.
 """
 
 from __future__ import annotations
@@ -51,14 +51,14 @@ __all__ = [
 _LOOP_SHAPES = np.array([(r, q) for r in (0.0, 0.5, 1.0, 2.0) for q in (0.6, 1.0, 2.0)])
 _STEP_WIDTHS = np.array([0.004, 0.01, 0.025])
 _SMALL_TORQUE = 0.5 * float(_STEP_WIDTHS[1])
-"""As a share of full scale: torques from here downwards lie on the slope of a reversal step."""
+"""Share of full scale below which torques lie on the slope of a reversal step."""
 _STEP_RATIO = 1.35
-"""From one width of the reversal step to the next, where there are torques that tell them apart."""
-_LEAST_TORQUE = 1e-3  # of full scale: below, a reading is taken for zero
+"""Ratio of neighbouring widths of the reversal step, where torques distinguish them."""
+_LEAST_TORQUE = 1e-3  # of full scale: smaller readings count as zero
 _WIDEST_BUMP = 0.12
-_FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a twelfth of a cycle's slip at ±FS
+_FREQUENCY_STEP = 1.0 / 6.0  # cycles per full scale: a phase error of a twelfth of a cycle at ±FS
 _LOOP_SHARES = (0.6, 0.11)
-"""A loop whose sign is the torque's, and one of the same sign in both directions."""
+"""Loops whose sign is the torque's, and loops of the same sign in both directions."""
 _SIDELESS = 5e-4
 _SAME_LEVEL = 0.003
 _SCALES = {
@@ -71,23 +71,23 @@ _SCALES = {
     "skew": (2e-5, 1e-4),
 }
 KINDS = tuple(_SCALES)
-"""Kinds of effects, in the order in which they are first looked for."""
+"""Kinds of effects, in the order of the first search."""
 _COPIES = {"bump": 3}
 _STEP_SHIFT = 0.15
-_CLOSE_STEPS = 2  # bearings that turn round one after the other
+_CLOSE_STEPS = 2  # bearings that reverse one after the other
 _STRETCHES = (-0.2, 0.2)
-_STRETCHED_SHARE = 0.2  # each, of ripple that doesn't stretch
+_STRETCHED_SHARE = 0.2  # prior probability of each, relative to ripple that doesn't stretch
 _FEWEST_TO_STRETCH = 3.0  # cycles per full scale
-_GROWN = 1.3  # at full scale, of ripple that grows from nothing
-_GROWING_SHARE = 0.5  # of ripple that doesn't
-_SLOPE_SHARE = 0.3  # how much amplitude and phase change from zero to full scale
+_GROWN = 1.3  # amplitude at full scale of ripple that grows from zero
+_GROWING_SHARE = 0.5  # prior probability relative to ripple that doesn't grow
+_SLOPE_SHARE = 0.3  # change of amplitude and phase from zero to full scale
 _WAVE_CENTRES = np.linspace(-1.0, 1.0, 6)
 WAVE_COLUMNS = 2 * _WAVE_CENTRES.size
-"""Of one wave: a cosine and a sine under each window."""
+"""Columns of one wave: a cosine and a sine under each window."""
 _WAVE_REACH = 0.24  # standard deviation of the windows
 _FEWEST_LEVELS_FOR_WAVES = 16
-_LOOP_DIFFERENCE = 0.2  # how much loops of both directions differ
-_SKEW_WAVES = 4  # half waves over a direction, the first of them none
+_LOOP_DIFFERENCE = 0.2  # relative difference of the loops of both directions
+_SKEW_WAVES = 4  # half waves over a direction; the first is constant
 
 
 @dataclass(frozen=True)
@@ -225,7 +225,7 @@ def smallest_torque(u: FloatArray) -> float:
 
 
 def _step_widths(smallest: float) -> FloatArray:
-    """Return widths of the reversal step: closely spaced only where torques lie on its slope."""
+    """Return widths of the reversal step, closely spaced only where torques lie on its slope."""
     if smallest > _SMALL_TORQUE:
         return _STEP_WIDTHS
     narrowest, widest = min(smallest, float(_STEP_WIDTHS[0])), float(_STEP_WIDTHS[-1])
@@ -276,7 +276,7 @@ def make_dictionary(levels: int, smallest: float = 1.0, *, on_step: bool = False
         _LOOP_SHAPES,
         np.tile(ripples, envelopes),
         np.tile(stretches, envelopes),
-        # from three cycles per full scale, and three times as far apart: windows are not sharp
+        # at least three cycles per full scale, and spaced three times as far: windows aren't sharp
         frequencies[9::3] if close_set else np.zeros(0),
         np.concatenate(centres),
         np.repeat(widths, [centre.size for centre in centres]),
@@ -310,7 +310,7 @@ def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
     Columns of a candidate: the loop, and its difference between the directions (which vanishes at
     zero, where one direction passes into the other).
     """
-    # A reading of zero is on neither side: noise would decide on which.
+    # A reading of zero has no direction: noise would decide on it.
     x, side = np.minimum(np.abs(points.u), 1.0), np.tanh(points.u / _SIDELESS)
     shape = np.array([_loop_shape(x, r, q) for r, q in shapes])
     closed = np.array([_loop_shape(x, max(r, 1.0), q) for r, q in shapes])
@@ -431,7 +431,7 @@ def _prior(weights: FloatArray, absent: float) -> tuple[FloatArray, float]:
 
 
 def _loop_shape(x: FloatArray, r: float, q: float) -> FloatArray:
-    """Return xʳ(1 − x)^q, scaled to one at its largest."""
+    """Return xʳ(1 − x)^q, scaled to a maximum of one."""
     if r == 0.0:
         return np.asarray((1.0 - x) ** q)
     widest = r / (r + q)
@@ -464,7 +464,7 @@ def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatA
         return np.zeros((0, u.size))
     x = np.minimum(np.abs(u), 1.0)
     leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
-    # Readings next to zero scatter to either side: they never make a direction of their own.
+    # Readings next to zero scatter to both sides: they don't form a direction of their own.
     sided = x > 0.02
     keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
     present = np.unique(keys[sided])

@@ -56,24 +56,25 @@ __all__ = [
 ]
 
 GROWTHS = (1.0, 2.5, 6.0)
-"""Candidate ratios of the noise that grows with the load, at full scale, to that which doesn't."""
+"""Candidate ratios at full scale of the noise proportional to load to the constant noise."""
 
 LEAST_NOISE = 1e-6
-"""Smallest standard deviation of a point that is looked for, as a fraction of full scale."""
+"""Smallest standard deviation of a point in the search, as a fraction of full scale."""
 
 _GROWTH_SHARE = 0.3
 _MAIN_SCALES = np.array([1e-4, 3e-2, 3e-2, 3e-2, 3e-2])
-"""Prior standard deviations of c₀ (the zero was taken), and of mean c₁, c₂ and their differences
-between the directions (free)."""
+"""Prior standard deviations of c₀ (small, as the zero is measured), and of mean c₁, c₂ and their
+differences between the directions (large).
+"""
 _ALIKE = 0.05
-"""Factor on the differences' scales where the same parts bear the torque in both directions."""
+"""Factor on the differences' scales where the same parts carry the torque in both directions."""
 _SMOOTH_LENGTH = 0.4
 _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _USUAL_NOISE = 2e-4
 _KEPT_CHANCE = 0.99
 _PLAIN_ZERO = 5.0
-"""Factor on the scale of c₀ in plain forms: nothing else in them can take up an offset."""
+"""Factor on the scale of c₀ in plain forms, in which nothing else describes an offset."""
 PLAIN_FORMS = (
     (_PLAIN_ZERO, 1.0, 0.0, 0.0, 0.0),
     (_PLAIN_ZERO, 1.0, 0.0, 0.0, 1.0),
@@ -81,10 +82,11 @@ PLAIN_FORMS = (
     (_PLAIN_ZERO, 1.0, 1.0, _ALIKE, _ALIKE),
     (_PLAIN_ZERO, 1.0, 1.0, 1.0, 1.0),
 )
-"""Factors on the main form's scales for chains without effects: straight, with u², with u|u|, with
-directions that hardly differ, with both directions free."""
+"""Factors on the main form's scales for chains without effects: linear; with u²; with u|u|; with
+nearly equal directions; with independent directions.
+"""
 MANY_CANDIDATES = ("ripple", "bump", "wave")
-"""Kinds of which most candidates can be left out once they have had their chance."""
+"""Kinds of which most candidates are dropped after a first round."""
 
 
 def main_columns(u: FloatArray) -> FloatArray:
@@ -239,7 +241,7 @@ class Problem:
         dictionary = make_dictionary(
             count_levels(points.u),
             smallest_torque(points.u),
-            on_step=lies_on_step(points.u + target),  # the standard's: a zero reads something, too
+            on_step=lies_on_step(points.u + target),  # the standard's: a zero has a reading, too
         )
         self._look_for(dictionary, make_effects(points, dictionary, prior_scale))
 
@@ -263,7 +265,7 @@ class Problem:
         """Return the problem of a chain that shows nothing but some columns of the main form."""
         problem = copy.copy(self)
         problem._take_main(self.prior_scale * np.array(form))
-        # all forms together are as likely as a chain with effects
+        # all plain forms together are as likely as a chain with effects
         problem._log_plain = -float(np.log(len(PLAIN_FORMS)))
         return problem
 
@@ -354,7 +356,7 @@ class Problem:
         )
 
     def _average(self, factor: FloatArray) -> tuple[AveragedEffects, FloatArray]:
-        """Return the effects' posterior on whitened data, and what it leaves of them."""
+        """Return the effects' posterior on whitened data, and the residuals."""
         if self._log_plain is not None:
             left = solve_triangular(factor, self.target, lower=True, check_finite=False)
             return self._without_effects(float(-0.5 * left @ left)), left
@@ -370,7 +372,7 @@ class Problem:
         return effects, np.asarray(white[0] - effects.fit)
 
     def _without_effects(self, log_evidence: float) -> AveragedEffects:
-        """Return the posterior of effects that are absent for certain."""
+        """Return the posterior of effects that are certainly absent."""
         kinds = [kind for kind in self.kinds for _ in range(kind.copies)]
         shapes = [kind.columns.shape[:2] for kind in kinds]
         nothing = [np.zeros((kind.scales.size, len(kind.columns))) for kind in kinds]
@@ -400,7 +402,7 @@ class Problem:
 
 
 def _likely(chances: FloatArray) -> NDArray[np.intp]:
-    """Return the columns that make up nearly all of any row."""
+    """Return the columns with nearly all of the weight of any row."""
     kept = np.zeros(chances.shape[1], dtype=bool)
     for row in chances:
         order = np.argsort(-row)

@@ -37,7 +37,7 @@ __all__ = ["HybridModel"]
 
 _USUAL_SPREAD = 2e-3
 _KEPT_SHARE = 0.01
-_NEGLIGIBLE = 1e-9  # of full scale, summed over all candidates of a kind that are left out
+_NEGLIGIBLE = 1e-9  # of full scale, summed over all dropped candidates of a kind
 
 
 @register("hybrid")
@@ -147,7 +147,7 @@ class HybridModel(CompensationModel):
         self._tabulate_std(problem, members, shares)
 
     def _average_means(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
-        """Merge all members' means: they are linear in the same columns."""
+        """Merge the means of all members, which are linear in the same columns."""
         scale = problem.prior_scale
         self.train_u_ = problem.points.u
         self.main_, self.deviation_ = np.zeros(5), np.zeros(self.train_u_.size)
@@ -172,7 +172,7 @@ class HybridModel(CompensationModel):
         self.dictionary_, self.effects_ = _without_negligible(problem, effects)
 
     def _tabulate_std(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
-        """Tabulate the curve's uncertainty on both branches, close-set round the reversal."""
+        """Tabulate the curve's uncertainty on both branches, more closely around the reversal."""
         near = np.geomspace(5e-4, 0.03, 8)
         far = np.linspace(0.03, 1.0 + self.range_margin, 40)[1:]
         positive = np.concatenate([near, far])
@@ -182,7 +182,7 @@ class HybridModel(CompensationModel):
         half = self._mean(nodes, np.ones(nodes.size)) - self._mean(nodes, np.zeros(nodes.size))
         unknown = np.sqrt(0.5 * (up2 + down2) + half**2)
         if not np.any(problem.points.branch):
-            # A loop that was never looked for may be there; the curve in its middle is known.
+            # A loop may exist that was never measured; the curve in its middle is known.
             middle2, _ = curve_variance(problem, members, shares, nodes, 0.0)
             up2 = down2 = widening**2 * middle2
         self.uncertainty_ = CurveUncertainty(nodes, np.sqrt(up2), np.sqrt(down2), unknown)
@@ -202,20 +202,20 @@ class HybridModel(CompensationModel):
         """Return the mean additional torque as a fraction of full scale."""
         mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
         columns = all_columns(at_zero_time(u, branch), self.dictionary_)
-        # models stored by earlier versions hold fewer kinds; new ones are the last
+        # models of earlier versions hold fewer kinds; new kinds are appended
         for new, means in zip(columns.values(), self.effects_, strict=False):
             mean += np.einsum("jqn,jq->n", new, means)
         return np.asarray(mean)
 
 
 def _mean_noise(problem: Problem, member: Member) -> float:
-    """Return the root mean square of the points' scatter, as their loads make it."""
+    """Return the root mean square of the points' scatter at their loads."""
     relative = problem.scatter / problem.load_weights(member.setting.growth)
     return member.setting.noise * float(np.sqrt(np.mean(relative)))
 
 
 def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -> float:
-    """Return the weighted root mean square that equation 15 per direction leaves."""
+    """Return the weighted root mean square of the residuals of equation 15 per direction."""
     columns, root = main_columns(u), np.sqrt(weights)
     solution = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0]
     return float(np.sqrt(np.mean(weights * (target - columns @ solution) ** 2)))
@@ -224,8 +224,8 @@ def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -
 def _without_negligible(
     problem: Problem, effects: list[FloatArray]
 ) -> tuple[Dictionary, list[FloatArray]]:
-    """Leave out ripple and bumps whose coefficients add up to nothing that could be measured."""
-    means = {"wave": np.zeros((0, WAVE_COLUMNS))}  # without candidates, there is no such kind
+    """Drop ripple and bumps whose coefficients add up to a negligible amplitude."""
+    means = {"wave": np.zeros((0, WAVE_COLUMNS))}  # a kind without candidates
     means |= {kind.name: mean for kind, mean in zip(problem.kinds, effects, strict=True)}
     kept = {name: _worth_keeping(means[name]) for name in MANY_CANDIDATES}
     for name, candidates in kept.items():

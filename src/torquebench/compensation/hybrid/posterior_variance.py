@@ -87,11 +87,11 @@ def curve_variance(
 def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, turns, train_columns, gain, means, moments, value, variance
 ):
-    """Add what all copies of one kind add to the mean and to the variance of the curve.
+    """Add the contribution of all copies of one kind to the curve's mean and variance.
 
-    What an effect adds at calibration points is taken back from main form and deviation
-    there, so that only columns minus their projection vary. The second row is the other branch,
-    on which the columns have `turns` for a factor: alike for 1.
+    Main form and deviation compensate an effect's values at the calibration points, so only columns
+    minus their projection vary. The second row is the other branch, on which the columns are
+    multiplied by `turns`: 1 if both are equal.
     """
     copies, count, width = means.shape
     branches = 1 if turns == 1.0 else 2

@@ -1,10 +1,7 @@
-"""Which settings of noise, deviation and drift the hybrid averages over.
+"""The settings of noise, deviation and drift over which the hybrid averages.
 
-Settings round the noise of best evidence are averaged by their evidence. Two things are only
-looked into where the residuals look like them: noise that grows with the load, and heavy tails.
-The latter are a scale mixture: Student's distribution with `_FREEDOM` degrees of freedom is normal
-noise with a gamma-distributed weight per point, whose posterior mean follows in closed form
-(C. M. Bishop, Pattern Recognition and Machine Learning, 2006, section 2.3.7 and 10.1).
+Settings around the noise of best evidence are averaged by their evidence. Two more are searched
+only where the residuals indicate them: noise that grows with the load, and heavy tails.
 """
 
 from __future__ import annotations
@@ -28,18 +25,20 @@ __all__ = ["explore"]
 
 _DEVIATIONS = (3e-5, 1.5e-4, 7e-4)
 _LARGEST_DEVIATION = 4e-2
-_UNLIKELY = 2.5  # this far below the best, in log evidence, nothing is followed up
+_UNLIKELY = 2.5  # settings this far below the best, in log evidence, are not refined
 _FREEDOM = 4.0
 _TAILED_KURTOSIS = 3.3
-_TAILS_ODDS = 4.0  # prior odds where residuals look like it: few real readings scatter normally
+_TAILS_ODDS = 4.0  # prior odds where residuals indicate it: few real readings scatter normally
 _TAILS_ROUNDS = 12
-_GROWING = 1.5  # standard deviations of the correlation of squared residual and squared load
-_LARGEST_POWER = 6.0  # of a residual, over the mean, in that correlation: tails are no growth
+# threshold for the correlation of squared residual and squared load, in standard deviations
+_GROWING = 1.5
+# limit of a squared residual over the mean in that correlation: heavy tails aren't growth
+_LARGEST_POWER = 6.0
 
 
 @dataclass(frozen=True)
 class _Start:
-    """Where a grid of settings is laid round."""
+    """Start of a grid of settings."""
 
     member: Member
     tailed: bool = False
@@ -74,7 +73,7 @@ def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]
 
 
 def _starts(problem: Problem, best: Member) -> list[_Start]:
-    """Return the kinds of noise that the residuals speak for."""
+    """Return the kinds of noise that the residuals indicate."""
     starts = [_Start(best)]
     if _looks_heavy_tailed(best):
         starts.append(_Start(_with_tails(problem, best), tailed=True))
@@ -119,7 +118,8 @@ def _grid(problem: Problem, start: _Start) -> list[Member]:
         largest *= 4.0
         members += row(largest, drifts)
     best = _best(members)
-    # Noise and the rest are nearly independent: how certain it is, the best of them tells for all.
+    # Noise and the rest are nearly independent: its spread, found for the best of them, holds for
+    # all.
     all_to_best = float(np.logaddexp.reduce([m.log_evidence for m in members])) - best.log_evidence
     step = 1.5 / np.sqrt(2 * max(problem.target.size - best.effective, 4.0))
     for factor in (np.exp(-step), np.exp(step)):
@@ -133,7 +133,7 @@ def _grid(problem: Problem, start: _Start) -> list[Member]:
 def _plain_members(problem: Problem, starts: list[_Start]) -> list[Member]:
     """Solve for chains without any effect, deviation or drift.
 
-    A drift beside a plain form would take up what steps and loops do.
+    A drift beside a plain form would describe steps and loops.
     """
     members = [
         _plain_member(
@@ -175,13 +175,13 @@ def _looks_growing(problem: Problem, member: Member) -> bool:
     power = member.weights * member.residual**2
     power = np.minimum(power, _LARGEST_POWER * np.mean(power))
     if np.ptp(power) == 0.0 or np.ptp(problem.points.u**2) == 0.0:
-        return False  # nothing is left over, or all points lie at one load
+        return False  # nothing remains, or all points have one load
     correlation = np.corrcoef(power, problem.points.u**2)[0, 1]
     return bool(correlation * np.sqrt(power.size) > _GROWING)
 
 
 def _with_tails(problem: Problem, normal: Member) -> Member:
-    """Follow the variational steps of Student noise from the normal member."""
+    """Iterate the variational steps of Student noise from the normal member."""
     member, bound = normal, -np.inf
     for _ in range(_TAILS_ROUNDS):
         of_load = problem.load_weights(member.setting.growth)

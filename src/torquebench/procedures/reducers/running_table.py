@@ -221,11 +221,11 @@ class RunningTable:
 
 
 def _in_small_cycles(torque: Torque) -> Torque:
-    """Return torques in the middle of the chain's loop, without the place that was stated in it.
+    """Return torques in the middle of the chain's loop, regardless of the stated place in it.
 
     The small cycles of a test lie inside the calibration's hysteresis loop, with a zero of their
-    own. How the plays share out that loop isn't known well enough to follow them there: no-load
-    torque of two simulated RV-40E benches had errors of up to 2 % by the stated place and of up to
-    0.7 % by the middle. What the place had added stays as an uncertainty.
+    own. The weights of the play operators aren't known well enough to follow them there: no-load
+    torque of two simulated RV-40E benches had errors of up to 2 % with the stated place and of up
+    to 0.7 % with the middle. The contribution of the place remains as an uncertainty.
     """
     return torque.without("hysteresis")
