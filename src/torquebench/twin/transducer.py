@@ -109,7 +109,8 @@ def fresh_transducer_state() -> FloatArray:
 def _update_stops(constants: TransducerConstants, state: FloatArray, relative: float) -> float:
     """Move the stop operators to the new torque; returns the hysteresis, relative.
 
-    A stop operator is the complement of a play operator: s = x − play(x), within ± width. The sum of weighted stops lags
+    A stop operator is the complement of a play operator: s = x − play(x), within ± width. The
+    weighted sum of stops lags
     the reading behind the torque, closes its loops and forgets inner loops (wiping-out).
     """
     change = relative - state[PREVIOUS]
