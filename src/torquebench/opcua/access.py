@@ -1,7 +1,7 @@
-"""Who may connect: certificates that are trusted, and the panel's accounts and clients.
+"""Access control: trusted certificates, and the panel's accounts and clients.
 
-A connection needs both. Nobody is anonymous, and nothing can be written but by methods that the
-service decides about.
+A connection needs both. Anonymous access is refused, and nothing can be written except through
+methods, which the service authorises.
 """
 
 from __future__ import annotations
@@ -228,12 +228,12 @@ class _Session(InternalSession):
 
 
 def _check_filter(wanted: Any) -> None:
-    """Refuse fields of events that asyncua fails on when an event comes, for all clients."""
+    """Refuse event fields on which asyncua would fail at the next event, for all clients."""
     if not isinstance(wanted, ua.EventFilter):
         return
     wanted.SelectClauses = wanted.SelectClauses or []
     for clause in wanted.SelectClauses:
-        clause.BrowsePath = clause.BrowsePath or []  # no path is as good as an empty one
+        clause.BrowsePath = clause.BrowsePath or []  # a missing path is treated as an empty one
         known = clause.AttributeId in set(ua.AttributeIds)
         if not known or not all(step.Name for step in clause.BrowsePath):
             raise ServiceError(ua.StatusCodes.BadEventFilterInvalid)

@@ -1,4 +1,4 @@
-"""Where the server listens."""
+"""Address of the server."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Files that clients read: made on request, gone when they are closed or left alone."""
+"""Files for clients: generated on request, removed when closed or unused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from torquebench.opcua.nodes import argument, typed_object
 __all__ = ["Transfers"]
 
 IDLE_S = 60.0
-"""A file that nobody reads for so long is removed, s: `ClientProcessingTimeout`."""
+"""Unused time after which a file is removed, s: `ClientProcessingTimeout`."""
 MOST_OPEN = 16
 LONGEST_READ = 1 << 20
 _BYTES, _UINT32, _UINT64, _BOOLEAN, _UINT16 = 15, 7, 9, 1, 5

@@ -1,4 +1,4 @@
-"""What the service shows, as values of the address space; pure."""
+"""Values of the service as values of the address space; pure."""
 
 from __future__ import annotations
 

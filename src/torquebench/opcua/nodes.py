@@ -1,8 +1,8 @@
 """The address space: types by the companion specifications' names and numbers, and the bench.
 
-The specifications' node sets aren't shipped. What this server uses of them (identification and
-state of OPC 40001-1, results of OPC 40001-101) is built here with their namespaces, browse names
-and node numbers, so that a client that knows them finds everything where it expects it.
+The specifications' node sets aren't shipped. The parts that this server uses (identification and
+state of OPC 40001-1, results of OPC 40001-101) are built here with their namespaces, browse names
+and node numbers, so that clients of these specifications find them.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Results by OPC 40001-101 from the service's records; pure but for the records' reading."""
+"""Results by OPC 40001-101 from the service's records; pure except for reading them."""
 
 from __future__ import annotations
 
@@ -150,7 +150,7 @@ def result_file(records: RecordQueries, result_id: str) -> tuple[bytes, str]:
 
 
 Condition = Callable[[ResultRecord], Any]
-"""What a filter's element or operand gives for a result."""
+"""Value of a filter's element or operand for a result."""
 
 _COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
     "Equals": lambda a, b: a == b,
@@ -201,7 +201,7 @@ def condition(operator: str, operands: Sequence[Condition]) -> Condition:
 
 
 def _compared(comparison: Callable[[Any, Any], bool], one: Any, other: Any) -> bool:
-    """Compare what may be compared; what differs in kind doesn't match."""
+    """Compare comparable values; values of different types don't match."""
     if isinstance(one, datetime) and isinstance(other, datetime):
         one, other = _utc(one), _utc(other)
     try:

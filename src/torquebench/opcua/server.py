@@ -105,14 +105,14 @@ class OpcUaServer:
     def _run(self) -> None:
         try:
             asyncio.run(self._serve())
-        except BaseException as error:  # told to whoever waits for the start
+        except BaseException as error:  # reported to the caller that waits for the start
             self._failed = error
         finally:
             self._ready.set()
 
     async def _serve(self) -> None:
         self._loop, self._ended = asyncio.get_running_loop(), asyncio.Event()
-        # one thread for records and accounts: what waits for a disk holds up no live value
+        # one thread for records and accounts, so that the disk doesn't delay live values
         self._loop.set_default_executor(ThreadPoolExecutor(1, "torquebench-opcua-records"))
         inner = GuardedServer(self._gate)
         inner.bind_condition_methods = True
@@ -140,7 +140,7 @@ class OpcUaServer:
         self._transfers = Transfers(server, self._space.index)
         inner.isession.add_method_callback(_ACKNOWLEDGE, self._acknowledge)
         await self._show_slow(first=True)
-        await self._show_live()  # nobody sees a value that was never measured
+        await self._show_live()  # a value that was never measured isn't published
         async with server:
             assert server.bserver is not None
             self.url = self._endpoint.url(int(server.bserver.port or self._endpoint.port))
@@ -148,7 +148,7 @@ class OpcUaServer:
             await self._update(inner)
 
     async def _update(self, inner: GuardedServer) -> None:
-        """Write what changes until the end; a failure of one part keeps the others going."""
+        """Write changes until the server ends; a failure of one part doesn't affect the others."""
         assert self._ended is not None
         rounds = 0
         while not self._ended.is_set():
@@ -165,7 +165,7 @@ class OpcUaServer:
                 await asyncio.wait_for(self._ended.wait(), LIVE_S)
 
     async def _send_away(self, inner: GuardedServer) -> None:
-        """Close sessions of accounts that may no longer."""
+        """Close sessions of accounts without permission."""
         for session in inner.outside:
             user = session.user
             if isinstance(user, SignedIn) and user.actor is not None:
@@ -174,7 +174,7 @@ class OpcUaServer:
                     user.actor = None
                     await session.close_session(True)
 
-    # -- showing ----------------------------------------------------------------------------
+    # -- publishing -------------------------------------------------------------------------
 
     async def _show_live(self) -> None:
         bench = self._service.snapshot()
@@ -209,7 +209,7 @@ class OpcUaServer:
         )  # fmt: skip
 
     async def _show_alarms(self) -> None:
-        """Tell conditions whose state has changed."""
+        """Report conditions whose state has changed."""
         seen = {each.alarm_id: each for each in self._service.alarms()}
         for alarm_id, alarm in reversed(seen.items()):
             known = self._alarms.get(alarm_id)
@@ -250,7 +250,7 @@ class OpcUaServer:
     async def _tell(
         self, event: Any, source: ua.NodeId, name: str, words: str, how_severe: int, when: datetime
     ) -> bytes:
-        """Send an event to whoever subscribed to the server's or the bench's events."""
+        """Send an event to the subscribers of the server's or the bench's events."""
         identifier = uuid.uuid4().bytes
         event.EventId = identifier
         event.SourceNode, event.SourceName = source, name
@@ -260,7 +260,7 @@ class OpcUaServer:
         event.Message = ua.LocalizedText(words, "en")
         event.Severity = how_severe
         trigger = self._server.iserver.subscription_service.trigger_event
-        # the server last: a refresh repeats what it keeps, and clients subscribe there
+        # the server last: a refresh repeats its retained events, and clients subscribe there
         for emitting in (self._space.bench.nodeid, ua.NodeId(ua.ObjectIds.Server)):
             event.emitting_node = emitting
             await trigger(event)
@@ -269,12 +269,12 @@ class OpcUaServer:
     # -- methods ----------------------------------------------------------------------------
 
     def _actor(self, role: Role = "operator") -> Actor:
-        """Return who calls, as far as they may.
+        """Return the caller with its permissions.
 
         Raises
         ------
         TorquebenchError
-            Nobody calls, or the role isn't enough.
+            There is no caller, or its role isn't sufficient.
         """
         known = caller()
         actor = None if known is None else self._service.present(known)
@@ -284,7 +284,7 @@ class OpcUaServer:
         return actor
 
     async def _acknowledge(self, parent: ua.NodeId, event_id: Any, comment: Any = None) -> Any:
-        """Acknowledge the alarm of an event by the service, as the panel does."""
+        """Acknowledge the alarm of an event through the service, as the panel does."""
         found = next(
             (alarm for alarm, identifier in self._alarms.values() if identifier == event_id.Value),
             None,
@@ -349,7 +349,7 @@ class OpcUaServer:
         return [ua.Variant(0, ua.VariantType.Int32)]
 
     async def _acknowledged(self, _parent: ua.NodeId, result_ids: Any) -> Any:
-        """Note in the log that somebody has taken results over."""
+        """Log that a client has acknowledged results."""
         try:
             actor = self._actor()
         except TorquebenchError:
@@ -366,7 +366,7 @@ class OpcUaServer:
         ]
 
     async def _file(self, _parent: ua.NodeId, options: Any) -> Any:
-        """Offer a result's file for reading."""
+        """Provide a result's file for reading."""
         result_id = getattr(options.Value, "ResultId", None)
         try:
             self._actor()
@@ -387,7 +387,7 @@ class OpcUaServer:
 
 
 def _filter(wanted: ua.ContentFilter | None) -> Condition | None:
-    """Return a filter as a function of a result; the first element is the whole of it."""
+    """Return a filter as a function of a result; the first element is its root."""
     elements = [] if wanted is None else list(wanted.Elements or [])
     if not elements:
         return None

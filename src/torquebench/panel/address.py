@@ -1,4 +1,4 @@
-"""Where the panel listens, and where it refuses to."""
+"""The panel's address and the addresses that it refuses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torquebench.errors import InputError
 __all__ = ["ANY_ADDRESS", "Address"]
 
 ANY_ADDRESS = "*"
-"""Stands for every address in figures, among the names of a server."""
+"""Placeholder for any numeric address among the names of a server."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The comparison of models as a process of its own runs it: little to load."""
+"""The comparison of models, run in a process of its own that imports little."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Connections that wait for what never comes: how long, and how many."""
+"""Limits on idle connections: how long, and how many."""
 
 from __future__ import annotations
 
@@ -11,24 +11,28 @@ from uvicorn.protocols.http.auto import AutoHTTPProtocol
 __all__ = ["MOST_CONNECTIONS", "MOST_OF_ONE", "PatientProtocol"]
 
 HEAD_S = 30.0
-"""How long a request's head may take to come whole, s. Browsers use a connection that they have
-opened in advance for ten seconds, and don't try again where it is closed in the meantime."""
+"""Longest time to receive a request's head, s. Browsers use a connection that they opened in
+advance within ten seconds, and don't retry if it was closed meanwhile.
+"""
 LAST_LOOK_S = 0.1
-"""What has come while this process had no time is read before a connection is closed, s."""
+"""Time to read data that arrived while the process was busy, before a connection is closed, s."""
 LARGEST_HEAD = 64 * 1024
-"""How long it may be, bytes: the parser has no limit of its own."""
+"""Longest head of a request, bytes: the parser has no limit."""
 MOST_CONNECTIONS = 300
-"""At one time, of everybody: the bench's own files need descriptors too. One more takes the place
-of the longest idle one of the address that has the most, so that a stop always gets in."""
+"""Most connections in all: the bench's files need descriptors too. A further one replaces the
+longest idle one of the address with most connections, so that a stop always gets through.
+"""
 MOST_OF_ONE = 200
-"""Of one address, which isn't that of the proxy that is believed; one more takes the place of its
-own longest idle one."""
+"""Most connections of one address other than the trusted proxy; a further one replaces its own
+longest idle one.
+"""
 FOR_STOPS = 50
-"""Further ones if nobody idles: they may stop the bench and nothing else."""
+"""Additional connections if none is idle: they may only stop the bench."""
 STOPS = (b"POST /panel/stop ", b"POST /api/v1/stop ")
 
 _TURNS = itertools.count(1)
-"""Which connection has idled longest: the loop's clock is the same for all that come at once."""
+"""Counter of the order in which connections became idle: the loop's clock is equal within one pass.
+"""
 _Base: Any = AutoHTTPProtocol
 
 
@@ -39,7 +43,7 @@ class PatientProtocol(_Base):
     _head = 0
     _idle_since = 0
     _begin: bytes | None = None
-    """What has come of a connection that may only stop; None for any other."""
+    """Data of a connection that may only stop the bench; None for any other."""
 
     def connection_made(self, transport: asyncio.Transport) -> None:
         """Take a connection; where there are too many, an idle one has to go for it."""
@@ -64,7 +68,7 @@ class PatientProtocol(_Base):
         return _address(self)
 
     def _dispensed(self, address: str | None) -> PatientProtocol | None:
-        """Close the longest idle connection, of an address or of that which has the most."""
+        """Close the longest idle connection of an address, or of the address with most."""
         idle: dict[str, list[PatientProtocol]] = {}
         for each in self.connections:
             if isinstance(each, PatientProtocol) and each is not self and each._dispensable:
@@ -97,7 +101,7 @@ class PatientProtocol(_Base):
         if self._answering:
             self._served()
             return
-        if self.cycle is None or not self.cycle.more_body:  # else a body that nobody wants
+        if self.cycle is None or not self.cycle.more_body:  # otherwise a body that no one reads
             self._head += len(data)
         if self._head > LARGEST_HEAD:
             self.transport.abort()
@@ -131,7 +135,7 @@ class PatientProtocol(_Base):
         self.timeout_keep_alive_task = self.loop.call_later(LAST_LOOK_S, close)
 
     def _give_up(self) -> None:
-        # The loop looks at its clock before it reads: after a pause, a head may be there unread.
+        # The loop checks timers before it reads: after a pause, a head may be unread.
         self._patience = self.loop.call_later(LAST_LOOK_S, self._close)
 
     def _close(self) -> None:
@@ -145,6 +149,6 @@ class PatientProtocol(_Base):
 
 
 def _address(protocol: Any) -> str:
-    """Return where a connection of any kind comes from."""
+    """Return the address of a connection of any kind."""
     client = getattr(protocol, "client", None)
     return str(client[0]) if client else ""

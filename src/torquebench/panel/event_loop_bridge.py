@@ -1,7 +1,7 @@
-"""Two event loops: one in front that only passes messages on and stops the bench, one behind.
+"""Two event loops: a front loop passes messages on and stops the bench, a back loop does the rest.
 
-Whatever a page or an operation computes on the loop behind, however long, the loop in front goes
-on taking connections, so that a stop never waits for it.
+However long a page or an operation computes on the back loop, the front loop accepts connections,
+so that a stop never waits.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ class EventLoopBridge:
         await self._ended.wait()
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Have the application behind answer, and carry what it receives and sends across."""
+        """Run the application on the back loop, and transfer its messages."""
         assert self._loop is not None
         front = asyncio.get_running_loop()
 
@@ -80,7 +80,7 @@ class EventLoopBridge:
 
 
 async def _on(loop: asyncio.AbstractEventLoop, work: Awaitable[Any]) -> Any:
-    """Await something on another loop; cancelling this cancels it there."""
+    """Await something on another loop; a cancellation is passed on."""
 
     async def awaited() -> Any:
         return await work

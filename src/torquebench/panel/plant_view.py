@@ -1,6 +1,6 @@
-"""The plant's own view in a browser: what all benches measured, readable without any bench.
+"""Plant view in a browser: results of all benches, available without any bench.
 
-Pages are plain HTML, made on the server from the answers of `torquebench.plant`; they only read.
+Pages are plain HTML, generated on the server from `torquebench.plant`; they only read.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ __all__ = ["create_plant_view", "serve_plant_view"]
 
 STATIC = Path(__file__).parent / "static"
 SHOWN = 200
-"""Rows of a table on a page; its files hold all."""
+"""Most rows of a table on a page; the files hold all."""
 PAGES = ("overview", "runs", "transducers", "production", "comparison")
 _FORMS: Mapping[str, tuple[str, ...]] = {
     "runs": ("bench", "kind", "status", "specimen_type", "serial", "batch", "operator"),

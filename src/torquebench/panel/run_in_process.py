@@ -1,4 +1,4 @@
-"""Long computations in a process of their own, so that the bench keeps its time."""
+"""Long computations in a separate process, so that the bench's threads aren't delayed."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def run_in_process(
 
 
 class _Sent(NoProgress):
-    """Sends what is reached to the person who waits."""
+    """Sends progress to the waiting process."""
 
     def __init__(self, pipe: Connection) -> None:
         self._pipe = pipe
@@ -94,7 +94,7 @@ class _Sent(NoProgress):
 
 def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
     if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, 0, NICE)  # whatever the bench's own process has
+        os.setpriority(os.PRIO_PROCESS, 0, NICE)  # inherited from the bench's process
     try:
         found = function(*arguments, _Sent(pipe))
         pipe.send(("done", found))

@@ -32,7 +32,7 @@ __all__ = ["create_app", "listen", "serve", "storage_secret"]
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
 RESTING_S = 30
-"""How long a connection is kept for a further request: longer than clients keep theirs, s."""
+"""How long a connection is kept for a further request, s: longer than by clients."""
 
 
 def storage_secret(data_dir: Path) -> str:
@@ -96,10 +96,10 @@ def serve(
             guarded,
             http=PatientProtocol,
             ws_max_size=LARGEST_BODY,
-            ws_per_message_deflate=False,  # it costs the front loop more than all else together
+            ws_per_message_deflate=False,  # it costs the front loop more than everything else
             log_level="warning",
             access_log=False,
-            proxy_headers=bool(address.proxy),  # nobody else is believed where he comes from
+            proxy_headers=bool(address.proxy),  # no other sender may state its own address
             forwarded_allow_ips=address.proxy or "",
             server_header=False,
             ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
@@ -113,7 +113,7 @@ def serve(
 
 
 class _Server(uvicorn.Server):
-    """A server whose end is no sudden death: the bench is unloaded first, then readers go."""
+    """A server that shuts down in order: the bench is unloaded first, then connections close."""
 
     def __init__(self, config: uvicorn.Config, on_exit: Callable[[], None]) -> None:
         super().__init__(config)
@@ -134,7 +134,7 @@ class _Server(uvicorn.Server):
         wanted += [signal.SIGHUP] if hasattr(signal, "SIGHUP") else []
         for number in wanted:
             signal.signal(number, self.handle_exit)
-        yield  # the handlers stay: a second signal must not cut the unloading short
+        yield  # handlers stay installed: a second signal must not cut the unloading short
 
 
 def listen(address: Address) -> socket.socket:

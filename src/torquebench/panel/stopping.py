@@ -1,4 +1,4 @@
-"""The stop, before everything else: on the server's front loop, by threads of its own."""
+"""The stop, handled with priority on the server's front loop, by threads of its own."""
 
 from __future__ import annotations
 
@@ -48,9 +48,10 @@ class StopFirst:
 
 
 async def _stop_of_a_page(request: Request) -> Response:
-    """Stop the bench for anybody who sees the page: a stop needs no permission.
+    """Stop the bench for anyone who sees the page: a stop needs no permission.
 
-    The header keeps other sites from doing it: a browser asks before it sends one across.
+    The header prevents requests from other sites: a browser asks before it sends one to another
+    origin.
     """
     if request.headers.get("x-torquebench") != "panel":
         return JSONResponse({"stopped": False}, status_code=403)

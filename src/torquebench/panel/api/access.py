@@ -1,6 +1,6 @@
-"""Who calls: a client by its token, or a person by the token of a session.
+"""The caller of an operation: a client by its token, or a person by a session's token.
 
-Who that is stands in memory, so these dependencies need no thread.
+Tokens are looked up in memory, so these dependencies need no thread.
 """
 
 from __future__ import annotations
@@ -100,9 +100,9 @@ Caller: TypeAlias = Annotated[Actor, Depends(_caller)]
 
 
 async def _watched(service: Service, caller: Caller) -> BenchService:
-    del caller  # whoever is signed in may look
+    del caller  # every signed-in caller may read
     return service
 
 
 Watched: TypeAlias = Annotated[BenchService, Depends(_watched)]
-"""The bench, for the person who is signed in."""
+"""The bench, for signed-in callers."""

@@ -1,4 +1,4 @@
-"""Operations on the live bench: what it reads, who commands, stop, alarms."""
+"""Operations on the live bench: readings, command lease, stop, alarms."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The API's OpenAPI description: what the code says of its values, with units, roles, examples."""
+"""The API's OpenAPI description, derived from docstrings, with units, roles and examples."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ UNITS = {
     "_s": "s",
     "_hz": "Hz",
 }
-"""By the end of a name; the longest that fits counts."""
+"""By the end of a name; the longest match counts."""
 
 ROLES: dict[str, Role] = {
     "activate": "metrologist",
@@ -50,7 +50,7 @@ ROLES: dict[str, Role] = {
     "undo": "metrologist",
     **{f"start_{kind.name.replace('-', '_')}": kind.role for kind in JOB_KINDS.values()},
 }
-"""Which role an operation wants at least; anybody who is signed in may do the others."""
+"""Minimum role of an operation; everyone signed in may call the others."""
 WORDS = {
     "active": "Whether it is in use.",
     "allowed": "What would have been allowed, with its limit and unit.",
@@ -111,7 +111,7 @@ WORDS = {
     "unlock": "Ends the pause after wrong passwords.",
     "version": "Version of the edited document; refused if it was changed in the meantime.",
 }
-"""What names mean wherever nothing more exact is said."""
+"""General meanings of names, where no docstring is more specific."""
 
 WITH_PASSWORD = frozenset({"set_up", "sign_in", "change_password", "sign_off", "certificate"})
 OPEN = frozenset({"set_up", "sign_in"})
@@ -259,7 +259,7 @@ def _describe_schema(schema: dict[str, Any]) -> None:
 
 
 def _said(words: str) -> Iterator[tuple[str, str]]:
-    """Yield what a docstring of this project says of each parameter.
+    """Yield the description of each parameter in a docstring.
 
     Examples
     --------

@@ -1,4 +1,4 @@
-"""What `details` of a job's result hold, by the job's kind, as the description says it."""
+"""Types of `details` of a job's result, by the kind of the job."""
 
 from __future__ import annotations
 
@@ -253,7 +253,8 @@ DETAILS: tuple[type[BaseModel], ...] = (
     RecordingDetails,
     ZeroDetails,
 )
-"""Of jobs that have any; others have none, and so has "zero" of no side."""
+"""Kinds of jobs with details; others have none, and "zero" has none for a side that wasn't zeroed.
+"""
 
 
 def details_schemas() -> tuple[list[dict[str, str]], dict[str, Any]]:

@@ -1,7 +1,7 @@
-"""What happens, as server-sent events: jobs, their points, questions to the operator, alarms.
+"""Server-sent events: jobs, their points, questions to the operator, alarms.
 
-A page or program that listens asks for nothing again and again. Each event is the whole value that
-`GET /jobs/ID`, `/prompt` or `/alarms` would return, so that one that was missed does no harm.
+Listeners don't poll. Each event is the whole value of `GET /jobs/ID`, `/prompt` or `/alarms`, so a
+missed event does no harm.
 """
 
 from __future__ import annotations
@@ -33,11 +33,11 @@ __all__ = ["router"]
 router = APIRouter(tags=["jobs"])
 
 LOOK_S = 0.05
-"""How often the bench is checked for a listener, s."""
+"""Interval at which the bench is checked for a listener, s."""
 ALIVE_S = 15.0
-"""How often a listener to whom nothing happens hears that the server is there, s."""
+"""Interval of keep-alive messages to a listener without events, s."""
 SLOWEST_S = 20.0
-"""How long a listener may take nothing before it is left, s."""
+"""Timeout of a listener that accepts no data, s."""
 
 
 @dataclass(frozen=True)
@@ -76,7 +76,7 @@ class EventStream(Response):
                 body = {"type": "http.response.body", "body": event.encode(), "more_body": True}
                 await asyncio.wait_for(send(body), SLOWEST_S)
             await asyncio.wait_for(send({"type": "http.response.body", "body": b""}), SLOWEST_S)
-        except TimeoutError:  # it takes nothing: the server closes what wasn't ended
+        except TimeoutError:  # the listener accepts nothing: the server closes the open response
             return
         finally:
             left.cancel()
@@ -113,7 +113,7 @@ async def events(
 
     The stream ends with the job that it was requested, with the token, and with the server.
     """
-    del caller  # whoever is signed in may listen
+    del caller  # every signed-in caller may listen
     if job_id is not None:
         service.jobs.get(job_id)
     return EventStream(_events(service, token, job_id))
@@ -124,7 +124,7 @@ async def _events(service: BenchService, token: str, job_id: str | None) -> Asyn
     silent_since = time.monotonic()
     while not service.ending:
         try:
-            caller_of(service, token, touch=False)  # it may have been revoked
+            caller_of(service, token, touch=False)  # the token may have been revoked
         except NotSignedInError:
             return
         over = listener.over
@@ -140,7 +140,7 @@ async def _events(service: BenchService, token: str, job_id: str | None) -> Asyn
 
 
 class _Listener:
-    """What one listener has been told, and what is new to it."""
+    """One listener: what it has received, and the new events for it."""
 
     def __init__(self, service: BenchService, job_id: str | None) -> None:
         self._service, self._job_id = service, job_id
@@ -184,7 +184,7 @@ class _Listener:
         if entries == self._seen:
             return
         self._seen = entries
-        for view in reversed(self._service.alarms()):  # also one that has gone since
+        for view in reversed(self._service.alarms()):  # also one that has disconnected since
             if self._alarms.get(view.alarm_id) != view:
                 self._alarms[view.alarm_id] = view
                 yield _event("alarm", _ALARM, view)

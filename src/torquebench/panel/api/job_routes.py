@@ -1,4 +1,4 @@
-"""Operations on jobs: start, watch, pause, resume, abort; one operation a kind."""
+"""Operations on jobs: start, watch, pause, resume, abort; one operation for each kind."""
 
 from __future__ import annotations
 

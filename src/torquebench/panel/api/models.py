@@ -1,4 +1,4 @@
-"""Bodies of requests, and of answers that aren't the service's own values."""
+"""Request bodies, and answers that aren't values of the service."""
 
 from __future__ import annotations
 

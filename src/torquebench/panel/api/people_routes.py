@@ -1,4 +1,4 @@
-"""Operations on people: sign in, accounts, clients, and what everybody did."""
+"""Operations on people: sign in, accounts, clients, and the log of actions."""
 
 from __future__ import annotations
 

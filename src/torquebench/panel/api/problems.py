@@ -1,4 +1,4 @@
-"""Refusals as problem details (RFC 9457), whatever raised them."""
+"""Errors as problem details (RFC 9457)."""
 
 from __future__ import annotations
 
@@ -89,7 +89,7 @@ PROBLEMS: dict[int | str, dict[str, Any]] = {
     429: _described("Too many wrong passwords; Retry-After says how long to wait."),
     503: _described("The bench doesn't deliver."),
 }
-"""What every operation may answer instead."""
+"""Error answers that every operation may return."""
 
 
 def problem_response(
@@ -171,7 +171,7 @@ def _http(request: Request, error: Exception) -> Response:
 
 
 def _methods(request: Request) -> list[str]:
-    """Return every method of a path: the router itself names those of its first route only."""
+    """Return all methods of a path: the router itself names those of its first route only."""
     path = request.scope["path"].removeprefix(request.scope.get("root_path", ""))
     routes = [each for each in request.app.routes if isinstance(each, Route)]
     found = [each for each in routes if each.path_regex.match(path)]
@@ -181,7 +181,7 @@ def _methods(request: Request) -> list[str]:
 
 
 def _unforeseen(_request: Request, error: Exception) -> Response:
-    """Say that it is our mistake; what it was stands on the server's console alone."""
+    """Answer with an internal error; its details appear on the server's console only."""
     return problem_response(
         500, "Unforeseen", type(error).__name__, remedy="report it with the server's output"
     )

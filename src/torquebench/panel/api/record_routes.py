@@ -193,7 +193,7 @@ def run_report(service: Watched, run_id: RunId) -> Response:
 
 
 def _attached(name: str) -> dict[str, str]:
-    """Return the header that names a file, whatever its characters."""
+    """Return the header with a file's name, for any characters."""
     return {"Content-Disposition": f"attachment; filename*=UTF-8''{quote(name, safe='')}"}
 
 

@@ -1,4 +1,4 @@
-"""What guards the server below every page and operation: origin, host, size, headers."""
+"""Checks of every request before any page or operation: origin, host, size, headers."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ __all__ = ["LARGEST_BODY", "Guard"]
 
 LARGEST_BODY = 1024 * 1024
 BODY_S = 30.0
-"""How long a body may take to come whole, s."""
+"""Longest time to receive a whole body, s."""
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
 PAGE_POLICY = (
     "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
@@ -26,7 +26,7 @@ PAGE_POLICY = (
     "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'self'; "
     "form-action 'self'; frame-ancestors 'none'"
 )
-"""NiceGUI compiles its templates in the browser, which takes inline scripts and `eval`."""
+"""NiceGUI compiles its templates in the browser, which needs inline scripts and `eval`."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -53,7 +53,8 @@ class Guard:
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
-        if not scope["path"].isprintable():  # no path of ours; some routers read on after a line
+        # not a valid path; some routers would read on after a line break
+        if not scope["path"].isprintable():
             await _refuse(scope, receive, send, 404, "Not found", "a path with control characters")
             return
         headers = Headers(scope=scope)
@@ -72,7 +73,7 @@ class Guard:
         await self._app(scope, _limited(receive), self._with_headers(scope, send))
 
     def _foreign(self, scope: Scope, headers: Headers) -> str:
-        """Return why this comes from a place that isn't trusted; empty where it is."""
+        """Return why a request's origin isn't trusted; empty where it is."""
         host = headers.get("host", "")
         if self._hosts and ("@" in host or not self._is_own(_name(f"//{host}"))):
             return f"the host name {host[:80]!r} isn't this server's"
@@ -102,7 +103,8 @@ class Guard:
                 headers = MutableHeaders(scope=message)
                 headers["X-Content-Type-Options"] = "nosniff"
                 headers["X-Frame-Options"] = "DENY"
-                headers["Referrer-Policy"] = "same-origin"  # with none, forms come from "null"
+                # without it, forms have the origin "null"
+                headers["Referrer-Policy"] = "same-origin"
                 headers["Cross-Origin-Opener-Policy"] = "same-origin"
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
                 headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
@@ -124,13 +126,13 @@ def _name(url: str) -> str:
 
 
 def _limited(receive: Receive) -> Receive:
-    """Cut the connection of a body that is too long or takes too long to come."""
+    """Cut the connection of a body that is too long or arrives too slowly."""
     taken, whole = 0, False
     until = time.monotonic() + BODY_S
 
     async def receiving() -> Message:
         nonlocal taken, whole
-        if whole:  # what comes now is the end of the connection
+        if whole:  # the next message ends the connection
             return await receive()
         try:
             message = await asyncio.wait_for(receive(), max(0.0, until - time.monotonic()))

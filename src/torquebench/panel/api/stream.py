@@ -1,4 +1,4 @@
-"""Live data over a WebSocket: increments, as often as the watcher wants and can take.
+"""Live data over a WebSocket: increments at the requested rate, as fast as the client reads.
 
 The watcher sends one JSON message, `{"token": "…", "signals": […], "since": 0, "rate": 30}`; only
 the token is required. Then every message from the server is one `LiveRows`. A browser can't send
@@ -27,7 +27,7 @@ router = APIRouter()
 FIRST_MESSAGE_S = 15.0
 CLOSING_S = 1.0
 SLOWEST_S = 20.0
-"""How long a watcher may take nothing before it is left: one message waits for it, no more."""
+"""Timeout of a client that accepts no data; at most one message waits for it."""
 REFUSED = 1008
 
 
@@ -54,7 +54,7 @@ async def stream(websocket: WebSocket) -> None:
         reason = error.found if isinstance(error, TorquebenchError) else "an unusable message"
         with contextlib.suppress(TimeoutError, RuntimeError, WebSocketDisconnect):
             await asyncio.wait_for(websocket.close(REFUSED, reason[:100]), CLOSING_S)
-    except (WebSocketDisconnect, RuntimeError):  # it has left, perhaps while something was sent
+    except (WebSocketDisconnect, RuntimeError):  # disconnected, perhaps during a send
         return
 
 
@@ -68,7 +68,7 @@ async def _send(websocket: WebSocket, service: BenchService, request: StreamRequ
     try:
         sequence = request.since
         while not left.done():
-            caller_of(service, request.token, touch=False)  # it may have been revoked
+            caller_of(service, request.token, touch=False)  # the token may have been revoked
             found = service.live.since(sequence, request.signals)
             if found.time_s.size or found.sequence != sequence:
                 sequence = found.sequence

@@ -1,1 +1,1 @@
-"""What the panel's pages are made of: plain HTML elements with words, controls, charts."""
+"""Building blocks of the panel's pages: plain HTML elements with texts, controls, charts."""

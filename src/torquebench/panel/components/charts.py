@@ -1,4 +1,4 @@
-"""Charts of curves and points, in the colours of the page's look."""
+"""Charts of curves and points, in the colours of the theme."""
 
 from __future__ import annotations
 
@@ -13,7 +13,8 @@ from torquebench.panel.components.elements import box, icon
 __all__ = ["COLOURS", "Chart", "Line"]
 
 COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
-"""Custom properties of the style sheet, told apart by colour-blind readers."""
+"""Custom properties of the style sheet; the colours are distinguishable for colour-blind readers.
+"""
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,7 @@ def _series(line: Line, *, names: bool) -> dict[str, Any]:
         },
         "labelLayout": {"hideOverlap": False, "moveOverlap": "shiftY"},
         "animation": False,
-        "clip": False,  # ends of axes may lie a hair within the values
+        "clip": False,  # an axis may end slightly inside the values
         "lineStyle": {
             "width": 2,
             "type": "dashed" if line.dashed else "solid",
@@ -182,7 +183,7 @@ class Chart:
                 self._tool("table_view", "table", label)
 
     def _tool(self, picture: str, kind: str, label: str) -> None:
-        """Make a button by which the browser saves the chart; `panel.js` names it."""
+        """Make a button by which the browser saves the chart; `panel.js` sets the file's name."""
         made = box("button", "control small quiet", type="button", data_chart_tool=kind)
         made.props["data-chart"] = self.element.html_id
         made.props["aria-label"] = label
@@ -204,7 +205,7 @@ class Chart:
         return series
 
     def _unseen(self, line: Line) -> dict[str, Any]:
-        """Return points nobody sees at the limits: an axis follows points, not limits."""
+        """Return invisible points at the limits: an axis is scaled to points, not to limits."""
         where = 0 if self._names else _number(line.x[0])
         points = [[where, limit] for limit in self._limits] if len(line.y) else []
         return {"type": "scatter", "data": points, "symbolSize": 0, "silent": True}

@@ -1,4 +1,4 @@
-"""Buttons, fields and choices: at least 48 px high, named, with their faults beside them."""
+"""Buttons, fields and choices: at least 48 px high, labelled, with their errors beside them."""
 
 from __future__ import annotations
 
@@ -11,8 +11,9 @@ __all__ = ["Choice", "Field", "button", "link_button", "set_disabled", "typed_nu
 
 CHOSEN = "(event) => emit(event.target.value)"
 TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
-"""Keeps what is typed in the browser's picture of the page, too: otherwise the next change of
-anything on the page would put back what was there before."""
+"""Also stores typed text in the page's model: otherwise the next update of the page would restore
+the previous text.
+"""
 
 
 def typed_number(said: str) -> float:

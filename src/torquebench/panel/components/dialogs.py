@@ -1,4 +1,4 @@
-"""Dialogs that keep the keyboard inside, close on Escape and leave nothing behind."""
+"""Dialogs that keep the focus inside, close on Escape and are removed after closing."""
 
 from __future__ import annotations
 

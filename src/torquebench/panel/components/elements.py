@@ -1,4 +1,4 @@
-"""Plain HTML elements: what a browser and a screen reader already know how to handle."""
+"""Plain HTML elements, which browsers and screen readers support natively."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ def on_press(element: Any, action: Callable[[], Any]) -> None:
     def pressed() -> Coroutine[Any, Any, None] | None:
         work = None
         try:
-            with element.client.content:  # the button itself may be gone before the action ends
+            with element.client.content:  # the button may be removed before the action ends
                 work = action()
         finally:
             if not iscoroutine(work):

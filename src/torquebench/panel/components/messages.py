@@ -1,4 +1,4 @@
-"""Messages at the page's edge: read out, kept until dismissed where something is wrong."""
+"""Messages at the page's edge: announced to screen readers; errors stay until dismissed."""
 
 from __future__ import annotations
 

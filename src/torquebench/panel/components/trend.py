@@ -13,9 +13,9 @@ from nicegui.element import Element
 __all__ = ["Band", "Trace", "Trend"]
 
 MOST_AHEAD = 12
-"""How many messages may be under way that the browser hasn't painted: a third of a second's."""
+"""Most messages sent but not yet painted by the browser: those of a third of a second."""
 PATIENCE_S = 2.0
-"""After so long without an answer one message is sent nevertheless: an answer may get lost."""
+"""After this time without an answer the next message is sent anyway: an answer may get lost."""
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,6 @@
-"""The pages that a person at the bench sees: live, calibrate, tests, records, settings, alarms.
+"""The pages of the panel: live, calibrate, tests, records, settings, alarms.
 
-`register_pages(service)` adds them to NiceGUI's application; they talk to the panel's service only.
+`register_pages(service)` adds them to NiceGUI's application; they use the panel's service only.
 """
 
 from torquebench.panel.pages.register import register_pages

@@ -1,4 +1,4 @@
-"""The alarms: what happened, why, what to do, and who has acknowledged it."""
+"""The alarms: event, cause, remedy, and who has acknowledged it."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ class _AlarmsPage:
             return
         self._shown = alarms
         standing = [alarm for alarm in alarms if alarm.stands]
-        if standing != self._stood:  # a button that is about to be pressed stays
+        if standing != self._stood:  # keep a button that is about to be pressed
             self._stood = standing
             self._show(standing)
         self._history.clear()

@@ -1,4 +1,4 @@
-"""Files that a page hands to the browser: read by the service by number, never by a path."""
+"""Downloads of a page: files are read by their number, never by a path."""
 
 from __future__ import annotations
 

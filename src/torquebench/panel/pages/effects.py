@@ -1,4 +1,4 @@
-"""What every effect of the measuring chains contributes now: a table below the live values."""
+"""Present contributions of every effect of the measuring chains: a table below the live values."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ class EffectsTable:
                     on_press(button, lambda: self._switch(state.switch, name))
 
     def _switch(self, switch: str, name: str) -> None:
-        """Turn one correction over, and leave the others as they are."""
+        """Toggle one correction, and keep the others."""
         visitor = self._visitor
         off = {
             each.switch for each in visitor.service.effects(self._side) if each.state == "off"
@@ -110,7 +110,7 @@ class EffectsTable:
 
 
 def _says(state: EffectState) -> bool:
-    """Leave out what neither adds anything nor makes anything uncertain."""
+    """Return whether an effect contributes a correction or an uncertainty, or can be switched."""
     return bool(
         state.uncertainty_nm > 0.0
         or state.contribution_nm
@@ -120,5 +120,5 @@ def _says(state: EffectState) -> bool:
 
 
 def _kind_of(state: EffectState) -> str:
-    """Return what of a detail isn't a number that changes with every window."""
+    """Return the parts of a detail that don't change with every window."""
     return state.detail if state.state == "unmeasured" else ""

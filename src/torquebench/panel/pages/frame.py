@@ -1,4 +1,4 @@
-"""What is around every page: the bar with the stop button, the rail of pages, the alarm strip."""
+"""The frame of every page: bar with stop button, navigation rail, alarm strip."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ PAGES = {
     "settings": ("/settings", "build"),
     "alarms": ("/alarms", "notifications"),
 }
-"""Path and picture of every page, in the order of the keys Alt+1 and so on."""
+"""Path and icon of every page, in the order of the keys Alt+1 and so on."""
 
 REFRESH_S = 0.5
 FOLLOW_DEVICE = (
@@ -39,7 +39,7 @@ FOLLOW_DEVICE = (
     ' document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };'
     'follow(); dark.addEventListener("change", follow);'
 )
-"""Before anything is painted: the style sheet knows its looks by name only."""
+"""Runs before the first paint; the style sheet selects a theme by its name."""
 LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 
 
@@ -84,7 +84,7 @@ def stop_button(text: Text) -> None:
 
 
 class _Frame:
-    """The changing parts around a page."""
+    """The parts around a page that change."""
 
     def __init__(self, visitor: Visitor, current: str) -> None:
         self.visitor = visitor
@@ -97,7 +97,7 @@ class _Frame:
                 words("a", self.text("navigation.skip"), "skip", href="#content")
                 self._bar()
                 self._rail(current)
-            before.move(client.layout, 0)  # read and reached before the page's content
+            before.move(client.layout, 0)  # seen and focused before the page's content
             self.visitor.messages = Messages(self.text)
             self._job = JobStrip(self.visitor, current)
 
@@ -219,7 +219,7 @@ class _Frame:
             self._lost.set_text(text(said, problem=text.core(snapshot.connection_problem)))
 
     def _notify(self) -> None:
-        """Tell the browser which alarm and which end of an own job are the newest."""
+        """Send the browser the newest alarm and the newest end of a job of its user."""
         service, text = self.visitor.service, self.text
         alarm = max(service.alarms(standing=True), key=lambda each: each.number, default=None)
         jobs = (each for each in service.jobs.recent() if not each.open)

@@ -1,4 +1,4 @@
-"""A job under way, wherever it is shown: progress, question to the operator, pause and abort."""
+"""The running job on any page: progress, question to the operator, pause and abort."""
 
 from __future__ import annotations
 

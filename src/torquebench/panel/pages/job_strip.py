@@ -1,4 +1,4 @@
-"""The job under way at the foot of every page, and the result of those that one has started."""
+"""The running job at the foot of every page, and the results of the user's own jobs."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ SHOWN_BY = {
     ),
     "reducer": ("reducer-test", "standard-reducer"),
 }
-"""Kinds whose results a page shows itself: a message there would only be in the way."""
+"""Kinds whose pages show the result, so that no message is needed."""
 
 
 class JobStrip:
@@ -76,7 +76,7 @@ class JobStrip:
         self._controls.refresh(job)
 
     def _tell(self) -> None:
-        """Say the result of the reader's own jobs, until it is dismissed."""
+        """Show the result of the user's own jobs until it is dismissed."""
         visitor, log = self._visitor, self._visitor.service.jobs.log
         reader = visitor.looker
         if reader.kind != "person":
@@ -86,7 +86,7 @@ class JobStrip:
                 continue
             self._told.add(job.job_id)
             shown = job.kind in self._kinds and job.state != "interrupted"
-            if shown or job.job_id in visitor.shown_jobs:  # the page itself shows how it ended
+            if shown or job.job_id in visitor.shown_jobs:  # the page itself shows the result
                 log.told(job.job_id)
                 continue
             self._say(job)

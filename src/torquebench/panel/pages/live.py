@@ -21,7 +21,7 @@ from torquebench.panel.text import Text
 __all__ = ["live_page"]
 
 PUSH_S = 1.0 / 40.0
-"""How often a page asks for new rows: more often than they come, so that none waits long."""
+"""Interval at which a page requests rows, s: shorter than theirs, so that none waits long."""
 FACTS = {
     "speed_input": ("input_speed_rpm", 2),
     "speed_output": ("output_speed_rpm", 3),
@@ -32,7 +32,7 @@ FACTS = {
     "efficiency": ("efficiency_percent", 1),
 }
 EFFECTS_EVERY = 2
-"""Refreshes of the page from one look at the effects to the next: nobody reads them faster."""
+"""Page refreshes between two updates of the effects."""
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 
 

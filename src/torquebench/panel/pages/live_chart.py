@@ -33,10 +33,10 @@ from torquebench.panel.service import (
 __all__ = ["SPANS", "LiveChart"]
 
 MOST_ROWS = 300
-"""That come one by one; a page that lacks more gets the whole past again, reduced."""
+"""Most rows that are sent one by one; a page that lacks more gets the whole past, reduced."""
 MOST_POINTS = 600
 MOST_LINES = 1200
-"""Of a spectrum: a browser draws no more in one chart without being felt."""
+"""Most values of a spectrum: more would slow the browser down."""
 SPANS = {"seconds_10": 10.0, "minute_1": 60.0, "minutes_10": 600.0, "hour_1": 3600.0}
 CHARTS = 3
 WHOLE_RANGE_UNITS = ("N·m", "rpm")
@@ -57,7 +57,7 @@ FLOORS = {
     "°C": (0.5, 0.5),
     "%": (1.0, 1.0),
 }
-"""The least span of a scale by unit: left, right."""
+"""The smallest span of a scale by unit: left, right."""
 TOOLS = (
     "tools",
     "live",
@@ -208,7 +208,7 @@ class LiveChart:
         return 1e-3 * self._limit(band, unit, side)
 
     def _limit(self, band: BandLayout, unit: str, side: str) -> float:
-        """Return the range of a unit, of the side that goes furthest."""
+        """Return the largest range of a unit over both sides."""
         found = self.visitor.service.snapshot().sides
         sides = [side] if side else {_BY_NAME[name].side or "output" for name in band.signals}
         each = [found[one] for one in sides]  # type: ignore[index]  # sides as strings
@@ -242,12 +242,12 @@ class LiveChart:
     def push(self, share: Mapping[Side, tuple[str, float]]) -> None:
         """Send the rows that came since; `share` says which torque counts, and its range."""
         hub = self.visitor.service.live
-        if hub is not self._hub:  # the first time, and when the bench was opened again
+        if hub is not self._hub:  # first call, or the bench was reopened
             self._restart()
             return
         if hub.sequence == self._sequence or not self.trend.ready:
             return
-        if hub.sequence - self._sequence > MOST_ROWS:  # a page that was hidden, or much too slow
+        if hub.sequence - self._sequence > MOST_ROWS:  # a page that was hidden or slow
             self._restart()
         increment = hub.since(self._sequence, self._names)
         self._sequence = increment.sequence
@@ -410,7 +410,7 @@ class LiveChart:
 
 
 def _reduced(x: Any, y: Any, step: int) -> tuple[list[float], list[float]]:
-    """Keep the largest of so many neighbours."""
+    """Keep the largest value of each group of neighbours."""
     if step == 1:
         return x.tolist(), y.tolist()
     places = [k + int(y[k : k + step].argmax()) for k in range(0, x.size, step)]

@@ -1,4 +1,4 @@
-"""The menu: command of the bench, language, look, keys, signing out."""
+"""The menu: command lease, language, theme, keys, signing out."""
 
 from __future__ import annotations
 

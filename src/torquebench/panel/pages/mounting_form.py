@@ -1,4 +1,4 @@
-"""Data of the mounting, entered before a run, for the record and the certificate."""
+"""Data of the mounting, entered before a run, for its record and certificate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Zeroing and the daily check: one press opens, the second begins."""
+"""Zeroing and the daily check: the first press opens the dialog, the second starts."""
 
 from __future__ import annotations
 

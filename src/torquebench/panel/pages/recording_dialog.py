@@ -1,4 +1,4 @@
-"""Recording on demand: a name, and when it begins and ends."""
+"""Recording on demand: name, start and end."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def open_recording(visitor: Visitor) -> None:
         with box("div", "line end"):
             button(text("frame.close"), dialog.close, "quiet")
             button(text("record.start"), start, "primary", picture="fiber_manual_record")
-    # What the browser calls a time is local; the server wants to know which one it is.
+    # The browser's time is local; the server needs the time zone.
     at.control.on(
         "change",
         lambda event: setattr(at, "value", str(event.args)),

@@ -1,4 +1,4 @@
-"""Add the pages, their files and the forms behind sign-in and stop to a server."""
+"""Registers the pages, their files and the forms for sign-in and stop."""
 
 from __future__ import annotations
 
@@ -102,7 +102,7 @@ def _signed_in(request: Request, token: str) -> Response:
 
 
 def _refused(request: Request, name: str, reason: str, error: TorquebenchError | None) -> Response:
-    """Return to the form with the reason in words; the name needn't be typed again."""
+    """Return to the form with the reason; the name stays filled in."""
     found = {
         "reason": reason,
         "name": name[:LONGEST_NAME],

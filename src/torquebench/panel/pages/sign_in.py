@@ -1,4 +1,4 @@
-"""Signing in: a plain form, so that a browser's password store and a lost script don't matter."""
+"""Signing in: a plain form, which works with password managers and without scripts."""
 
 from __future__ import annotations
 

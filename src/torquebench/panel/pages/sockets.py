@@ -1,4 +1,4 @@
-"""Sockets of pages: each belongs to the page and to the session that opened it."""
+"""WebSockets of pages: each belongs to one page and to the session that opened it."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["SOCKET_PATH", "PageSockets"]
 SOCKET_PATH = "/_nicegui_ws/"
 REFUSED = 1008
 TO_SIGN_IN = '42["open"'
-"""How the message begins that sends a page elsewhere: the last one that an ended session gets."""
+"""Beginning of the message that redirects a page: the last one of an ended session."""
 _PACKET = re.compile(r"4[0-9]+-?(?:/[^,]*,)?[0-9]*")
 
 
@@ -69,7 +69,7 @@ class PageSockets:
                 said = _content(message.get("text") or "")
                 if said is None or not _is_of(page, said):
                     return {"type": "websocket.disconnect", "code": REFUSED}
-                if said[:1] != ["log"]:  # nobody writes into the server's log from outside
+                if said[:1] != ["log"]:  # keeps outsiders from writing into the server's log
                     return message
 
         async def sending(message: Message) -> None:
@@ -96,12 +96,12 @@ def _cookie(scope: Scope) -> str:
 
 
 def _is_harmless(kind: str, said: str) -> bool:
-    """Whether even an ended session may hear this: engine.io's own, or where to sign in."""
+    """Return whether an ended session may get this: engine.io's own, or the redirect."""
     return kind != "websocket.send" or len(said) == 1 or said.startswith(TO_SIGN_IN)
 
 
 def _content(text: str) -> list[Any] | None:
-    """Return what a packet holds, empty where it is engine.io's own; None where it is no JSON."""
+    """Return a packet's content; empty for engine.io's own packets, None if it isn't JSON."""
     begin = _PACKET.match(text)
     if begin is None or begin.end() == len(text):
         return []
@@ -113,5 +113,5 @@ def _content(text: str) -> list[Any] | None:
 
 
 def _is_of(page: str, said: list[Any]) -> bool:
-    """Whether what a browser says concerns its own page only."""
+    """Return whether a browser's message concerns its own page only."""
     return all(part.get("client_id", page) == page for part in said if isinstance(part, dict))

@@ -1,4 +1,4 @@
-"""People: accounts and roles for an administrator, the own password for everybody."""
+"""People: accounts and roles for administrators, one's own password for everyone."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Who looks at a page, and in which language."""
+"""The user of a page, and the language."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The panel's service: the single owner of one open bench, for pages and HTTP clients alike.
+"""The panel's service: owner of one open bench, for pages and HTTP clients alike.
 
 `BenchService.open(description, data_dir)` opens the bench. Everything may be called from any
 thread, returns frozen values, and raises `TorquebenchError` (found, allowed, remedy) when it

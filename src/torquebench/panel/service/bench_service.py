@@ -1,4 +1,4 @@
-"""The one owner of an open bench in a server process: pages and HTTP clients talk to it only."""
+"""The owner of an open bench in a server process; pages and HTTP clients use it only."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ JOB_KINDS: Mapping[str, JobKind] = {
         *FINISHING_KINDS,
     )
 }
-"""What `jobs.start` can start."""
+"""Kinds that `jobs.start` accepts."""
 
 LIVE_BLOCK_S = 0.03
 """Longest block of a live bench: thirty-three updates a second, s."""
@@ -197,7 +197,7 @@ class BenchService:
         )
 
     def _watch(self) -> None:
-        """Look at the station that is open now."""
+        """Watch the station that is open now."""
         station = self.station
         try:
             self.records = RecordQueries(station.registry)
@@ -277,7 +277,7 @@ class BenchService:
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
-        with contextlib.ExitStack() as closing:  # all of it, also where a drive isn't off
+        with contextlib.ExitStack() as closing:  # close everything, even if a drive isn't off
             closing.callback(self._store.close)
             closing.callback(self.people.close)
             closing.callback(self._later.shutdown)
@@ -285,12 +285,12 @@ class BenchService:
             closing.callback(self.station.close)
 
     def _keep_time(self) -> None:
-        """Let a fast bench follow the wall while no procedure asks for more."""
+        """Let a fast bench follow the wall clock while no procedure runs."""
         while not self._closed.wait(IDLE_PERIOD_S):
             clock = self.station.clock
             clock.require(clock.now() + IDLE_PERIOD_S)
 
-    # -- what there is to see ---------------------------------------------------------------
+    # -- reading ----------------------------------------------------------------------------
 
     @property
     def connection(self) -> tuple[Connection, str]:
@@ -351,14 +351,14 @@ class BenchService:
         try:
             kept = self._store.preference(actor.name, "live")
             return LiveLayout.model_validate(kept) if kept is not None else DEFAULT_LAYOUT
-        except ValidationError:  # of a version that knew other signals
+        except ValidationError:  # stored by a version with other signals
             return DEFAULT_LAYOUT
 
     def keep_layout(self, actor: Actor, layout: LiveLayout) -> None:
         """Keep what somebody wants to see on the live page."""
         self._store.keep_preference(actor.name, "live", layout.model_dump(mode="json"))
 
-    # -- what is done -----------------------------------------------------------------------
+    # -- actions ----------------------------------------------------------------------------
 
     def mark(self, actor: Actor, note: str, bench_time_s: float | None = None) -> Marker:
         """Put a marker with a note, now or at an earlier bench time.
@@ -524,7 +524,7 @@ class BenchService:
 
     def unfinished(self) -> list[UnfinishedView]:
         """Return runs that something has come between, the oldest first."""
-        if self.jobs.busy:  # what is under way isn't finished either
+        if self.jobs.busy:  # a running job isn't finished either
             return []
         return unfinished(self.station.registry)
 
@@ -687,7 +687,7 @@ class BenchService:
         said = plain(reason, 200) or "stop button"
         alarm = self.station.emergency_stop(f"{said}, by {actor.label}")
         seconds = time.perf_counter() - started
-        # The alarm itself is in the audit log by now; who asked must not wait for the disk.
+        # The alarm is already in the audit log; the caller must not wait for the disk.
         self._later.submit(
             self.note, actor, "stopped the bench", reason=said, seconds=round(seconds, 4)
         )
@@ -699,7 +699,7 @@ class BenchService:
 
 
 def _live_paced(description: BenchDescription) -> BenchDescription:
-    """Shorten the counter's blocks so that a live display has something to show."""
+    """Shorten the counter's blocks for a smooth live display."""
     counter = description.counter
     if counter.block_s <= LIVE_BLOCK_S:
         return description

@@ -1,4 +1,4 @@
-"""Kinds of fields that requests have: a number is no text, and a yes is no number."""
+"""Types of request fields: strict about numbers, text and booleans."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ __all__ = [
 
 
 def _whole(value: Any) -> Any:
-    """Let 20.0 pass for 20, as JSON does, but neither text nor true."""
+    """Accept 20.0 as 20, as JSON does, but neither text nor booleans."""
     if isinstance(value, bool | str | bytes):
         raise ValueError("a whole number")  # noqa: TRY004 - pydantic passes TypeErrors on
     return value
 
 
 def _in_words(moment: Any) -> Any:
-    """Refuse seconds since 1970, which nobody can tell from a typing mistake."""
+    """Refuse seconds since 1970, which look like a typing mistake."""
     if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
         raise ValueError("a time such as 2026-01-31T12:00:00Z")
     return moment
@@ -53,14 +53,14 @@ def _day_in_words(day: Any) -> Any:
 
 
 def _of_our_time(moment: datetime) -> datetime:
-    """Refuse years that no database turns into another time zone."""
+    """Refuse years that databases can't convert to another time zone."""
     if not 1900 <= moment.year <= 2900:
         raise ValueError("a moment between 1900 and 2900")
     return moment
 
 
 MODEL_NAMES = (*MODELS, *(f"polynomial-{degree}" for degree in range(1, 31)))
-"""As `make_model` takes them."""
+"""Parameters as for `make_model`."""
 
 
 def _known_model(name: str) -> str:
@@ -78,13 +78,13 @@ Identifier: TypeAlias = Annotated[int, Field(ge=1, le=2**53), WHOLE]
 Moment: TypeAlias = Annotated[
     AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
 ]
-"""With its time zone, in words."""
+"""Time with its time zone, as text."""
 Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
-"""In words."""
+"""Day as text."""
 ProfileName: TypeAlias = Annotated[
     str, Field(min_length=1, max_length=64, pattern=r"^[a-z0-9][a-z0-9.-]*$")
 ]
-"""Of a profile or a reducer: never a path."""
+"""Name of a profile or a reducer: never a path."""
 ModelName: TypeAlias = Annotated[
     str,
     Field(max_length=64),
@@ -93,7 +93,7 @@ ModelName: TypeAlias = Annotated[
 ]
 """Kind of a model."""
 RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
-"""Of a run: never a path."""
+"""Identifier of a run: never a path."""
 
 
 def plain(text: str, longest: int) -> str:

@@ -1,4 +1,4 @@
-"""What the panel refuses, as errors in the one shape of this project."""
+"""Refusals of the panel as errors with found, allowed and remedy."""
 
 from __future__ import annotations
 

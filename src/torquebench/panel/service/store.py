@@ -1,7 +1,7 @@
-"""The panel's own database: people, sessions, clients, what they did and what they changed.
+"""The panel's own database: people, sessions, clients, their actions and changes.
 
-Beside the registry, not in it: accounts must be changed and sessions deleted, which the
-registry's append-only tables forbid, and a registry may be shared by several benches.
+It is separate from the registry: accounts must be changed and sessions deleted, which the
+registry's append-only tables forbid, and several benches may share a registry.
 """
 
 from __future__ import annotations
@@ -162,7 +162,7 @@ class PanelStore:
 
     def __init__(self, data_dir: Path) -> None:
         path = data_dir / PANEL_FILE
-        with contextlib.suppress(FileExistsError):  # hashes are nobody else's business
+        with contextlib.suppress(FileExistsError):  # hashes stay secret
             os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
         self._engine = create_engine(URL.create("sqlite", database=str(path)))
         event.listen(self._engine, "connect", _set_up)
@@ -218,7 +218,7 @@ class PanelStore:
                 "make room on the disk or repair it",
             ) from error
 
-    # -- what somebody did ------------------------------------------------------------------
+    # -- actions ----------------------------------------------------------------------------
 
     def note(self, who: str, what: str, **details: Any) -> None:
         """Enter something that somebody did."""
@@ -242,7 +242,7 @@ class PanelStore:
                 for row in connection.execute(query)
             ]
 
-    # -- what somebody likes to see ---------------------------------------------------------
+    # -- preferences ------------------------------------------------------------------------
 
     def preference(self, who: str, name: str) -> Any:
         """Return what somebody has kept under a name; None where that is nothing."""
@@ -276,7 +276,7 @@ def utc_text() -> str:
 
 
 def _set_up(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # transactions begin where `_begin` says
+    connection.isolation_level = None  # transactions begin in `_begin`
     cursor = connection.cursor()
     for pragma in ("busy_timeout=5000", "journal_mode=WAL", "synchronous=FULL"):
         cursor.execute(f"PRAGMA {pragma}")

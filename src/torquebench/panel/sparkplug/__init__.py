@@ -1,5 +1,5 @@
-"""MQTT Sparkplug B: the open bench as an edge node, its two modules as devices, nothing to write.
+"""MQTT Sparkplug B: the open bench as an edge node with its two modules as devices, read-only.
 
-`payload` encodes messages, `session` orders them, `metrics` lists what is published, `history`
-keeps what couldn't be sent, `publisher` connects them with a broker.
+`payload` encodes messages, `session` orders them, `metrics` lists the published values, `history`
+stores unsent data, `publisher` connects them with a broker.
 """

@@ -1,4 +1,4 @@
-"""What couldn't be sent, kept in a file until a broker has taken it; bounded."""
+"""Unsent data, stored in a file of limited size until a broker has taken them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from torquebench.panel.sparkplug.payload import Metric, Payload, decode, encode
 __all__ = ["History", "Kept"]
 
 OVERHEAD_BYTES = 32
-"""Of a row of the table, roughly."""
+"""Approximate size of a row of the table, bytes."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""One connection to one broker, in a thread of its own; what happens on it becomes events."""
+"""A connection to one broker, in a thread of its own, as a queue of events."""
 
 from __future__ import annotations
 
@@ -105,7 +105,8 @@ class Link:
         self.broker = broker
         self._keep_alive_s = settings.keep_alive_s
         self._topics = [(topic, 1) for topic in topics]
-        self._marker_topic = will.topic  # never subscribed to: its only answer is that it was read
+        # never subscribed to: the broker's acknowledgement is all that is needed
+        self._marker_topic = will.topic
         self._post = post
         self._reason = ""
         named = f"{settings.group_id}/{settings.edge_node_id}".encode()
@@ -172,7 +173,7 @@ class Link:
         if self._thread.is_alive():
             self._thread.join(timeout_s)
 
-    # -- what paho tells --------------------------------------------------------------------
+    # -- callbacks of paho ------------------------------------------------------------------
 
     def _connected(self, client: mqtt.Client, _data: Any, _flags: Any, code: Any, _p: Any) -> None:
         if code.is_failure:

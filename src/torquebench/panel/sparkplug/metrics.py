@@ -30,7 +30,7 @@ __all__ = [
 ]
 
 NODE = ""
-"""Stands for the edge node itself among its devices."""
+"""Placeholder for the edge node itself among its devices."""
 DEVICES: tuple[str, ...] = SIDES
 BDSEQ = "bdSeq"
 REBIRTH = "Node Control/Rebirth"
@@ -228,7 +228,7 @@ def read_bench(service: BenchService) -> Readings | None:
         alarms = service.alarms(standing=True)
         current = service.jobs.current
         last = next((job for job in service.jobs.recent() if not job.open), None)
-    except (TorquebenchError, OSError):  # a simulator that is asked while the bench is reopened
+    except (TorquebenchError, OSError):  # the simulator is asked while the bench is reopened
         return None
     now = round(time.time() * 1000.0)
     node = {
@@ -290,7 +290,7 @@ def _run(current: JobView | None, last: JobView | None) -> dict[str, Value]:
 
 
 def _live(value: LatestValue, now: int, fault: str = "", *, keep: bool = True) -> Reading:
-    """Return a live value: a fault is never a number, an old one keeps its time."""
+    """Return a live value: null with a fault; an old value keeps its time."""
     if fault or value.value is None:
         return Reading(None, now, Quality.BAD if fault else Quality.STALE)
     if value.stale:
@@ -308,7 +308,7 @@ def _side(side: SideSnapshot, now: int) -> Iterator[tuple[str, Reading]]:
         yield "Torque/Expanded uncertainty", _live(side.uncertainty, now, side.raw.fault)
     yield "Torque/Raw", _live(side.raw, now, side.raw.fault)
     if side.reference.value is None and not side.reference.fault:
-        yield "Torque/Reference", Reading(None, now)  # none is mounted
+        yield "Torque/Reference", Reading(None, now)  # no standard is mounted
     else:
         yield "Torque/Reference", _live(side.reference, now, side.reference.fault)
     yield "Speed/Value", _live(side.speed, now)

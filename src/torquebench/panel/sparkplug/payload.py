@@ -1,4 +1,4 @@
-"""Sparkplug B payloads: metrics with type, time, quality and properties, as bytes of the wire.
+"""Sparkplug B payloads: metrics with type, time, quality and properties, encoded as bytes.
 
 The field numbers are those of the Sparkplug 3.0.0 specification, chapter 6. Data sets, templates
 and arrays are neither written nor read: a payload with them is decoded without their values.
@@ -137,7 +137,7 @@ _MESSAGES: dict[str, tuple[dict[int, str], dict[int, str]]] = {  # fields, and t
 
 @functools.cache
 def _payload_class() -> Any:
-    """Return the class of encoded payloads, in a pool of its own: other libraries have theirs."""
+    """Return the class of encoded payloads; its pool is separate from other libraries'."""
     file = descriptor_pb2.FileDescriptorProto(
         name="torquebench/sparkplug.proto", package="torquebench.sparkplug", syntax="proto2"
     )

@@ -1,4 +1,4 @@
-"""The bench at a broker: births, changes, deaths, and the history of what couldn't be sent."""
+"""The bench at a broker: births, changes, deaths, and the history of unsent data."""
 
 from __future__ import annotations
 
@@ -48,17 +48,17 @@ __all__ = ["Publisher"]
 
 FILE = "sparkplug.sqlite"
 CHUNK = 100
-"""Records of history that are sent before the broker has confirmed them."""
+"""Most records of history that are sent before the broker has confirmed them."""
 CLOSING_S = 2.0
 REFUSALS_S = 10.0
-"""Refused commands are noted in the log so often at most, s."""
+"""Shortest interval at which refused commands are logged, s."""
 ACTOR = Actor("Sparkplug", "operator", "sparkplug", "client")
 Record = tuple[str, tuple[Metric, ...]]
 
 
 @dataclass(frozen=True)
 class _Sent:
-    """What was sent before a marker: changes, or history up to a number."""
+    """Messages sent before a marker: changes, or history up to a number."""
 
     marker: int | None
     records: tuple[Record, ...] = ()
@@ -161,7 +161,7 @@ class Publisher:
                 self._turn()
             except (sqlite3.Error, RecordError) as error:
                 self._trouble(f"the buffer {self._history.path} fails: {error}")
-            except Exception as error:  # whatever it is, the bench goes on
+            except Exception as error:  # the bench continues after any error
                 self._trouble(f"unforeseen {type(error).__name__}: {error}")
         with contextlib.suppress(sqlite3.Error):
             self._farewell()
@@ -230,13 +230,14 @@ class Publisher:
             self._note(f"no connection to {link.broker.url}: {reason}; changes are kept")
         self._problem = reason
         self._keep()
-        spread = random.uniform(0.8, 1.2)  # benches that lost one broker don't come back as one
+        # random, so that benches that lost one broker don't return at once
+        spread = random.uniform(0.8, 1.2)
         self._attempt_at = time.monotonic() + self._pause_s * spread
         self._pause_s = min(2.0 * self._pause_s, self.settings.reconnect_longest_s)
         self._host_by = float("inf")
 
     def _keep(self) -> None:
-        """Keep as history what was sent, and what nobody has confirmed."""
+        """Store sent but unconfirmed data as history."""
         self._flushing = False
         records = [record for sent in self._sent for record in sent.records]
         self._sent.clear()
@@ -244,7 +245,7 @@ class Publisher:
         self._session = Session(self.topics, self._session.bdseq)
 
     def _farewell(self) -> None:
-        """Publish the death of the node, and keep what wasn't confirmed."""
+        """Publish the death of the node, and store unconfirmed data."""
         link = self._link
         if link is not None:
             self._leave(link, "ended")
@@ -253,7 +254,7 @@ class Publisher:
 
     def _leave(self, link: Link, reason: str) -> None:
         if self._session.born and link.farewell(self._session.death(_now()), CLOSING_S):
-            for sent in self._sent:  # confirmed by the answer to what came after it
+            for sent in self._sent:  # confirmed by the acknowledgement of a later message
                 self._history.forget(sent.history)
             self._sent.clear()
         link.close(reason)
@@ -288,7 +289,7 @@ class Publisher:
                 )
 
     def _host_says(self, payload: bytes) -> None:
-        """Follow the primary host, by the newest of what it says."""
+        """Follow the primary host's newest state."""
         try:
             said = json.loads(payload)
             online, moment = said["online"], said["timestamp"]
@@ -311,7 +312,7 @@ class Publisher:
         elif len(self.settings.brokers) > 1:
             link.close(f"the primary host {self.settings.primary_host} is offline there")
 
-    # -- what is told -----------------------------------------------------------------------
+    # -- publishing -------------------------------------------------------------------------
 
     def _readings(self) -> Readings | None:
         found = self._read()
@@ -362,7 +363,7 @@ class Publisher:
         self._flush()
 
     def _changes(self, readings: Readings, *, kept: bool) -> Iterator[Record]:
-        """Yield what differs from what was told last, and remember it as told."""
+        """Yield the differences from the last published values, and update these."""
         for device, specs in METRICS.items():
             if device != NODE and not (readings.alive and (kept or self._session.alive(device))):
                 continue
@@ -391,7 +392,7 @@ class Publisher:
         if self._link is not None:
             self._link.publish(message)
 
-    # -- what the broker has ----------------------------------------------------------------
+    # -- acknowledgements -------------------------------------------------------------------
 
     def _mark(self, sent: _Sent) -> None:
         marker = None if self._link is None else self._link.mark()
@@ -410,12 +411,12 @@ class Publisher:
         self._flush()
 
     def _flush(self) -> None:
-        """Send the oldest history, as much as is confirmed at one time."""
+        """Send the oldest history, up to the limit of unconfirmed records."""
         if self._flushing or not self._session.born or not self._history.waiting:
             return
         records = self._history.oldest(CHUNK)
         records = [*itertools.takewhile(lambda each: self._session.alive(each.device), records)]
-        if not records:  # of a device that is dead: they wait for its next birth
+        if not records:  # of a dead device: they wait for its next birth
             return
         for device, group in itertools.groupby(records, lambda each: each.device):
             metrics = [replace(m, historical=True) for each in group for m in each.metrics]
@@ -425,7 +426,7 @@ class Publisher:
 
 
 def _metric(spec: MetricSpec, reading: Reading, before: Reading | None) -> Metric:
-    """Return a changed value; its quality is stated where it differs from the last one."""
+    """Return a changed value; its quality is stated if it differs from the last one."""
     stated = before is not None and before.quality is reading.quality
     return Metric(
         spec.name,

@@ -1,4 +1,4 @@
-"""One session of an edge node: topics, births, data and deaths, numbered as the standard asks."""
+"""One session of an edge node: topics, births, data and deaths, numbered by the standard."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from torquebench.panel.sparkplug.payload import DataType, Metric, Payload, Quali
 __all__ = ["Message", "Session", "Topics", "numbered"]
 
 NUMBERS = 256
-"""bdSeq and seq begin again at 0 after 255."""
+"""bdSeq and seq restart at 0 after 255."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The settings file of Sparkplug: which broker, under which names, how often, how much is kept."""
+"""The settings file of Sparkplug: broker, names, intervals and size of the history."""
 
 from __future__ import annotations
 

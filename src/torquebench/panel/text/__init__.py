@@ -1,4 +1,4 @@
-"""The panel's words, in English and Chinese; the same keys and placeholders in both."""
+"""The panel's texts in English and Chinese, with the same keys and placeholders."""
 
 from torquebench.panel.text.catalogue import LANGUAGES, Language, Text, choose_language, words
 

@@ -1,4 +1,4 @@
-"""Look up what the panel says, by key and language."""
+"""Texts of the panel by key and language."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""Say in the reader's language what the packages below the panel say in English.
+"""Translates the English messages of the packages below the panel.
 
-The measuring core raises its errors, alarms and questions as English sentences with their values
-in them. Their English template is the key here, as it is in gettext: a catalogue holds
-``"at most {limit} N·m" = "不超过 {limit} N·m"``, a sentence is matched with it, and what stands in
-the placeholders is put into the other language's sentence, translated itself if it is known.
+The measuring core raises errors, alarms and questions as English sentences that contain values. As
+in gettext, the English template is the key: a catalogue holds ``"at most {limit} N·m" = "不超过
+{limit} N·m"``, a sentence is matched with it, and the placeholders' values are inserted into the
+translation, translated themselves if known.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ __all__ = ["core_templates", "translated"]
 
 HOLE = re.compile(r"\{(\w+)\}")
 WORDY = re.compile(r"(?<![a-zA-Z])(?!(?:rpm|rad|min|arcmin|arcsec)(?![a-z]))[a-z]{3,}")
-"""An English word; names with a capital letter and units are none."""
+"""An English word; not names with a capital letter, and not units."""
 LONGEST = 600
-"""Characters of a sentence that is looked up: what is longer holds a whole list of something."""
+"""Longest sentence that is looked up, in characters: longer ones contain a list."""
 KEPT = 4096
 
 
@@ -53,7 +53,7 @@ def core_templates(language: str) -> Mapping[str, str]:
 
 @cache
 def _templates(language: str) -> tuple[_Template, ...]:
-    """Return what has placeholders, the most definite first."""
+    """Return the templates with placeholders, the most specific first."""
     found = []
     for english, said in core_templates(language).items():
         if HOLE.search(english):
@@ -107,7 +107,7 @@ def _found(said: str, language: str) -> str:
 
 
 def _left(said: str) -> int:
-    """Return how many words are English still."""
+    """Return the number of words that are still English."""
     return len(WORDY.findall(said))
 
 
@@ -121,7 +121,7 @@ def _matched(said: str, language: str) -> str | None:
         filled = template.said.format_map(values)
         if not any(WORDY.search(value) for value in values.values()):
             return filled
-        first = first or filled  # a name or a number format is no word; a better match may come
+        first = first or filled  # a name or a number format isn't a word; a better match may follow
     return first
 
 
@@ -133,7 +133,7 @@ class _Cut:
 
 
 def _pieces(said: str) -> Iterator[_Cut]:
-    """Cut a sentence where it was put together."""
+    """Split a sentence at the points where parts were joined."""
     if said.endswith("."):
         yield _Cut((said[:-1],), "", "。")
     for joint, local in (("; ", "；"), (": ", "："), (", ", "，")):

@@ -1,4 +1,4 @@
-"""Fit one more model to the calibration: which kind, the network's parameters, which points."""
+"""Fit one more model to the calibration: its kind, the network's parameters, the points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a certificate would state, page by page, before anybody signs."""
+"""The certificate as it would be issued, page by page, before it is signed."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CertificatePreview:
         self._place = box("div", "stack")
 
     async def _show(self) -> None:
-        """Set the draft beside everything else, and show its pages."""
+        """Open the dialog with the draft's pages."""
         text, service = self._page.text, self._page.visitor.service
         number = self._page.workflow.calibration_id
         assert number is not None

@@ -1,4 +1,4 @@
-"""The wizard's first steps: what is going to happen, and the staircase as it happens."""
+"""The wizard's first steps: a preview of the run, and its steps while they are measured."""
 
 from __future__ import annotations
 
@@ -30,9 +30,9 @@ __all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
 
 FIRST_PROFILE = "rapid-in-situ"
 MODELS = (RECOMMENDED, "polynomial-2", "bayesian-network", "published-network")
-"""Offered before a calibration; all others and the network's parameters after it."""
+"""Kinds offered before a calibration; the others and the network's parameters follow after it."""
 TYPING_S = 0.4
-"""Who types a number types the next digit within this time, s."""
+"""Longest pause between two digits of a number, s."""
 
 
 class PrepareStep:
@@ -161,7 +161,7 @@ class PrepareStep:
         return request
 
     def _preview_soon(self) -> None:
-        """Show what would happen once nothing more is typed."""
+        """Show the preview after a pause in typing."""
         if self._waiting is not None:
             self._waiting.cancel()
         with self._plan:
@@ -184,7 +184,7 @@ class PrepareStep:
 
 
 def _as_before(value: Any, options: Mapping[str, str]) -> str:
-    """Return the option of a value that was requested before; the first one without."""
+    """Return the option with the requested value; the first one if there is none."""
     said = "" if value is None else f"{value:g}"
     return said if said in options else ""
 
@@ -230,7 +230,7 @@ def _extremes(
 
 
 def _steps(time: tuple[float, ...], target: tuple[float, ...]) -> tuple[list[float], list[float]]:
-    """Draw what is held until the next step as a staircase."""
+    """Draw the steps of the loading sequence as a staircase."""
     x: list[float] = []
     y: list[float] = []
     before = 0.0

@@ -1,4 +1,4 @@
-"""The wizard's step of models: curves before and after, the compared table, the recommended one."""
+"""The wizard's step of models: curves before and after, the comparison, the recommendation."""
 
 from __future__ import annotations
 
@@ -76,7 +76,7 @@ class ModelsStep:
         table(text("models.before_after"), columns, rows)
 
     def _draw(self) -> None:
-        """Draw the chosen models: what they subtract the reading, and what they leave."""
+        """Draw the chosen models: their corrections and their residual errors."""
         workflow, points = self._page.workflow, self._points
         standard, reading = points["standard_nm"], points["reading_nm"]
         raw = [shown - true for shown, true in zip(reading, standard, strict=True)]

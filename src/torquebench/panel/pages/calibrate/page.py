@@ -1,4 +1,4 @@
-"""The open wizard of a calibration: the step that it shows, and the way through all steps."""
+"""The open wizard of a calibration: its present step and the navigation."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class CalibratePage:
             self._view.refresh()
 
     def _first_step(self, reached: Step) -> Step:
-        """Return the step that the page's address names, once; else the furthest."""
+        """Return the step of the page's address on the first call, later the furthest one."""
         asked, self._asked = self._asked, ""
         step = next((each for each in STEPS if each == asked), reached)
         return step if STEPS.index(step) <= STEPS.index(reached) + 1 else reached
@@ -111,7 +111,7 @@ class CalibratePage:
         """Put this calibration aside and begin another one."""
         visitor = self.visitor
         if not visitor.attempt(lambda: visitor.service.jobs.command(visitor.actor)):
-            return  # the wizard is everybody's
+            return  # the wizard is shared by all users
         if self.workflow.calibrate is not None:
             self.visitor.dismissed.job_ids.add(self.workflow.calibrate.job_id)
         self.step = "prepare"
@@ -141,7 +141,7 @@ class CalibratePage:
             self._navigation()
 
     def _navigation(self) -> None:
-        """Go back to what is over and forward to what is possible."""
+        """Navigate back to finished steps and forward to available ones."""
         place, calibrated = STEPS.index(self.step), self.workflow.calibration_id is not None
         with box("div", "spread"):
             with box("div", "line"):
@@ -169,7 +169,7 @@ class CalibratePage:
 
 
 def _unfinished(jobs: Sequence[JobView | None]) -> JobView | None:
-    """Return the first job whose panel says something that the page doesn't."""
+    """Return the first job without a result."""
     return next((job for job in jobs if job is not None and job.result is None), None)
 
 

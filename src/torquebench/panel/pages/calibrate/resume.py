@@ -1,4 +1,4 @@
-"""Go on with a calibration: one that was interrupted, or one of the records."""
+"""Continue a calibration: an interrupted one, or one of the records."""
 
 from __future__ import annotations
 

@@ -25,7 +25,7 @@ VERDICTS = {
     "conditionalFail": ("warn", "warning"),
     "fail": ("bad", "error"),
 }
-"""Kind and picture of each."""
+"""Kind and icon of each verdict."""
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
 
 
@@ -90,7 +90,7 @@ class SignStep:
                 button(text("sign.button"), self._sign, "primary", picture="draw")
 
     def _verdicts(self) -> None:
-        """Say how every model stands at the fresh points."""
+        """State how each model performs at the fresh points."""
         text, workflow = self._text, self._page.workflow
         assert workflow.verify is not None
         assert workflow.verify.result is not None
@@ -111,7 +111,7 @@ class SignStep:
                     words("span", said, "muted number")
 
     def _asked(self) -> Mapping[str, Any]:
-        """Return what the preview of the certificate is of: the model that is chosen here."""
+        """Return the request for the preview of the certificate: the model chosen here."""
         models, chosen = self._page.workflow.models, getattr(self, "_model", None)
         name = chosen.value if chosen is not None else next(iter(models), "")
         asked: dict[str, Any] = {"languages": (self._text.language,)}
@@ -123,7 +123,7 @@ class SignStep:
         return asked
 
     def _contradictions(self, name: str | None = None) -> list[dict[str, str]]:
-        """Return what the calibration contradicts, for one model or any, each once."""
+        """Return the calibration's contradictions, for one model or any, each once."""
         models = self._page.workflow.models
         chosen = models.values() if name is None else [models[name]]
         return list(
@@ -146,7 +146,7 @@ class SignStep:
         self._password.wrong("")
         try:
             actor = visitor.actor
-            service.jobs.command(actor)  # refused before anything is signed
+            service.jobs.command(actor)  # checked before anything is signed
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
             service.activate(
                 actor,

@@ -1,7 +1,6 @@
-"""Where a calibration stands between mounting the calibrator and its certificate.
+"""The state of a calibration between mounting the calibrator and its certificate.
 
-Read from the jobs, which the server keeps: a page that is opened again, or by somebody else,
-shows the same.
+It is read from the jobs on the server, so every page shows the same state.
 """
 
 from __future__ import annotations
@@ -76,7 +75,7 @@ class CalibrationWorkflow:
             for name, model in job.result.details.get("models", {}).items():
                 number = job.result.model_ids[name]
                 if any(known["model_id"] == number for known in found.values()):
-                    continue  # a calibration taken up again knows its later fits
+                    continue  # a resumed calibration includes its later fits
                 key = f"{name} {number}" if name in found else name
                 found[key] = {**model, "model_id": number}
         return dict(sorted(found.items(), key=lambda item: int(item[1]["model_id"])))

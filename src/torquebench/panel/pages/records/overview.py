@@ -128,7 +128,7 @@ class _Runs:
 
 
 class _Calibrations:
-    """Calibrations with their models; the errors of several over each other."""
+    """Calibrations with their models; the errors of several in one chart."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
@@ -203,7 +203,7 @@ class _Calibrations:
         self._show()
         self._compare()
         if self._chosen:
-            with self._list:  # the pressed row isn't there any more
+            with self._list:  # the selected row no longer exists
                 to_the_top()
 
     def _compare(self) -> None:
@@ -247,7 +247,7 @@ class _Calibrations:
 
 
 def _drift(visitor: Visitor) -> None:
-    """Show how each transducer drifts."""
+    """Show the drift of each transducer."""
     text, records = visitor.text, visitor.service.records
     shown = 0
     for serial in records.transducers():
@@ -266,7 +266,7 @@ def _drift(visitor: Visitor) -> None:
                     span = [since[0], since[-1]]
                     middle = [chart.centre, chart.centre]
                     lines.append(Line(text("records.centre"), span, middle, "--series-3"))
-                if len(since) > 1:  # one point on axes of its own says less than a sentence
+                if len(since) > 1:  # a chart of a single point says less than a sentence
                     Chart(
                         text("records.drift_label", title=title),
                         text("records.days"),
@@ -289,7 +289,7 @@ def _drift(visitor: Visitor) -> None:
 
 
 def _certificates(visitor: Visitor) -> None:
-    """List the certificates and hand out their files."""
+    """List the certificates and offer their files."""
     text = visitor.text
     found = visitor.service.records.certificates()
     if not found:

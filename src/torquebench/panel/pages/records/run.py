@@ -1,4 +1,4 @@
-"""One run of the records: what it was, whether it is intact, its raw samples, its points."""
+"""One run of the records: its data, integrity, raw samples and points."""
 
 from __future__ import annotations
 
@@ -210,7 +210,7 @@ class RunPanel:
         draw()
 
     async def _export(self) -> None:
-        """Hand the run out; packing it takes its time, and other pages don't wait."""
+        """Offer the run as a download; packing runs in the background."""
         try:
             packed = await run.io_bound(self._packed)
         except TorquebenchError as error:
@@ -219,7 +219,7 @@ class RunPanel:
         ui.download(packed, f"{self._run_id}.zip")
 
     async def _export_data(self, chosen: str) -> None:
-        """Hand the samples out as one file."""
+        """Offer the samples as one file."""
         file_format = next((each for each in STREAM_FORMATS if each == chosen), None)
         if file_format is None:
             return
@@ -242,7 +242,7 @@ class RunPanel:
 
 
 def _extremes(name: str, time: list[float], low: list[float], high: list[float]) -> list[Line]:
-    """Draw lowest and highest value of each span, so that no spike is lost."""
+    """Draw the minimum and maximum of each span, so that no spike is lost."""
     x = [moment for moment in time for _ in range(2)]
     y = [value for pair in zip(low, high, strict=True) for value in pair]
     return [Line(name, x, y, "--series-1")]

@@ -1,4 +1,4 @@
-"""Enter a calibration that was measured on another bench: a CSV file, checked before it is kept."""
+"""Enter a calibration of another bench: a CSV file, checked before it is stored."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ READ_FILE = (
     " text += String.fromCharCode(...bytes.subarray(at, at + 8192));"
     " emit([file.name, btoa(text)]); }"
 )
-"""Sends the name and the bytes; of a file that is too large only the name."""
+"""Sends the file's name and bytes; only the name if the file is too large."""
 LONGEST_NAME = 120
 SHOWN_DEVIATIONS = 12
 NEEDED = ("transducer_serial", "indicator", "measured_by", "reference_serial")
@@ -55,7 +55,7 @@ def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]
 
 
 def _moment(day: str) -> str:
-    """Return noon of a day; of today the present moment."""
+    """Return noon of a past day, and the present time for today."""
     now = datetime.now(UTC)
     return now.isoformat() if day == now.date().isoformat() else f"{day}T12:00:00Z"
 
@@ -119,7 +119,7 @@ class TableEntry:
         self._fields[name] = Field(self._text(f"elsewhere.{name}"), value, hint=hint, **more)
 
     def _chosen(self, sent: Any) -> None:
-        """Take the bytes of the file; the name is only what records call it."""
+        """Take the bytes of the file; its name is a label only."""
         name, content = sent
         self._called = "".join(each for each in str(name) if each.isprintable())[:LONGEST_NAME]
         self._content = ""
@@ -140,7 +140,7 @@ class TableEntry:
             note(said, "bad", live=True)
 
     def _request(self, *names: str) -> dict[str, Any] | None:
-        """Return what was filled in; None where something isn't a number."""
+        """Return the entered values; None where one isn't a number."""
         numbers = ("reference_uncertainty_percent", "resolution_nm", "range_nm")
         asked: dict[str, Any] = {"content": self._content}
         good = bool(self._content)

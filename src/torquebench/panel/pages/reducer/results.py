@@ -1,4 +1,4 @@
-"""What a reducer test found: quantities with uncertainty, limit and verdict; earlier specimens."""
+"""Results of a reducer test: quantities with uncertainty, limit and verdict; earlier specimens."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ __all__ = ["comparison", "outcomes"]
 KINDS = {"pass": "good", "conditionalPass": "warn", "conditionalFail": "warn", "fail": "bad"}
 EARLIER = 20
 NEAR = 0.06
-"""Share of a loop's torque around zero that is drawn once more."""
+"""Share of a loop's torque around zero that is drawn enlarged."""
 
 
 def number(value: float) -> str:
@@ -76,7 +76,7 @@ def _fetch_report(visitor: Visitor, run_id: str) -> None:
 
 
 def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
-    """Say which specimen this is, and offer the report."""
+    """Show the specimen, and offer the report."""
     text = visitor.text
     with panel(), box("div", "spread"):
         serial = details["serial"] or text("reducer.no_serial")
@@ -88,7 +88,7 @@ def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
 
 
 def _beside(point: Mapping[str, Any]) -> str:
-    """Return on which side of a key point there is room for its name."""
+    """Return the side of a key point that has room for its label."""
     falling = "↓" in point["label"] or ("↑" not in point["label"] and point["torque_nm"] > 0.0)
     return "left" if falling else "right"
 
@@ -222,7 +222,7 @@ def _specimen(metadata: Mapping[str, Any], run_id: str) -> str:
 
 
 def _quantities(results: Any) -> dict[str, _Quantity]:
-    """Return every quantity by key."""
+    """Return all quantities by key."""
     listed = results.get("quantities", []) if isinstance(results, Mapping) else []
     return {
         each["key"]: _Quantity(

@@ -1,4 +1,4 @@
-"""The bench checked by a standard reducer: choose it, begin, read error and repeatability."""
+"""Check of the bench with a standard reducer: choose, start, read error and repeatability."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reducer tests: choose, see what would happen, watch, read the verdict, compare specimens."""
+"""Reducer tests: choose, preview, watch, read the verdict, compare specimens."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ class _ReducerPage:
                     comparison(self.visitor, job.result)
 
     def _grow(self, job: JobView) -> None:
-        """Draw what the bench has read since this part of the test began, at most ten minutes."""
+        """Draw the readings since this part of the test began, at most ten minutes."""
         live = self.visitor.service.live
         if self._began is None or self._stage != job.stage:
             self._stage, self._began = job.stage, live.bench_time_s
@@ -158,7 +158,7 @@ class _ReducerPage:
             self._chart.show(lines)
 
     def _read(self, signal: str) -> str:
-        """Return the signal that there is: the raw torque if nothing compensates it."""
+        """Return the compensated torque's signal, or the raw torque's without compensation."""
         for side, found in self.visitor.service.snapshot().sides.items():
             if signal == f"{side}_torque_nm" and found.compensation is None:
                 return f"{side}_raw_nm"
@@ -166,7 +166,7 @@ class _ReducerPage:
 
     @staticmethod
     def _runs_of(job: JobView) -> str:
-        """Return which test is under way; a full test has several, one after the other."""
+        """Return the running test; a full test has several in turn."""
         if job.kind == STANDARD:
             return "no-load"
         asked = str(job.request["test"])

@@ -1,4 +1,4 @@
-"""The types of reducers that there are to choose from."""
+"""The available types of reducers."""
 
 from __future__ import annotations
 

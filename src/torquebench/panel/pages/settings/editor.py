@@ -1,4 +1,4 @@
-"""Edit one document of the settings: a field a value, the differences before they count."""
+"""Edit one document of the settings: one field a value, with a preview of the differences."""
 
 from __future__ import annotations
 
@@ -151,7 +151,7 @@ class SettingEditor:
         groups: dict[str, list[str]] = {}
         for key in self._before:
             if self._new and key == "name" and self._item.section == "profiles":
-                continue  # it is the name that the profile is kept under
+                continue  # the name under which the profile is stored
             groups.setdefault(key.rpartition(".")[0], []).append(key)
         return dict(sorted(groups.items(), key=lambda pair: pair[0] not in OPEN_GROUPS))
 
@@ -183,7 +183,7 @@ class SettingEditor:
         self._preview()
 
     def _preview(self) -> None:
-        """Say what would change, or what is wrong."""
+        """Show the changes, or the errors."""
         self._pending.clear()
         item = self._item
         settings = self._visitor.service.settings
@@ -205,7 +205,7 @@ class SettingEditor:
         set_disabled(self._apply, not good)
 
     def _answer_beside(self) -> int:
-        """Say beside every field what is wrong with its value; return how many there are."""
+        """Show the error of each value beside its field; return their number."""
         item, text = self._item, self._text
         faults = self._visitor.service.settings.faults(
             item.section, item.name, nested(self._leaves)

@@ -1,4 +1,4 @@
-"""The panel's log: who did what and when, the newest first."""
+"""The panel's log of actions, the newest first."""
 
 from __future__ import annotations
 

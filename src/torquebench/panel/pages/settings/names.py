@@ -1,4 +1,4 @@
-"""What settings are called: words for their keys, and the units at the keys' ends."""
+"""Labels of settings, and the units of their keys."""
 
 from __future__ import annotations
 

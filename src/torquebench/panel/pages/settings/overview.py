@@ -1,4 +1,4 @@
-"""The settings: channels, limits, profiles, reducers, users; validated, shown, logged, undone."""
+"""The settings: channels, limits, profiles, reducers, users; validated, logged, undone."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ READ_FILE = (
 
 
 class _Bench:
-    """The open bench's channels and limits."""
+    """Channels and limits of the open bench."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor = visitor
@@ -66,7 +66,7 @@ class _Bench:
 
 
 class _Documents:
-    """Profiles or reducers: those of the software and own ones."""
+    """Profiles or reducers: packaged ones and the user's."""
 
     def __init__(self, visitor: Visitor, section: str) -> None:
         self._visitor, self._text, self._section = visitor, visitor.text, section
@@ -118,14 +118,14 @@ class _Documents:
         self._open(self._new(name, document), new=True)
 
     def _free_name(self, said: str) -> str:
-        """Return a name that nothing is kept under yet, made of what a document calls itself."""
+        """Return an unused name, based on the document's own."""
         plain = re.sub(r"[^a-z0-9.]+", "-", said.casefold()).strip("-.")[:60] or "own"
         taken = {item.name for item in self._visitor.service.settings.items(self._section)}
         numbered = (f"{plain}-{number}" for number in count(2))
         return next(name for name in chain([plain], numbered) if name not in taken)
 
     def _new(self, name: str, document: Mapping[str, Any]) -> SettingsItem:
-        if self._section == "profiles":  # a profile is called what it is kept under
+        if self._section == "profiles":  # a profile's name is the one under which it is stored
             document = {**document, "name": name}
         return SettingsItem(self._section, name, False, document, 0)
 
@@ -156,7 +156,7 @@ class _Documents:
 
 
 class _History:
-    """Every change, with a way back."""
+    """All changes, each with an undo button."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text

@@ -1,4 +1,4 @@
-"""Tokens of programs: who has one, a new one, and its end."""
+"""Access tokens of programs: list, create, revoke."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Who may do what: people, programs, sessions, passwords and the command lease."""
+"""Authorisation: people, programs, sessions, passwords and the command lease."""

@@ -1,4 +1,4 @@
-"""Who asks for something, and what their role allows."""
+"""Actors: the caller of an operation, and the permissions of its role."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["ROLES", "Actor", "Role", "allows", "require"]
 
 Role = Literal["operator", "metrologist", "administrator"]
 ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
-"""Each may do what those before it may."""
+"""Each role includes the permissions of the roles before it."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Clients: programs that talk to the HTTP API with a token of their own."""
+"""Clients: programs with an access token for the HTTP API."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from torquebench.panel.service.store import PanelStore, clients, note, utc_text
 __all__ = ["Client", "Clients"]
 
 PREFIX = "tb_"
-"""So that a token that leaks into a file is found by the person who looks for secrets."""
+"""Prefix of tokens, by which secret scanners find a token leaked into a file."""
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 
 

@@ -1,10 +1,9 @@
 """The command lease: one session commands the bench, the others watch.
 
-Who commands keeps the lease by commanding. It may be taken over by anybody once its holder has
-signed out, or has done nothing for `IDLE_S` while nothing runs; by the same person from another
-browser at any time; and by force by a metrologist or administrator, whose role isn't below the
-holder's; a program takes it from a person only while nothing runs. Every change is noted. A stop
-needs no lease.
+A command renews the holder's lease. Anybody may take it over once its holder has signed out, or has
+been idle for `IDLE_S` while nothing runs; the same person from another browser at any time; and, by
+force, a metrologist or administrator whose role isn't below the holder's. A program takes it from a
+person only while nothing runs. Every change is logged. A stop needs no lease.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from torquebench.panel.service.problems import LeaseError
 __all__ = ["IDLE_S", "CommandLease", "LeaseState"]
 
 IDLE_S = 120.0
-"""A holder who commands nothing for so long loses the lease to the person who wants it, s."""
+"""Idle time after which another user may take over the lease, s."""
 
 
 @dataclass(frozen=True)
@@ -134,7 +133,7 @@ class CommandLease:
                 assert holder is not None
                 strong = allows(actor.role, "metrologist") and allows(actor.role, holder.role)
                 if actor.kind == "client" and holder.kind == "person" and self._working():
-                    strong = False  # nobody's program takes a running bench out of their hands
+                    strong = False  # a program can't take a running bench from a person
                 if not (force and strong):
                     raise LeaseError(
                         reason,

@@ -1,4 +1,4 @@
-"""Against guessing: wrong passwords are counted, and too many of them bring growing pauses."""
+"""Login throttle: wrong passwords are counted, and too many of them cause growing pauses."""
 
 from __future__ import annotations
 
@@ -14,13 +14,14 @@ from torquebench.panel.service.store import PanelStore, failures
 __all__ = ["Attempt", "LoginThrottle"]
 
 WINDOW_S = 900.0
-"""How long a wrong password counts, and the longest pause that it brings, s."""
+"""How long a wrong password counts, and the longest pause, s."""
 FIRST_PAUSE_S = 30.0
-"""After one wrong password too many, s; each further one doubles it."""
+"""First pause, s; each further wrong password doubles it."""
 PER_PERSON_AND_ADDRESS = 5
 PER_ADDRESS = 30
-"""There is no limit for a person from all addresses together: the person who is elsewhere could use
-it to shut that person out."""
+"""A person's account has no limit over all addresses: an attacker elsewhere could use it to lock
+that person out.
+"""
 
 
 @dataclass(frozen=True)

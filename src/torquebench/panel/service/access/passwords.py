@@ -1,4 +1,4 @@
-"""Passwords: rules that help, and argon2id hashes."""
+"""Passwords: rules for new ones, and argon2id hashes."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ SHORTEST, LONGEST = 10, 128
 DISTINCT = 5
 
 _hasher = PasswordHasher(time_cost=3, memory_cost=32 * 1024, parallelism=1)
-"""argon2id, above OWASP's 19 MiB with two passes."""
+"""Parameters of argon2id, above OWASP's 19 MiB with two passes."""
 _nobody = "$argon2id$v=19$m={},t={},p=1${}${}".format(
     _hasher.memory_cost, _hasher.time_cost, "A" * 22, "A" * 43
 )
-"""Of no password that anybody has: a stranger waits as long as anybody, the first one too."""
+"""Hash of no real password: an unknown user's sign-in takes as long as a known one's."""
 _at_once = threading.BoundedSemaphore(2)
-"""A crowd that guesses must not take the memory that the bench needs."""
+"""Limits parallel sign-ins, whose memory the bench needs."""
 
 
 def check_password_rules(name: str, password: str) -> None:

@@ -32,16 +32,16 @@ __all__ = ["People", "User"]
 NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
 RESERVED = frozenset({"set-up", "station", "panel", "system", "bench", "nobody", "torquebench"})
-"""What the logs call those who are no person."""
+"""Names in logs for actors other than people."""
 EAST_ASIAN = frozenset({"CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO"})
-"""Scripts that nobody takes for Latin letters; a name may have both."""
+"""Scripts that are distinguishable from Latin letters; a name may contain both."""
 LOOK_ALIKES = str.maketrans(
     "\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u0501\u04bb"
     "\u043a\u043c\u0442\u0432\u043d\u03b1\u03bf\u03c1\u03c5\u03bd\u03b9\u03ba\u03c4\u03c90"
     "\u03b2\u03b5\u03b6\u03b7\u03bc\u03c7\u0131\u0251\u02531l",
     "aeopcyxijsdhkmtbhaopuviktwobezhmxiabii",
 )
-"""Cyrillic and Greek letters, figures and l as the Latin letters that they look like."""
+"""Cyrillic and Greek letters, digits and l as the Latin letters that look like them."""
 
 
 @dataclass(frozen=True)
@@ -376,12 +376,12 @@ class People:
 
 
 def _key(name: str) -> str:
-    """Return a name as it is compared: without case and outer blanks, never too long."""
+    """Return a name for comparison: without case and outer blanks, with a bounded length."""
     return name.strip().casefold()[:128]
 
 
 def _look(name: str) -> str:
-    """Return what a name looks like: equal for names that people take for the same one.
+    """Return a name's appearance: equal for names that look alike.
 
     Examples
     --------
@@ -393,7 +393,7 @@ def _look(name: str) -> str:
 
 
 def _scripts(name: str) -> set[str]:
-    """Return the scripts of a name's letters that could be taken for each other.
+    """Return the scripts of a name's letters that look alike.
 
     Examples
     --------
@@ -416,12 +416,12 @@ def _user(row: Row[Any]) -> User:
 
 
 def _bare(code: str) -> bytes:
-    """Return a code without what people put between its letters, and in one case."""
+    """Return a code in one case, without separators."""
     return "".join(each for each in code if each.isalnum()).upper().encode()
 
 
 def _setup_code() -> str:
-    """Return a code of 60 bits that a person can copy from a screen: XXXX-XXXX-XXXX."""
+    """Return a code of 60 bits that is easy to copy from a screen: XXXX-XXXX-XXXX."""
     letters = "ABCDEFGHJKLMNPQRSTUVWXYZ23456789"
     parts = ("".join(secrets.choice(letters) for _ in range(4)) for _ in range(3))
     return "-".join(parts)

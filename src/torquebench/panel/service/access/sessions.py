@@ -23,11 +23,11 @@ __all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"
 Later: TypeAlias = Callable[[Callable[[], None]], object]
 
 IDLE_S = 3600.0
-"""A session in which nobody does anything ends after this, s."""
+"""An idle session ends after this time, s."""
 LONGEST_S = 12 * 3600.0
-"""A session ends after this in any case, s: one shift."""
+"""A session ends after this time in any case, s: one shift."""
 TOUCH_S = 60.0
-"""How often the moment of the last action is written down, s."""
+"""Interval at which the time of the last action is stored, s."""
 
 
 def at_once(action: Callable[[], None]) -> None:
@@ -71,7 +71,7 @@ class Sessions:
         self._now = now
         self._later = later
         self._writing = threading.Lock()
-        self._lock = threading.Lock()  # never held while something is written
+        self._lock = threading.Lock()  # never held during a write
         self._open: dict[str, _Open] = {}
         with store.transaction(reading=True) as connection:
             query = select(sessions, users.c.name, users.c.role).join(
@@ -98,7 +98,7 @@ class Sessions:
                 user = connection.execute(
                     select(users).where(users.c.id == user_id, users.c.active)
                 ).one_or_none()
-                if user is None:  # closed since the password was looked at
+                if user is None:  # closed since the password was checked
                     raise NotSignedInError("an account that was closed", "an active account")
                 connection.execute(
                     insert(sessions).values(
@@ -160,7 +160,7 @@ class Sessions:
         self._close(ended)
 
     def _close(self, keys: Sequence[str]) -> None:
-        """End sessions at once, whether or not that can be written down."""
+        """End sessions at once, even if that can't be stored."""
         with self._writing:
             with self._lock:
                 for key in keys:

@@ -103,9 +103,9 @@ __all__ = [
 ]
 
 MOST_EPOCHS = 1_000_000
-"""Of one training: a minute of one core, on a hundred points."""
+"""Most epochs of one training: a minute of one core, for a hundred points."""
 MOST_STEPS = 5000
-"""Of one staircase: more is a typing mistake, and would take a day."""
+"""Most points of one loading sequence: more would take a day and is a typing mistake."""
 
 Percent = Annotated[Number, Field(ge=0.1, le=100.0)]
 
@@ -212,7 +212,7 @@ def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile
 
 def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
     steps = repeats * len(profile.loading.percents())
-    if steps <= MOST_STEPS:  # else laying them out would take long already
+    if steps <= MOST_STEPS:  # laying out more would take too long
         steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
     if steps > MOST_STEPS:
         raise InputError(
@@ -249,7 +249,7 @@ def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPrevi
 
 
 def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple[str, ...]:
-    """Return what makes doubtful what is measured against a standard now, before it begins."""
+    """Return reasons why measurements against a standard are doubtful now."""
     behind = station.clock_behind
     said = f"{behind}; set the clock, or every date of what follows is wrong" if behind else ""
     due = standard.certificate_due
@@ -312,7 +312,7 @@ def _fitted(
     profile: Profile,
     choices: Sequence[ModelChoice],
 ) -> JobResult:
-    """Fit models to what was measured and register it all."""
+    """Fit models to the measured points and register all results."""
     context.check()
     done = finish_calibration(
         context.station.registry,
@@ -405,7 +405,7 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
 
 
 def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
-    """Return the profile, over as much of the range as was calibrated."""
+    """Return the profile, limited to the calibrated range."""
     profile = place.settings.profile(request.profile).with_options(
         groups=request.groups, points=request.points
     )
@@ -460,7 +460,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     models = models_of(station, entry)
     loaded = {name: load_chain(model.check_file()) for name, model in models.items()}
     seed = request.seed
-    if seed is None:  # drawn anew for every verification, and kept with its points
+    if seed is None:  # drawn anew for every verification, and stored with its points
         seed = int(np.random.default_rng().integers(2**32))
     measured = measure_verification(
         station,

@@ -2,11 +2,11 @@
 
 Details of their results, all as JSON:
 
-- "zero": for each side `frequency_hz`, and `zero_nm`, what that is away from the nominal zero.
+- "zero": for each side `frequency_hz`, and `zero_nm`, the deviation from the nominal zero.
 - "check": `side`, `tolerance_percent_fs`, and for each point `standard_nm`, `error_nm`,
   `expanded_uncertainty_nm`, `verdict`.
-- "certificate": `files` (their names), `verdict`, `deviations`, `languages`, `unreviewed` (what
-  every page says that nobody has confirmed).
+- "certificate": `files` (their names), `verdict`, `deviations`, `languages`, `unreviewed`
+  (statements of the pages that nobody has confirmed).
 """
 
 from __future__ import annotations
@@ -212,4 +212,4 @@ CERTIFICATE_KIND = JobKind(
     moves=False,
     can_pause=False,
 )
-"""Started by `BenchService.issue_certificate` alone, which asks for the password."""
+"""Started by `BenchService.issue_certificate` only, which asks for the password."""

@@ -1,6 +1,6 @@
-"""Jobs that bring an unfinished run to its end, or say that it has no result.
+"""Jobs that finish an interrupted run, or discard it.
 
-Details of their results: of a calibration those of "calibrate"; of other runs none.
+Details of their results: for a calibration those of "calibrate"; for other runs none.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""One job while it works: its progress, its points and what ends it."""
+"""A running job: its progress, its points and its end."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Points:
         self._points: list[JobPoint] = []
 
     def __call__(self, name: str, document: Mapping[str, Any]) -> None:
-        """Take a document; runs on the run engine's thread."""
+        """Receive a document, on the run engine's thread."""
         if name == "descriptor":
             self._streams[document["uid"]] = document["name"]
         elif name == "event" and len(self._points) < MOST_POINTS:
@@ -60,7 +60,7 @@ class Points:
 
 
 def _values(data: Mapping[str, Any]) -> dict[str, float]:
-    """Return the numbers of an event by field; by device and field where two have the same."""
+    """Return an event's numbers by field; by device and field for equal field names."""
     found: dict[str, float] = {}
     for key, value in data.items():
         if not isinstance(value, int | float):
@@ -103,7 +103,7 @@ class Job:
     _detail: str = ""
     _stages: list[JobStage] = field(default_factory=list)
 
-    # -- what a campaign tells --------------------------------------------------------------
+    # -- events of a campaign ---------------------------------------------------------------
 
     def start(self, title: str, total: int | None = None) -> None:
         """Begin a stage; ends the stage before."""
@@ -126,7 +126,7 @@ class Job:
             self._stages.append(JobStage(self._stage, detail, seconds))
             self._stage, self._total, self._done, self._detail = "", None, 0, ""
 
-    # -- what people ask of it --------------------------------------------------------------
+    # -- requests of people -----------------------------------------------------------------
 
     def change(self, before: Sequence[JobState], after: JobState) -> bool:
         """Go from one of some states to another; False where it is in none of them."""

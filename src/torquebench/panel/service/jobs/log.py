@@ -1,4 +1,4 @@
-"""What became of jobs, told to whoever started them, also after the server was started again."""
+"""Results of jobs for those who started them, kept over a restart of the server."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from torquebench.panel.service.store import PanelStore, job_log, utc_text
 __all__ = ["EndedJob", "JobLog"]
 
 MOST_TOLD = 3
-"""Older ones are found in the records."""
+"""Number of results kept; older ones are in the records."""
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class JobLog:
         self._write(update(job_log).where(job_log.c.state == "running").values(state="interrupted"))
 
     def _write(self, statement: Executable) -> None:
-        """Keep something; a full disk keeps nobody from working, and is an alarm elsewhere."""
+        """Store something; a full disk doesn't stop work, and raises an alarm elsewhere."""
         with contextlib.suppress(RecordError), self._store.transaction() as connection:
             connection.execute(statement)
 

@@ -1,4 +1,4 @@
-"""What a job would do, from the rehearsal of its very plan."""
+"""Previews of jobs, from a rehearsal of the same plan."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Calibrations out of the records, to continue with in the wizard as if they had just been made."""
+"""Registered calibrations, continued in the wizard as if they had just been made."""
 
 from __future__ import annotations
 
@@ -136,7 +136,7 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
 
 
 def _name(model: CompensationModel) -> str:
-    """Return a model's name as comparisons have it."""
+    """Return a model's name as in comparisons."""
     degree = model.kind_parameters.get("degree")
     return model.kind if degree is None else f"{model.kind}-{degree}"
 

@@ -1,4 +1,4 @@
-"""Recordings on demand: all signals, by name, from now on or from a trigger on.
+"""Recordings on demand: all signals, under a name, from now or from a trigger on.
 
 Details of their result, as JSON: "record" has `seconds`, `before_s`, `name`, `note`, `trigger`
 (what began it, in words).
@@ -154,7 +154,7 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
 
 
 def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
-    """Wait for what begins the recording; return its bench time, and what it was."""
+    """Wait for the start of the recording; return its bench time, and the cause."""
     if request.at is not None:
         context.job.start("Waiting for the moment")
         while (left_s := (request.at - datetime.now(UTC)).total_seconds()) > 0.0:

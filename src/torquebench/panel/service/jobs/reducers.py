@@ -49,7 +49,7 @@ __all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]
 
 
 LOOP_ROWS = 400
-"""Of a loop that a page draws."""
+"""Most points of a loop on a page."""
 
 
 class ReducerTestRequest(MountedRequest):
@@ -234,7 +234,7 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
 
 
 def _report(context: JobContext, record: ReducerTestRecord) -> str:
-    """Keep the report as PDF beside the records; return the run that it is found by."""
+    """Store the report as PDF beside the records; return its run."""
     if not record.outcomes:
         return ""
     context.job.start("Writing the report", 1)
@@ -244,7 +244,7 @@ def _report(context: JobContext, record: ReducerTestRecord) -> str:
         content = page_pdf(reducer_page(record))
         private_folder(path.parent)
         atomic_write(path, content, private=True)
-    except (InputError, OSError):  # no font, no room: what was measured counts all the same
+    except (InputError, OSError):  # missing font or full disk: results stay valid
         return ""
     return run_id
 
@@ -277,7 +277,7 @@ def _loop(result: Any) -> dict[str, Any]:
 
 
 def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
-    """Return what is shown of an outcome: no folder, of arrays only a loop to draw."""
+    """Return an outcome for display: without its folder; of its arrays only one loop."""
     return {
         "name": outcome.name,
         "title": outcome.title,

@@ -1,4 +1,4 @@
-"""What jobs about compensation found, as pages and clients are shown it: values and JSON."""
+"""Results of jobs about compensation, as values and JSON for pages and clients."""
 
 from __future__ import annotations
 
@@ -101,7 +101,7 @@ def fit_details(
 
 
 def _training(model: CompensationModel) -> dict[str, Any]:
-    """Return the curve of a network's training, where it has one."""
+    """Return the training curve of a network, if it has one."""
     trained = getattr(model, "estimator_", model)
     if not isinstance(trained, PublishedNetworkModel):
         return {}

@@ -1,4 +1,4 @@
-"""Jobs: what the bench works at, one at a time, each on a thread of its own."""
+"""The job runner: one job at a time, each on a thread of its own."""
 
 from __future__ import annotations
 
@@ -201,7 +201,7 @@ class JobRunner:
         if found.preview is None:
             raise InputError(f"a preview of {kind}", "a job that moves the bench")
         asked = self._request(found, request)
-        with self._rehearsing:  # beside the jobs: whoever starts or ends one doesn't wait for it
+        with self._rehearsing:  # in a separate thread: starting or ending a job doesn't wait for it
             self._refuse_busy()
             shown = found.preview(self._place, asked)
         self._refuse_busy()
@@ -324,10 +324,10 @@ class JobRunner:
             self._on_done(kind.name)
         except (RunAbortedError, ProcessEndedError) as error:
             state, problem = "aborted", Problem.of(error)
-        except Exception as error:  # whatever it is, the panel goes on
+        except Exception as error:  # the panel continues after any error
             state = "aborted" if job.cancelled.is_set() else "failed"
             problem = Problem.of(error)
-        with self._lock:  # whoever sees its end may start the next one
+        with self._lock:  # an observer of the end may start the next job
             job.end(state, problem=problem, result=result)
             self._current = None
         self.log.ended(job.view())
@@ -339,7 +339,7 @@ class JobRunner:
         job = self._current
         if job is None:
             return
-        if name == "start" and job.state == "pausing":  # asked for between two runs
+        if name == "start" and job.state == "pausing":  # requested between two runs
             self._station.pause()
         job.points(name, document)
 
@@ -448,7 +448,7 @@ class JobRunner:
             ).start()
 
     def _abort_what_begins(self, job: Job, reason: str) -> None:
-        """Abort a run that began between the request and the job's next look at it."""
+        """Abort a run that began between the request and the job's next check."""
         engine = self._station.engine.run_engine
         while not job.ended.wait(ABORT_LOOK_S):
             if str(engine.state) in ("running", "paused"):

@@ -1,4 +1,4 @@
-"""What the panel shows of a job: values only."""
+"""Values of a job for display."""
 
 from __future__ import annotations
 

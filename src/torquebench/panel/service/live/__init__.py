@@ -1,1 +1,1 @@
-"""Live values, alarms and the state of the bench at one moment."""
+"""Live values, alarms and the present state of the bench."""

@@ -1,7 +1,7 @@
-"""The live hub: what the bench reads right now, for every watcher, at the price of one.
+"""The live hub: present readings of the bench, computed once for all watchers.
 
-One thread takes the blocks of acquisition and makes one row of each: for every signal the
-lowest, highest and mean value. Watchers ask for the rows since the last one that they have seen.
+One thread turns each block of acquisition into one row: for every signal the lowest, highest and
+mean value. Watchers request the rows since the last one that they have.
 """
 
 from __future__ import annotations
@@ -43,15 +43,17 @@ __all__ = [
 Connection = Literal["live", "stale", "lost"]
 
 STALE_AFTER_S = 1.0
-"""A signal without a new number for longer is stale, s of wall time."""
+"""Time without a new number after which a signal is stale, s of wall time."""
 ROWS = 3600
 FACTORS = (10, 4)
-"""With blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of 1.2 s."""
+"""Capacity of the levels; with blocks of 30 ms: 108 s of every block, 18 min of 0.3 s, 72 min of
+1.2 s.
+"""
 MAXIMUM_INCREMENT = 1000
 WINDOWS_KEPT_S = 120.0
-"""Every single window of the torques is kept for so long, s: for spectra."""
+"""How long every single window of the torques is kept for spectra, s."""
 MEANINGFUL_SHARE = 0.02
-"""Below this share of range a torque says nothing about efficiency."""
+"""Share of range below which a torque gives no efficiency."""
 MEANINGFUL_SPEED_RPM = 1.0
 
 
@@ -296,7 +298,7 @@ class LiveHub:
         return low, high, mean, faults
 
     def _efficiency(self, mean: NDArray[np.float64]) -> float:
-        """Power out over power in, in either direction; NaN where that says nothing."""
+        """Return power out over power in, in either direction; NaN where it has no meaning."""
         if self._mounted() != "reducer":
             return float("nan")
         powers = []

@@ -1,4 +1,4 @@
-"""What a person wants to see on the live page: channels, scales and the span of time."""
+"""A user's layout of the live page: channels, scales and time span."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["DEFAULT_LAYOUT", "BandLayout", "LiveLayout", "Scale", "Span"]
 Span = Literal["seconds_10", "minute_1", "minutes_10", "hour_1"]
 _SIGNALS = {signal.name: signal for signal in SIGNALS}
 BOTH_SIDES = ("N·m", "rpm", "°", "rad/s²")
-"""Units whose values differ by the ratio from side to side: each side has a scale of its own."""
+"""Units whose values differ between the sides by the ratio: each side has its own scale."""
 MOST_SCALES = 2
 Finite = Annotated[float, Field(allow_inf_nan=False)]
 

@@ -1,4 +1,4 @@
-"""Markers: a note that somebody puts at a moment of the live signals."""
+"""Markers: notes at a time of the live signals."""
 
 from __future__ import annotations
 

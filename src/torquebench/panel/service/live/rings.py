@@ -1,4 +1,4 @@
-"""Bounded memory for live signals: rings of rows, coarser and longer level by level."""
+"""Ring buffers for live signals: the higher the level, the coarser and longer."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench at one moment, in values that a page or a client shows as they are."""
+"""The present state of the bench, in values ready for display."""
 
 from __future__ import annotations
 
@@ -165,7 +165,8 @@ def side_snapshots(
     for side in SIDES:
         module = station.description.module(side)
         state, problem = states[side]
-        if state is not None and state.due is not None:  # its last day may have passed meanwhile
+        # the certificate may have expired meanwhile
+        if state is not None and state.due is not None:
             state = replace(state, valid=datetime.now(UTC).date() <= state.due)
         raw = values[f"{side}_raw_nm"]
         found[side] = SideSnapshot(

@@ -1,4 +1,4 @@
-"""A span of a live signal as a spectrum and as a histogram."""
+"""Spectrum and histogram of a span of a live signal."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ __all__ = ["Histogram", "Spectrum", "histogram", "spectrum"]
 
 Array = NDArray[np.float64]
 LEAST_WINDOWS = 16
-"""Fewer say nothing about frequencies."""
+"""Fewer values give no spectrum."""
 LARGEST_GAP = 1.5
-"""Between neighbouring windows, in steps: beyond that the rate isn't even."""
+"""Largest gap between neighbouring windows, in steps: beyond it the rate isn't even."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,7 +1,7 @@
-"""Tables of calibrations that were measured on another bench: checked, and entered as records.
+"""Import of calibration tables of other benches: checked, and entered as records.
 
-What is handed in is text. It is bounded before anything parses it, and nothing in it, nor the
-name that it goes by, is ever taken for a path.
+The input is text. Its size is limited before anything parses it, and neither its content nor its
+name is ever used as a path.
 """
 
 from __future__ import annotations
@@ -50,12 +50,12 @@ __all__ = [
 ]
 
 LONGEST_TABLE = 512 * 1024
-"""Of one table, characters."""
+"""Largest table, in characters."""
 MOST_LINES = 5000
 LONGEST_LINE = 2000
 LARGEST_NM = 1e9
 MOST_DEVIATIONS = 200
-"""That are shown: a table of another kind has one a line."""
+"""Most messages shown: a table of another kind causes one a line."""
 
 Request = TypeVar("Request", bound="TableRequest")
 
@@ -325,7 +325,7 @@ def _validated(model: type[Request], request: Mapping[str, Any] | TableRequest) 
 
 
 def _check_size(content: str) -> None:
-    """Refuse what would take long to parse, before anything does."""
+    """Refuse a text that would take long to parse."""
     lines = content.splitlines()
     if len(lines) > MOST_LINES:
         raise InputError(f"a table of {len(lines)} lines", f"at most {MOST_LINES}", "divide it")

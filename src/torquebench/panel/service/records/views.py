@@ -1,4 +1,4 @@
-"""Records as pages and clients show them: values without paths."""
+"""Records in values for pages and clients, without paths."""
 
 from __future__ import annotations
 

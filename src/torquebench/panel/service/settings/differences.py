@@ -1,4 +1,4 @@
-"""Documents as flat keys and values, and what differs between two of them."""
+"""Documents as flat keys and values, and the differences between two of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What settings are made of: sections, their documents, and the changes made to them."""
+"""Data of settings: sections, their documents, and changes."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = [
 
 LARGEST_UPLOAD = 64 * 1024
 BENCH = "bench"
-"""Name of the one document in the section of the bench."""
+"""Name of the only document in the section of the bench."""
 
 SectionName = Literal["bench", "profiles", "reducers"]
 

@@ -1,7 +1,7 @@
-"""Settings: every change is validated, shown as a difference, logged, and can be undone.
+"""Settings: every change is validated, previewed, logged, and can be undone.
 
-What comes with the software or with the bench's own file is never changed: the panel keeps its
-changes in its own database and lays them over it.
+Packaged documents and the bench's file are never changed: the panel stores its changes in its own
+database and applies them on top.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ from torquebench.validation import allowed_at, faults_of, validated
 __all__ = ["SettingsStore"]
 
 DEEPEST = 12
-"""Levels of a document; none of ours has half as many."""
+"""Most levels of a document; packaged ones have less than half as many."""
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
 
 _CHANGEABLE = re.compile(
@@ -52,7 +52,7 @@ _CHANGEABLE = re.compile(
     r"|bench\.(name|reducer_ratio)|temperatures"
 )
 _FILES = re.compile(r".*\.certificate")
-"""Names of files stay if nobody on a network can change them: in the bench's own file."""
+"""File names can't be changed over the network, only in the bench's file."""
 
 
 class SettingsStore:
@@ -210,7 +210,7 @@ class SettingsStore:
     def _checked(
         self, section: str, name: str, document: Mapping[str, Any] | None
     ) -> tuple[dict[str, Any], dict[str, Any], int]:
-        """Return a document as it is and as it would be, and the version that was checked."""
+        """Return a document before and after the change, and the checked version."""
         found = find_section(section)
         if depth(document) > DEEPEST:
             raise InputError("tables nested too deeply", f"{DEEPEST} levels at most")
@@ -220,7 +220,7 @@ class SettingsStore:
             )
         if section != BENCH and not NAME.fullmatch(name):
             raise InputError(f"name {name[:80]!r}", "2 to 64 of a-z 0-9 . -")
-        version = self._version(section, name)  # first: whoever is faster from here on is noticed
+        version = self._version(section, name)  # first, so that any later change is noticed
         try:
             before = dict(self.get(section, name).document)
         except NotFoundError:
@@ -293,7 +293,7 @@ class SettingsStore:
         return self._view(row, found, None)
 
     def _kept(self, section: str, after: dict[str, Any]) -> dict[str, Any] | None:
-        """Return what is stored: of the bench only what differs from its own file."""
+        """Return the stored part: for the bench only the differences from its file."""
         if section != BENCH:
             return after or None
         base = flat(self._base_document)
