@@ -14,7 +14,7 @@ from types import FrameType
 
 import uvicorn
 from fastapi import FastAPI
-from nicegui import ui
+from nicegui import ui, ui_run_with
 from starlette.types import ASGIApp
 
 from torquebench.errors import InputError
@@ -33,6 +33,20 @@ SECRET_FILE = "panel-secret"
 GRACE_S = 3
 RESTING_S = 30
 """How long a connection is kept for a further request, s: longer than by clients."""
+
+
+class _NothingToSearch:
+    """In place of `gc` where NiceGUI, as it starts, looks through all objects for its server.
+
+    Nothing here needs what it finds. But a tuple that another thread is just building must not be
+    looked at: CPython 3.11 then ends that thread's work with a SystemError, and acquisition, the
+    supervisor and the live hub are at work by then.
+    """
+
+    @staticmethod
+    def get_objects() -> list[object]:
+        """Return no objects."""
+        return []
 
 
 def storage_secret(data_dir: Path) -> str:
@@ -61,6 +75,7 @@ def create_app(service: BenchService, address: Address) -> ASGIApp:
     app = FastAPI(title="torquebench", docs_url=None, redoc_url=None, openapi_url=None)
     app.mount(API_PATH, create_api(service))
     opened = register_pages(service)
+    ui_run_with.gc = _NothingToSearch
     ui.run_with(
         app,
         title="torquebench",
