@@ -169,8 +169,10 @@ class Visitor:
         """Wait until the page's connection to the server stands and it shows something."""
         self.wait(
             lambda: self.driver.execute_script(
-                "return window.did_handshake === true && !!document.querySelector('h1')"
-                " && document.styleSheets.length > 1"
+                "const plain = !!document.querySelector('body.plain');"
+                "return (plain || window.did_handshake === true)"
+                " && !!document.querySelector('h1')"
+                " && document.styleSheets.length > (plain ? 0 : 1)"
             ),
             "a connected page",
         )

@@ -167,19 +167,21 @@ def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -
 
 
 def test_pages_load_nothing_from_elsewhere(person: Visitor) -> None:
-    answer = httpx.get(f"{person.panel.url}/sign-in")
-    policy = answer.headers["Content-Security-Policy"]
-    sources = {source for part in policy.split(";") for source in part.split()[1:]}
-    own = {"'self'", "'none'", "'unsafe-inline'", "'unsafe-eval'", "data:", "blob:"}
-    assert sources <= own
-    assert {"default-src 'self'", "connect-src 'self'"} <= {
-        part.strip() for part in policy.split(";")
-    }
-    person.open("/sign-in")
-    script = "return performance.getEntriesByType('resource').map((each) => each.name)"
-    loaded = person.driver.execute_script(script)
-    assert loaded
-    assert all(each.startswith((person.panel.url, "data:", "blob:")) for each in loaded)
+    for path in (*PATHS, "/sign-in", "/nowhere", "/panel/static/panel.js"):
+        policy = httpx.get(person.panel.url + path).headers["Content-Security-Policy"]
+        parts = {part.split()[0]: set(part.split()[1:]) for part in policy.split(";")}
+        assert parts["default-src"] == parts["connect-src"] == {"'self'"}
+        compiled = {"'unsafe-inline'", "'unsafe-eval'"} if path in PATHS else set()
+        assert parts["script-src"] == {"'self'"} | compiled, path
+        inline = {"'unsafe-inline'", "data:", "blob:", "'none'", "'self'"}
+        assert set().union(*(parts[each] for each in parts if each != "script-src")) <= inline
+    for path in ("/sign-in", "/nowhere"):
+        person.open(path)
+        script = "return performance.getEntriesByType('resource').map((each) => each.name)"
+        loaded = person.driver.execute_script(script)
+        assert len(loaded) >= 2
+        assert all(each.startswith(f"{person.panel.url}/panel/static/") for each in loaded)
+    assert [each for each in person.problems() if "404" not in each] == []  # the policy held
 
 
 def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) -> None:

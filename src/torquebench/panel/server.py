@@ -22,10 +22,11 @@ from torquebench.panel.address import Address
 from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
 from torquebench.panel.connections import PatientProtocol
 from torquebench.panel.event_loop_bridge import EventLoopBridge
-from torquebench.panel.pages import register_pages
+from torquebench.panel.pages import PAGES, register_pages
 from torquebench.panel.pages.sockets import PageSockets
 from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
+from torquebench.panel.turns import Turns
 
 __all__ = ["create_app", "listen", "serve", "storage_secret"]
 
@@ -106,7 +107,12 @@ def serve(
     port = int(listening.getsockname()[1])
     loops = uvicorn.Config(app="").get_loop_factory()
     with listening, EventLoopBridge(create_app(service, address), loops) as behind:
-        guarded = Guard(StopFirst(behind, service), address.hosts, secure=address.secure)
+        guarded = Guard(
+            StopFirst(Turns(behind, service), service),
+            address.hosts,
+            secure=address.secure,
+            compiled=PAGES,
+        )
         config = uvicorn.Config(
             guarded,
             http=PatientProtocol,

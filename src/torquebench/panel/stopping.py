@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import time
 
 from fastapi import FastAPI, Request
 from fastapi.responses import JSONResponse, Response
@@ -62,4 +63,4 @@ async def _stop_of_a_page(request: Request) -> Response:
     except NotSignedInError:
         actor = Actor(text("stop.nobody"), "operator", address_of(request))
     await asyncio.wrap_future(service.stop_aside(actor, text("stop.reason")))
-    return JSONResponse({"stopped": True})
+    return JSONResponse({"stopped": True, "at": time.time()})

@@ -20,13 +20,16 @@ LARGEST_BODY = 1024 * 1024
 BODY_S = 30.0
 """Longest time to receive a whole body, s."""
 API_POLICY = "default-src 'none'; frame-ancestors 'none'"
-PAGE_POLICY = (
-    "default-src 'self'; script-src 'self' 'unsafe-inline' 'unsafe-eval'; "
-    "style-src 'self' 'unsafe-inline'; img-src 'self' data: blob:; font-src 'self' data:; "
-    "connect-src 'self'; worker-src 'self' blob:; object-src 'none'; base-uri 'self'; "
-    "form-action 'self'; frame-ancestors 'none'"
+OWN_POLICY = (
+    "default-src 'self'; script-src 'self'; style-src 'self' 'unsafe-inline'; "
+    "img-src 'self' data: blob:; font-src 'self' data:; connect-src 'self'; "
+    "worker-src 'self' blob:; object-src 'none'; base-uri 'self'; form-action 'self'; "
+    "frame-ancestors 'none'"
 )
-"""NiceGUI compiles its templates in the browser, which needs inline scripts and `eval`."""
+COMPILED_POLICY = OWN_POLICY.replace(
+    "script-src 'self'", "script-src 'self' 'unsafe-inline' 'unsafe-eval'"
+)
+"""NiceGUI hands its pages over as inline scripts, and evaluates what the server sends later."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 
@@ -41,12 +44,22 @@ class Guard:
         none lets every name pass.
     secure : bool
         Whether connections are encrypted: browsers are then told to insist on it.
+    compiled : iterable of str
+        Paths of NiceGUI's pages, which don't work without inline scripts and `eval`.
     """
 
-    def __init__(self, app: ASGIApp, hosts: Iterable[str] = (), *, secure: bool = False) -> None:
+    def __init__(
+        self,
+        app: ASGIApp,
+        hosts: Iterable[str] = (),
+        *,
+        secure: bool = False,
+        compiled: Iterable[str] = (),
+    ) -> None:
         self._app = app
         self._hosts = frozenset(hosts)
         self._secure = secure
+        self._compiled = frozenset(compiled)
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -97,6 +110,7 @@ class Guard:
 
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         api = scope["path"].startswith("/api/")
+        policy = COMPILED_POLICY if scope["path"] in self._compiled else OWN_POLICY
 
         async def sending(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -108,7 +122,7 @@ class Guard:
                 headers["Cross-Origin-Opener-Policy"] = "same-origin"
                 headers["Cross-Origin-Resource-Policy"] = "same-origin"
                 headers["Permissions-Policy"] = "camera=(), microphone=(), geolocation=()"
-                headers["Content-Security-Policy"] = API_POLICY if api else PAGE_POLICY
+                headers["Content-Security-Policy"] = API_POLICY if api else policy
                 if api:
                     headers["Cache-Control"] = "no-store"
                 if self._secure:

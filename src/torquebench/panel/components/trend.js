@@ -7,6 +7,7 @@ const BUCKETS = 600;
 const STALE_AFTER_MS = 1000;
 const ANSWER_EVERY = 4; // messages: the server holds back when too many aren't painted yet
 const MOST_BUSY = 0.6; // share of its time that a page may paint: stop and menus come first
+const USUAL_WAIT_MS = 34; // for a frame; a longer one means that the computer doesn't follow
 const VALUES_EVERY_MS = 250;
 const SHORTEST_S = 0.05; // span that one can zoom to
 const LONGEST_S = 4320; // as far back as the server remembers
@@ -490,12 +491,15 @@ export default {
     // -- painting -------------------------------------------------------------------------------
     schedule() {
       if (this.resting !== undefined) return;
+      const asked = performance.now();
       this.frame ??= requestAnimationFrame(() => {
         this.frame = undefined;
         if (!this.dirty) return;
         const began = performance.now();
         this.paint();
-        const rest = (performance.now() - began) * (1 / MOST_BUSY - 1);
+        // Who waits long for a frame takes the processor from others, such as a press of the stop.
+        const late = Math.max(0, began - asked - USUAL_WAIT_MS);
+        const rest = (performance.now() - began) * (1 / MOST_BUSY - 1) + late;
         this.resting = setTimeout(() => {
           this.resting = undefined;
           if (this.dirty) this.schedule();

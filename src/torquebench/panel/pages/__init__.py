@@ -3,6 +3,6 @@
 `register_pages(service)` adds them to NiceGUI's application; they use the panel's service only.
 """
 
-from torquebench.panel.pages.register import register_pages
+from torquebench.panel.pages.register import PAGES, register_pages
 
-__all__ = ["register_pages"]
+__all__ = ["PAGES", "register_pages"]

@@ -20,7 +20,7 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
 from torquebench.panel.text import Text
 
-__all__ = ["PAGES", "frame", "head", "stop_button"]
+__all__ = ["PAGES", "STOP", "frame", "head_html", "page_title"]
 
 PAGES = {
     "live": ("/", "speed"),
@@ -33,19 +33,22 @@ PAGES = {
 """Path and icon of every page, in the order of the keys Alt+1 and so on."""
 
 REFRESH_S = 0.5
-FOLLOW_DEVICE = (
-    'const dark = window.matchMedia("(prefers-color-scheme: dark)");'
-    "const follow = () => {"
-    ' document.documentElement.dataset.theme = dark.matches ? "dark" : "light"; };'
-    'follow(); dark.addEventListener("change", follow);'
-)
-"""Runs before the first paint; the style sheet selects a theme by its name."""
 LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 
 
 def head(text: Text, look: str, title: str) -> None:
     """Put into the page's head what every page needs."""
-    ui.page_title(f"{title} · torquebench")
+    ui.page_title(page_title(title))
+    ui.add_head_html(head_html(text, look))
+
+
+def page_title(title: str) -> str:
+    """Return what the browser's window says."""
+    return f"{title} · torquebench"
+
+
+def head_html(text: Text, look: str) -> str:
+    """Return what every page needs in its head; no script stands in the page itself."""
     texts = {
         "stopFailed": text("stop.failed"),
         "lost": text("frame.lost"),
@@ -57,30 +60,21 @@ def head(text: Text, look: str, title: str) -> None:
         "saveTable": text("frame.save_table"),
     }
     said = json.dumps(texts).replace("<", "\\u003c")
-    language = LANGUAGE_TAGS[text.language]
-    chosen = f'document.documentElement.lang = "{language}";'
-    chosen += 'document.documentElement.classList.add("unready");'
-    chosen += f'document.documentElement.dataset.theme = "{look}";' if look else FOLLOW_DEVICE
-    ui.add_head_html(
+    return (
         '<link rel="stylesheet" href="/panel/static/panel.css">'
-        f"<script>{chosen}</script>"
+        f'<script src="/panel/static/look.js" data-language="{LANGUAGE_TAGS[text.language]}"'
+        f' data-look="{look}"></script>'
         f'<script type="application/json" id="panel-texts">{said}</script>'
         '<script defer src="/panel/static/panel.js"></script>'
     )
 
 
-def stop_button(text: Text) -> None:
-    """Make the button that stops the bench; the browser posts it past everything else."""
-    words(
-        "button",
-        text("stop.button"),
-        "stop",
-        type="button",
-        data_stop="1",
-        aria_label=text("stop.label"),
-        aria_keyshortcuts="F8",
-        title=text("stop.label"),
-    )
+STOP = {
+    "type": "button",
+    "data-stop": "1",
+    "aria-keyshortcuts": "F8",
+}
+"""What makes a button stop the bench: the browser posts it past everything else."""
 
 
 class _Frame:
@@ -130,7 +124,9 @@ class _Frame:
             with opener:
                 icon("menu")
             on_press(opener, menu.open)
-            stop_button(text)
+            stop = words("button", text("stop.button"), "stop")
+            label = text("stop.label")
+            stop.props.update(STOP | {"aria-label": label, "title": label})
 
     def _rail(self, current: str) -> None:
         with box("nav", "rail", aria_label=self.text("navigation.label")), box("ul"):

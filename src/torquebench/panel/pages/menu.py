@@ -13,23 +13,7 @@ from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import LANGUAGES, Text
 
-__all__ = ["Menu", "language_buttons"]
-
-
-def language_buttons(text: Text) -> None:
-    """Offer the languages; the browser remembers the choice."""
-    with box("div", "line"):
-        for language in LANGUAGES:
-            words(
-                "button",
-                Text(language)("name.language"),
-                "control",
-                type="button",
-                lang=language,
-                data_choose="torquebench_language",
-                data_value=language,
-                aria_pressed="true" if language == text.language else "false",
-            )
+__all__ = ["Menu"]
 
 
 class Menu:
@@ -54,7 +38,18 @@ class Menu:
                 with box("form", method="post", action="/panel/sign-out"):
                     words("button", text("menu.sign_out"), "control", type="submit")
             words("h3", text("menu.language"))
-            language_buttons(text)
+            with box("div", "line"):
+                for language in LANGUAGES:
+                    words(
+                        "button",
+                        Text(language)("name.language"),
+                        "control",
+                        type="button",
+                        lang=language,
+                        data_choose="torquebench_language",
+                        data_value=language,
+                        aria_pressed="true" if language == text.language else "false",
+                    )
             words("h3", text("menu.look"))
             with box("div", "line"):
                 for value, key in (("auto", "look_auto"), ("light", "look_light"),

@@ -19,11 +19,11 @@ from torquebench.panel.pages.live import live_page
 from torquebench.panel.pages.records.overview import records_page
 from torquebench.panel.pages.reducer.tests import reducer_page
 from torquebench.panel.pages.settings.overview import settings_page
-from torquebench.panel.pages.sign_in import safe_target, sign_in_page
+from torquebench.panel.pages.sign_in import no_such_page, safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
 from torquebench.panel.service import BenchService, LockedOutError, SignInError
 
-__all__ = ["register_pages"]
+__all__ = ["PAGES", "register_pages"]
 
 STATIC = Path(__file__).parents[1] / "static"
 PAGES: dict[str, Callable[[Visitor], None]] = {
@@ -55,9 +55,13 @@ def register_pages(service: BenchService) -> dict[str, str]:
     app.add_static_files("/panel/static", STATIC)
     _forms(service)
 
-    @ui.page("/sign-in")
-    def sign_in(request: Request) -> None:
-        sign_in_page(service, request)
+    @app.get("/sign-in", include_in_schema=False)
+    async def sign_in(request: Request) -> Response:
+        return sign_in_page(service, request)
+
+    @app.exception_handler(404)
+    async def not_found(request: Request, _error: Exception) -> Response:
+        return no_such_page(request)
 
     dismissed = Dismissed()
     for path, build in PAGES.items():

@@ -1,27 +1,25 @@
-"""Signing in: a plain form, which works with password managers and without scripts."""
+"""Pages for people who aren't signed in: plain HTML, cheap for the server.
+
+They work with password managers and, apart from the stop button, without scripts.
+"""
 
 from __future__ import annotations
 
-from typing import Any
+from html import escape
 from urllib.parse import quote
 
-from nicegui import ui
 from starlette.requests import Request
+from starlette.responses import HTMLResponse
 
-from torquebench.panel.components.elements import box, note, words
-from torquebench.panel.pages.frame import head, stop_button
-from torquebench.panel.pages.menu import language_buttons
+from torquebench.panel.pages.frame import LANGUAGE_TAGS, STOP, head_html, page_title
 from torquebench.panel.pages.visitor import look_of, text_of
 from torquebench.panel.service import BenchService
-from torquebench.panel.text import Text
+from torquebench.panel.text import LANGUAGES, Text
 
-__all__ = ["safe_target", "sign_in_page"]
+__all__ = ["no_such_page", "safe_target", "sign_in_page"]
 
 REASONS = ("wrong", "locked", "expired", "differ", "bad_code", "weak")
 SHORTEST_PASSWORD = 10
-FOCUS_FIRST_EMPTY = (
-    "[...document.querySelectorAll('form input')].find((entry) => !entry.value)?.focus()"
-)
 
 
 def safe_target(target: str) -> str:
@@ -36,60 +34,142 @@ def safe_target(target: str) -> str:
     return target if target in known else "/"
 
 
-def sign_in_page(service: BenchService, request: Request) -> None:
-    """Build the page that signs somebody in, or makes the first account."""
+def element(tag: str, *content: str, classes: str = "", **attributes: str | bool | None) -> str:
+    """Return an element of HTML; its attributes are escaped, its content is HTML already.
+
+    Examples
+    --------
+    >>> element("p", "so", classes="muted", id="<", aria_label="A & B", hidden=True, lang=None)
+    '<p class="muted" id="&lt;" aria-label="A &amp; B" hidden>so</p>'
+    """
+    said = f' class="{escape(classes)}"' if classes else ""
+    for name, value in attributes.items():
+        if value is None or value is False:
+            continue
+        key = name.rstrip("_").replace("_", "-")
+        said += f" {key}" if value is True else f' {key}="{escape(str(value))}"'
+    inside = "".join(content)
+    return f"<{tag}{said}>" if tag == "input" else f"<{tag}{said}>{inside}</{tag}>"
+
+
+def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
+    """Return the page that signs somebody in, or makes the first account."""
     text = text_of(request)
     first = service.people.setup_code is not None
     title = text("sign_in.first_title" if first else "sign_in.title")
-    head(text, look_of(request), title)
     target = safe_target(request.query_params.get("next", "/"))
-    with box("div", "sign-in"), box("div", "panel stack"):
-        words("div", "torquebench", "product")
-        words("div", text.core(service.snapshot().bench_name), "muted")
-        words("h1", title)
-        if first:
-            words("p", text("sign_in.first_explained"))
-        reason = request.query_params.get("reason", "")
-        if reason in REASONS:
-            seconds = request.query_params.get("seconds", "")
-            said = text(f"sign_in.{reason}", seconds=seconds if seconds.isdecimal() else "60")
-            note(said, "bad", live=True)
-        action = "/panel/set-up" if first else "/panel/sign-in"
-        with box("form", "stack", method="post", action=f"{action}?next={quote(target)}"):
-            if first:
-                _entry(text, "code", "text", "off", text("sign_in.code_hint"))
-            name = request.query_params.get("name", "")[:64]
-            _entry(text, "name", "text", "username", value=name)
-            if first:
-                for each in ("password", "repeat"):
-                    _entry(text, each, "password", "new-password", minlength=SHORTEST_PASSWORD)
-            else:
-                _entry(text, "password", "password", "current-password")
-            button = "sign_in.first_button" if first else "sign_in.button"
-            words("button", text(button), "control primary", type="submit")
-        language_buttons(text)
-        words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
-        with box("div", "line stop-line"):
-            stop_button(text)
-    ui.run_javascript(FOCUS_FIRST_EMPTY)
+    parts = [
+        element("div", "torquebench", classes="product"),
+        element("div", escape(text.core(service.snapshot().bench_name)), classes="muted"),
+        element("h1", escape(title)),
+    ]
+    if first:
+        parts.append(element("p", escape(text("sign_in.first_explained"))))
+    reason = request.query_params.get("reason", "")
+    if reason in REASONS:
+        seconds = request.query_params.get("seconds", "")
+        said = text(f"sign_in.{reason}", seconds=seconds if seconds.isdecimal() else "60")
+        parts.append(element("p", escape(said), classes="note bad", role="alert"))
+    name = request.query_params.get("name", "")[:64]
+    entries = [_entry(text, "code", "text", "off", text("sign_in.code_hint"))] if first else []
+    entries.append(_entry(text, "name", "text", "username", value=name))
+    if first:
+        least = str(SHORTEST_PASSWORD)
+        entries += [
+            _entry(text, each, "password", "new-password", minlength=least)
+            for each in ("password", "repeat")
+        ]
+    else:
+        entries.append(_entry(text, "password", "password", "current-password"))
+    button = text("sign_in.first_button" if first else "sign_in.button")
+    entries.append(element("button", escape(button), classes="control primary", type="submit"))
+    focus = 'name="code"' if first else 'name="password"' if name else 'name="name"'
+    form = element(
+        "form",
+        *(each.replace(focus, focus + " autofocus", 1) for each in entries),
+        classes="stack",
+        method="post",
+        action=f"/panel/{'set-up' if first else 'sign-in'}?next={quote(target)}",
+    )
+    parts += [
+        form,
+        _languages(text),
+        element("div", classes="note bad", id="stop-result", role="alert", hidden=True),
+        element("div", _stop_button(text), classes="line stop-line"),
+    ]
+    return _page(text, look_of(request), title, *parts)
+
+
+def no_such_page(request: Request) -> HTMLResponse:
+    """Return what is shown where there is nothing."""
+    text = text_of(request)
+    title = text("frame.no_page")
+    link = element("a", escape(text("frame.no_page_link")), href="/")
+    content = [element("h1", escape(title)), element("p", link)]
+    return _page(text, look_of(request), title, *content, status=404)
+
+
+def _page(text: Text, look: str, title: str, *content: str, status: int = 200) -> HTMLResponse:
+    panel = element("div", *content, classes="panel stack")
+    language = LANGUAGE_TAGS[text.language]
+    page = (
+        f'<!DOCTYPE html><html lang="{language}"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width, initial-scale=1">'
+        f"<title>{escape(page_title(title))}</title>{head_html(text, look)}</head>"
+        f'<body class="plain">{element("main", panel, classes="sign-in")}</body></html>'
+    )
+    return HTMLResponse(page, status, {"Cache-Control": "no-store"})
 
 
 def _entry(
-    text: Text, name: str, kind: str, autocomplete: str, hint: str = "", **attributes: Any
-) -> None:
-    with box("div", "field"):
-        words("label", text(f"sign_in.{name}"), for_=f"sign-in-{name}")
-        entry = box(
+    text: Text, name: str, kind: str, autocomplete: str, hint: str = "", **attributes: str
+) -> str:
+    place = f"sign-in-{name}"
+    parts = [
+        element("label", escape(text(f"sign_in.{name}")), for_=place),
+        element(
             "input",
-            "control",
+            classes="control",
             type=kind,
             name=name,
-            id=f"sign-in-{name}",
+            id=place,
             autocomplete=autocomplete,
-            required="required",
+            required=True,
             maxlength="200",
+            aria_describedby=f"{place}-hint" if hint else None,
             **attributes,
+        ),
+    ]
+    if hint:
+        parts.append(element("div", escape(hint), classes="hint", id=f"{place}-hint"))
+    return element("div", *parts, classes="field")
+
+
+def _languages(text: Text) -> str:
+    buttons = (
+        element(
+            "button",
+            escape(Text(language)("name.language")),
+            classes="control",
+            type="button",
+            lang=language,
+            data_choose="torquebench_language",
+            data_value=language,
+            aria_pressed="true" if language == text.language else "false",
         )
-        if hint:
-            words("div", hint, "hint", id=f"sign-in-{name}-hint")
-            entry.props["aria-describedby"] = f"sign-in-{name}-hint"
+        for language in LANGUAGES
+    )
+    return element("div", *buttons, classes="line")
+
+
+def _stop_button(text: Text) -> str:
+    label = text("stop.label")
+    said = {name.replace("-", "_"): value for name, value in STOP.items()}
+    return element(
+        "button",
+        escape(text("stop.button")),
+        classes="stop",
+        aria_label=label,
+        title=label,
+        **said,
+    )

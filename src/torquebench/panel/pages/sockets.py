@@ -5,15 +5,13 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import MutableMapping
-from http.cookies import CookieError, SimpleCookie
 from typing import Any
 from urllib.parse import parse_qs
 
-from starlette.datastructures import Headers
 from starlette.responses import PlainTextResponse
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from torquebench.panel.pages.visitor import SESSION_COOKIE
+from torquebench.panel.pages.visitor import session_of
 from torquebench.panel.service import NotSignedInError
 from torquebench.panel.service.access.people import People
 
@@ -56,7 +54,7 @@ class PageSockets:
         query = parse_qs(scope["query_string"].decode("latin-1"))
         page = query.get("client_id", [""])[0]
         token = self._pages.get(page)
-        if token is not None and (_cookie(scope) != token or not self._lives(token)):
+        if token is not None and (session_of(scope) != token or not self._lives(token)):
             await receive()
             await send({"type": "websocket.close", "code": REFUSED})
             return
@@ -85,14 +83,6 @@ class PageSockets:
         except NotSignedInError:
             return False
         return True
-
-
-def _cookie(scope: Scope) -> str:
-    try:
-        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
-    except CookieError:
-        return ""
-    return "" if found is None else found.value
 
 
 def _is_harmless(kind: str, said: str) -> bool:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from http.cookies import CookieError, SimpleCookie
 from typing import Any
 
+from starlette.datastructures import Headers
 from starlette.requests import Request
+from starlette.types import Scope
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.messages import Messages
@@ -14,7 +17,16 @@ from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
 from torquebench.panel.text import Text, choose_language
 
-__all__ = ["LANGUAGE_COOKIE", "LOOK_COOKIE", "SESSION_COOKIE", "Visitor", "text_of", "visitor_of"]
+__all__ = [
+    "LANGUAGE_COOKIE",
+    "LOOK_COOKIE",
+    "SESSION_COOKIE",
+    "Visitor",
+    "look_of",
+    "session_of",
+    "text_of",
+    "visitor_of",
+]
 
 SESSION_COOKIE = "torquebench_session"
 LANGUAGE_COOKIE = "torquebench_language"
@@ -82,6 +94,15 @@ class Visitor:
         if done:
             self.messages.good(done)
         return True
+
+
+def session_of(scope: Scope) -> str:
+    """Return the token of the session that a connection's cookie names; empty without one."""
+    try:
+        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
+    except CookieError:
+        return ""
+    return "" if found is None else found.value
 
 
 def text_of(request: Request) -> Text:

@@ -4,7 +4,7 @@
 (() => {
   const texts = () => JSON.parse(document.getElementById("panel-texts")?.textContent ?? "{}");
   const root = document.documentElement;
-  const statistics = (window.torquebench ??= { painted: 0, stopMilliseconds: null });
+  const statistics = (window.torquebench ??= { painted: 0, stopMilliseconds: null, toldMilliseconds: null });
 
   // For charts, which can't read the style sheet by themselves.
   window.cssColour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -112,6 +112,8 @@
       });
       if (!answer.ok) throw new Error(String(answer.status));
       statistics.stopMilliseconds = performance.now() - started;
+      const { at } = await answer.json(); // by the server's clock: the same on the same computer
+      statistics.toldMilliseconds = at * 1000 - performance.timeOrigin - started;
       alarm("");
     } catch {
       alarm(texts().stopFailed ?? "STOP?");
