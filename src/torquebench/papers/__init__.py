@@ -1,4 +1,4 @@
-"""The two source papers, item by item: measured, computed, and set on one page.
+"""The two source papers, item by item: measured, computed, and shown on one page.
 
-What is shown as the papers' own is stated in `items` and nowhere else.
+All figures quoted from the papers are in `items`.
 """

@@ -1,4 +1,4 @@
-"""What is known of a bench beside its tables: what it consists of, and how it was mounted."""
+"""Facts of a bench beside its tables: its components, and its mounting."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ __all__ = [
 
 FACTS = "bench.csv"
 MOUNTING = "mounting: "
-"""How the keys of a mounting's record begin."""
+"""Prefix of the keys of a mounting's record."""
 
 
 def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, str]:

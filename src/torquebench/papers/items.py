@@ -1,4 +1,4 @@
-"""What the two source papers state, item by item: the only place of figures that are theirs.
+"""Statements of the two source papers, item by item: the only place with the papers' figures.
 
 [J] Z. Yu, Y. Zhang, Torque Measurement of High-Precision Reducer for Industrial Robot, Journal of
 Sensors, 2021. [M] Z. Yu, Y. Zhang, W. Yu, X. Liu, Measurement and Control, 2022, doi
@@ -191,7 +191,7 @@ SUB_SYSTEMS = (
     "output module",
     "work bench",
 )
-"""The papers' six."""
+"""The papers' six items."""
 LOADING = "0.1 % of range"
 HARDWARE: Mapping[str, str] = MappingProxyType(
     {
@@ -205,4 +205,4 @@ HARDWARE: Mapping[str, str] = MappingProxyType(
         "power supply": "not published",
     }
 )
-"""What the papers name, by the keys of `facts.bench_facts`."""
+"""Items that the papers name, by the keys of `facts.bench_facts`."""

@@ -1,4 +1,4 @@
-"""Items 4 to 7: what a design adds to the torque, and how stiff its supports are."""
+"""Items 4 to 7: a design's influence on the torque, and the stiffness of its supports."""
 
 from __future__ import annotations
 
@@ -137,7 +137,7 @@ def coaxiality_effect_nm(design: Design) -> float:
 
 
 def _odd(design: Design, form: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Return torques over ±range and the parts there, odd in the torque."""
+    """Return torques over ±range and the odd parts there."""
     torque = np.linspace(-design.range_nm, design.range_nm, 401)
     published = form == "published"
     parts = additional_torque(
@@ -149,7 +149,7 @@ def _odd(design: Design, form: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 
 
 def _style(name: str) -> str:
-    """Return a line through which what lies below the sum can be seen."""
+    """Return a line style through which curves below stay visible."""
     return "--" if name == "sum" else "-"
 
 

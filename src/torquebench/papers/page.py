@@ -59,7 +59,7 @@ __all__ = [
 ]
 
 LIMIT_PERCENT = 0.1
-"""Error and repeatability that the papers claim, % FS."""
+"""Error and repeatability stated by the papers, % FS."""
 ALONE_PERCENT = 0.5
 
 
@@ -465,7 +465,7 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
 
 
 def _nodes(bench: BenchResult) -> Blocks:
-    """Return how many nodes the network needs on this bench, for both modules."""
+    """Return the number of nodes that the network needs on this bench, for both modules."""
     rows = []
     for side, module in bench.modules.items():
         for found in module.nodes:
@@ -741,7 +741,7 @@ def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
 
 
 def _by_alone(module: FittedModule, data: CalibrationData) -> np.ndarray:
-    """Return errors of a straight cubic through the calibration alone, on fresh readings, N·m."""
+    """Return errors on fresh readings of one cubic per calibration alone, N·m."""
     reading, standard = alone_model(module)
     x = reading / data.range_nm
     powers = np.column_stack([x, x**2, x**3])
@@ -829,7 +829,7 @@ def friction_blocks(
 
 
 def _friction_check(friction: FrictionTable, module: FittedModule, name: str) -> FrictionCheck:
-    """Return the check by a model's torques; of the raw reading where the name is empty."""
+    """Return the check with a model's torques; with the raw reading if the name is empty."""
     branch = friction.branch.astype(np.float64)
     torque = friction.reading_nm
     if name:
@@ -841,7 +841,7 @@ def _friction_check(friction: FrictionTable, module: FittedModule, name: str) ->
 
 
 def _certified(friction: FrictionTable) -> tuple[CertifiedFriction, ...]:
-    """Return the certificate that the table's columns hold, at rising speeds."""
+    """Return the certificate in the table's columns, by rising speeds."""
     speeds, first = np.unique(np.abs(friction.speed_rpm), return_index=True)
     return tuple(
         CertifiedFriction(
@@ -912,7 +912,7 @@ INTERFACE = (
 
 
 def _dynamic(bench: BenchResult) -> tuple[Answer, Blocks]:
-    """Return how the same calibration does in rest and while it rotates."""
+    """Return the performance of one calibration at rest and during rotation."""
     rows, worst = [], []
     for side, fitted in bench.modules.items():
         data = fitted.tables.verification

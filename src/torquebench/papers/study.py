@@ -1,8 +1,8 @@
-"""When the network beats the polynomial by 2.2: a study over synthetic chains.
+"""When the network is better than the polynomial by 2.2: a study over synthetic chains.
 
-The papers report 1.8 N·m after the network and up to 4 N·m after a polynomial, on 2000 N·m. Points,
-start weights, mapping, epochs and target error decide whether that comes out, and so does the
-chain. Every chain here is scaled so that the best quadratic leaves exactly 4 N·m on it.
+The papers report 1.8 N·m after the network and up to 4 N·m after a polynomial, on 2000 N·m. Whether
+this is reproduced depends on points, start weights, mapping, epochs, target error and the chain.
+Every chain here is scaled so that the best quadratic has an error of exactly 4 N·m.
 """
 
 from __future__ import annotations
@@ -47,15 +47,15 @@ FloatArray = NDArray[np.float64]
 Series = Literal["50 rising", "50 up and down", "100 rising", "200 up and down"]
 
 CHAINS = 20
-"""Of each family, in a whole study."""
+"""Number of chains of each family in a whole study."""
 RANGE_NM = 2000.0
 NETWORK_NM, POLYNOMIAL_NM = 1.8, 4.0
-"""What the papers report after the network and after the polynomial, N·m."""
+"""Errors reported by the papers after the network and after the polynomial, N·m."""
 CLAIMED_RATIO = POLYNOMIAL_NM / NETWORK_NM
 READ_NM = 1.1 * RANGE_NM
-"""Range of the models: a chain may read some percent more than it gets."""
+"""Range of the models, as a multiple of the largest torque: a reading may exceed the torque."""
 MOST_EPOCHS = 100_000
-"""After which a training that doesn't reach its target error ends."""
+"""Epochs after which a training stops without its target error."""
 REPEATABILITY = 1e-4
 """Standard deviation of a steady reading, as a share of the range: 0.2 N·m."""
 SERIES: tuple[Series, ...] = ("50 rising", "50 up and down", "100 rising", "200 up and down")
@@ -146,7 +146,7 @@ def _rippled(rng: np.random.Generator) -> Shape:
 FAMILIES: Mapping[str, Callable[[np.random.Generator], Shape]] = MappingProxyType(
     {"smooth": _smooth, "reversing": _reversing, "rippled": _rippled}
 )
-"""How a chain's additional torque is shaped; each holds the one before."""
+"""Shapes of a chain's additional torque; each includes the one before."""
 
 
 def best_quadratic_nm(chain: StudiedChain) -> float:

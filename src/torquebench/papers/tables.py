@@ -1,4 +1,4 @@
-"""The tables that the page is made of: measured on a bench, or read from a folder."""
+"""The tables of the page: measured on a bench, or read from a folder."""
 
 from __future__ import annotations
 
@@ -287,7 +287,7 @@ def measure_module(
 
 
 def _alone(station: Station, side: Side, calibration: CalibrationData) -> CalibrationData | None:
-    """Return what a laboratory finds at the same steps; only a simulated transducer comes off."""
+    """Return a laboratory's results at the same steps; only for simulated transducers."""
     truth = station.drivers.truth
     if truth is None or calibration.nominal_nm is None:
         return None

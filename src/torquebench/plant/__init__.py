@@ -1,7 +1,7 @@
-"""Many benches and one plant: a registry of what all of them have measured, and its questions.
+"""Many benches of one plant: a registry of all their results, and queries.
 
-A bench stays what it is: SQLite and a folder. `forward` sends what it has to a `Plant`, a registry
-on a PostgreSQL server, which answers for all benches at once.
+Each bench keeps its own SQLite registry and folders. `forward` sends them to a `Plant`, a registry
+on a PostgreSQL server for all benches.
 """
 
 import lazy_loader

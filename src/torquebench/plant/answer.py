@@ -1,4 +1,4 @@
-"""An answer of the plant: a table with what follows from it, to look at or to take along."""
+"""An answer of the plant: a table and conclusions, for display or export."""
 
 from __future__ import annotations
 

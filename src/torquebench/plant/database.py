@@ -1,4 +1,4 @@
-"""The plant's registry on a PostgreSQL server: made, opened, and asked."""
+"""The plant's registry on a PostgreSQL server: creation, connection, queries."""
 
 from __future__ import annotations
 

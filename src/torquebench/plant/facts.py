@@ -1,4 +1,4 @@
-"""What a sealed run folder says that a plant asks for: specimen, quantities, points."""
+"""Data of a sealed run folder for the plant: specimen, quantities, points."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """Sealed run folders on a share or in an object store, by fsspec.
 
-``file://`` takes a mounted share, ``s3://`` a store that speaks S3, through the client that comes
-with Arrow; every other protocol for which fsspec finds an installed library works as well.
+``file://`` is a mounted share, ``s3://`` an S3 store, through Arrow's own client; other protocols
+work if fsspec finds an installed library.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ __all__ = ["FolderStore", "PushedFolder"]
 
 BLOCK = 4 * 2**20
 STAYS = (EDGE_ARCHIVE,)
-"""Raw edges are too large to be sent, and stay if they were measured."""
+"""Raw edges are too large to send; they stay on the bench."""
 
 
 @dataclass(frozen=True)
@@ -161,7 +161,8 @@ class FolderStore:
 
     def _write(self, url: str, source: Any, sha256: str = "") -> None:
         target = self.path(url)
-        # In a file system a half-written file would lie under its name; a store takes it whole.
+        # In a file system a half-written file would be visible under its name; a store writes it at
+        # once.
         there = target if self.protocol != "file" else f"{target}.{secrets.token_hex(4)}.part"
         try:
             if self.protocol == "file":
@@ -214,7 +215,7 @@ def _filesystem(url: str, protocol: str) -> Any:
 
 
 def _offered(store: Any) -> Any:
-    """Return a file system as DuckDB takes it: ``plant://`` and a path of the store."""
+    """Return a file system for DuckDB: ``plant://`` and a path of the store."""
     from fsspec import AbstractFileSystem
 
     class Offered(AbstractFileSystem):
@@ -231,6 +232,6 @@ def _offered(store: Any) -> Any:
             return store.modified(self._strip_protocol(path))
 
         def glob(self, path: str, **_options: Any) -> list[str]:
-            return [path]  # whole names are asked for, never patterns
+            return [path]  # only whole names are requested, never patterns
 
     return Offered()

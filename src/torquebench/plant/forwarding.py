@@ -1,7 +1,7 @@
-"""Store and forward: what a bench has recorded, sent to the plant when the link is there.
+"""Store and forward: a bench's records are sent to the plant when the link is up.
 
-A bench writes into its own registry and folders first, always. The plant knows how far it has
-each bench's hash chain, and continues from there; whatever is sent twice changes nothing.
+A bench always writes to its own registry and folders first. The plant knows the last link of each
+bench's hash chain, and sending continues from there; repeated data changes nothing.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ from torquebench.records.schema import (
 __all__ = ["LINK_FILE", "BenchLink", "Forwarded", "forward", "note_withdrawal"]
 
 LINK_FILE = "plant.json"
-"""Where a data directory keeps which bench of which plant it is, and how far it was sent."""
+"""File in a data directory with the bench's identity in a plant, and the last sent link."""
 BATCH = 1000
-"""Links in one transaction: a cut loses at most the sending of so many."""
+"""Links in one transaction: an interruption loses at most this many."""
 MISSING = 200
-"""Folders that are requested at a time."""
+"""Number of folders requested at a time."""
 
 
 @dataclass
@@ -75,7 +75,7 @@ class Forwarded:
 
 @dataclass(frozen=True)
 class _Mine:
-    """How the plant knows this bench."""
+    """Identity of this bench in the plant."""
 
     number: int
     name: str
@@ -181,7 +181,7 @@ def forward(
 
 
 def _check_same(registry: Registry, mine: _Mine) -> None:
-    """Refuse a registry that isn't the one that this bench sent so far."""
+    """Refuse a registry other than the one that this bench has sent so far."""
     noted = _noted(registry.root)
     if noted and (noted["plant"], noted["number"]) != (mine.plant, mine.number):
         raise InputError(

@@ -1,7 +1,7 @@
-"""What the plant's database does itself: check the chain, note rows, keep benches apart.
+"""Functions of the plant's database: check the chain, store rows, separate the benches.
 
-A bench signs in with a role of its own, which may call the functions below and nothing else. They
-find out by that role which bench it is, so that a bench can add its own rows only.
+A bench signs in with its own role, which may call only the functions below. They identify the bench
+by that role, so that it can add only its own rows.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ BENCH_FUNCTIONS = (
     "my_withdrawals()",
     "arrived(json)",
 )
-"""What a bench's role may call."""
+"""Functions that a bench's role may call."""
 
 _MY_BENCH = """
 CREATE FUNCTION plant.my_bench() RETURNS TABLE(
@@ -30,7 +30,7 @@ LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
 $$
 """
 
-# What a link covers, laid out as `records.chain.Link.expected_sha256` lays it out.
+# The covered content of a link, laid out as in `records.chain.Link.expected_sha256`.
 _EXPECTED = """
 CREATE FUNCTION plant.expected_sha256(link plant.links) RETURNS text
 LANGUAGE sql IMMUTABLE AS $$
@@ -170,7 +170,7 @@ BEGIN
 END $$
 """
 
-# A sealed folder is known by the hash of its manifest, whichever bench's registry holds the run.
+# A sealed folder is identified by its manifest's hash, whichever bench's registry has the run.
 _MARK_WITHDRAWN = """
 CREATE FUNCTION plant.mark_withdrawn(bench integer, after bigint) RETURNS void
 LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$

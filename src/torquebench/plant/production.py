@@ -1,4 +1,4 @@
-"""What a plant knows of the specimens that its benches tested."""
+"""Results of the specimens that a plant's benches have tested."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _rows(
 
 
 def _latest(rows: Sequence[Any]) -> list[Any]:
-    """Return one run per specimen, its latest: a specimen that is tested again counts once."""
+    """Return the latest run of each specimen, so that repeated tests count once."""
     last = {row.serial: k for k, row in enumerate(rows) if row.serial}
     return [row for k, row in enumerate(rows) if not row.serial or last[row.serial] == k]
 
@@ -225,7 +225,7 @@ def capability(
 
 
 def _doubts(rows: Sequence[Any]) -> tuple[str, ...]:
-    """Return why capability may not be meant: a process out of control has none."""
+    """Return reasons why capability isn't meaningful, such as a process out of control."""
     values = [row.value for row in rows]
     if len(values) < 8 or individuals_chart(values).in_control:
         return ()

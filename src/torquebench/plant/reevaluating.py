@@ -1,4 +1,4 @@
-"""Everything that is recorded, evaluated again: on this processor, all of them, or a cluster."""
+"""Re-evaluation of all recorded runs: on one processor, on all, or on a cluster."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from torquebench.progress import NO_PROGRESS, Progress
 __all__ = ["Reevaluation", "differences", "reevaluate"]
 
 CHUNK = 8
-"""Runs that are handed over together: fewer messages, and little to do again after a stop."""
+"""Runs per task: many reduce messages, few reduce the loss after a stop."""
 AHEAD = 4
-"""Chunks a worker that wait: enough to keep it busy, and no more in memory."""
+"""Waiting chunks per worker: enough to keep it busy with little memory."""
 SAME = 1e-9
-"""Relative difference below which a value is treated as unchanged."""
+"""Largest relative difference of a value that is treated as unchanged."""
 KINDS = ("calibrate", "check", "verify", "test")
 
 _TASKS = """
@@ -156,7 +156,7 @@ def reevaluate(
 def _chunks(
     plant: Plant, rows: Sequence[Any], handed: dict[tuple[int, str], RunTask]
 ) -> Iterator[list[RunTask]]:
-    """Yield tasks in chunks, and note which are on their way."""
+    """Yield tasks in chunks, and record the pending ones."""
     store = plant.folders_url
     chunk: list[RunTask] = []
     known: _Bench | None = None
@@ -174,7 +174,7 @@ def _chunks(
 
 
 class _Bench:
-    """What one bench found when it measured."""
+    """Results of one bench at the time of measurement."""
 
     def __init__(self, plant: Plant, number: int) -> None:
         self.number = number
@@ -260,7 +260,7 @@ class _Cluster:
 
         def submitted() -> Any | None:
             chunk = next(tasks, None)
-            # Not by its content: what failed for a passing reason is done again when asked.
+            # Not by its content: a run that failed for a temporary reason can be repeated.
             return None if chunk is None else self._client.submit(_evaluated, chunk, pure=False)
 
         workers = max(len(self._client.ncores()), 1)

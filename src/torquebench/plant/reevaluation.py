@@ -1,4 +1,4 @@
-"""One recorded run, refitted and evaluated with this version: the same wherever it is done."""
+"""Re-evaluation of one recorded run with this version, the same on any computer."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def _content(store: FolderStore, folder: SealedFolder, name: str) -> Any:
 
 
 def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
-    """Return a file of a sealed folder that is as it was sealed."""
+    """Return a file of a sealed folder if it still matches its seal."""
     sealed = store.read(f"{folder.url}/{MANIFEST}")
     if hashlib.sha256(sealed).hexdigest() != folder.manifest_sha256:
         raise RecordError(f"{folder.url}/{MANIFEST} has another hash than the chain states")
@@ -130,7 +130,7 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
 
 
 def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
-    """Return what a calibration, check or verification measured, and its profile."""
+    """Return the measured data of a calibration, check or verification, and its profile."""
     from torquebench.campaign.finishing import read_measured
     from torquebench.records import RunFolder
 
@@ -143,7 +143,7 @@ def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
 
 
 def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -> list[Any]:
-    """Fit a calibration again: with all models that it was begun with, or one kind."""
+    """Fit a calibration again: with all models of the original run, or with one kind."""
     from torquebench.bench import BenchDescription
     from torquebench.campaign.chains import bench_effects
     from torquebench.campaign.fitting import ModelChoice, fit_models

@@ -1,8 +1,8 @@
-"""Tables of a plant's registry: what benches have sent, row by row, and what follows from it.
+"""Tables of a plant's registry: the rows sent by benches, and tables derived from them.
 
-A bench sends the links of its hash chain; they are kept as they came. Everything else in these
-tables is written by the database itself from those links (`torquebench.plant.functions`), so that
-no bench can write what its chain doesn't say.
+A bench sends the links of its hash chain, which are stored unchanged. The database derives all
+other tables from those links (`torquebench.plant.functions`), so that a bench can't write rows that
+aren't in its chain.
 """
 
 from __future__ import annotations
@@ -115,7 +115,7 @@ runs = Table(
     _text("withdrawn_by"),
     _text("withdrawn_reason"),
     UniqueConstraint("bench_key", "run_id", name="uq_plant_runs_run_id"),
-    # A list is always the newest first: each of these answers one filter, read backwards.
+    # Lists are sorted newest first: each of these indexes serves one filter, read backwards.
     Index("ix_plant_runs_started", "started"),
     Index("ix_plant_runs_bench", "bench_key", "started"),
     Index("ix_plant_runs_kind", "kind", "started"),
@@ -205,7 +205,7 @@ def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
 
 
 def _mirror(table: Table) -> Table:
-    """Return the plant's table of what benches keep in one of theirs, with the bench's number."""
+    """Return the plant's copy of a bench's table, with the bench's number."""
     columns = [
         Column(each.name, _mirrored_type(each.type), primary_key=each.name == "id", nullable=True)
         for each in table.columns

@@ -1,4 +1,4 @@
-"""What a plant has of transducers and standards: what is due where, and how they drift."""
+"""Transducers and standards of a plant: due dates and drift."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from torquebench.records import CalibrationEntry, CheckEntry, Equipment, Equipme
 
 __all__ = ["drift", "drift_of_kind", "due"]
 
-# What counts: benches that weren't replaced, runs that weren't withdrawn, nothing rejected.
+# Valid rows: of benches that weren't replaced, runs not withdrawn, nothing rejected.
 _COUNTS = """
   JOIN plant.benches b ON b.bench_key = c.bench_key AND b.replaced_by IS NULL
   LEFT JOIN plant.runs r ON r.bench_key = c.bench_key AND r.id = c.run_key
@@ -135,7 +135,7 @@ def due(plant: Plant, within_days: int = 30, *, today: date | None = None) -> An
 
 @dataclass
 class _Transducer:
-    """One transducer with everything that any bench found of it, as `drift_of` asks for it."""
+    """One transducer with the results of all benches, as input of `drift_of`."""
 
     calibrated: list[CalibrationEntry]
     zeros: list[Zeroing]
@@ -361,7 +361,7 @@ def _spans(store: FolderStore, urls: list[str]) -> list[tuple[Any, ...]]:
 
 
 def _pooled(columns: dict[str, list[Any]]) -> dict[str, Any]:
-    """Return the drift per year that is common to all transducers, each about its own mean."""
+    """Return the drift per year common to all transducers, each about its own mean."""
     import numpy as np
 
     if len(columns["serial"]) < 3:

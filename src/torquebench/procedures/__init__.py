@@ -1,4 +1,4 @@
-"""Procedures: what the bench does, as Bluesky plans that can be rehearsed before anything moves.
+"""Procedures: Bluesky plans that can be rehearsed before anything moves.
 
 Every plan takes the bench's devices and settings, checks limits first, stops at a checkpoint of
 its own before each point, and leaves the bench without torque however it ends.

@@ -1,4 +1,4 @@
-"""A calibration that places its points itself: a coarse series, a fit, the next points, and on."""
+"""Adaptive calibration: a coarse series, a fit, the next points, and so on."""
 
 from __future__ import annotations
 
@@ -93,7 +93,7 @@ def load_adaptively(
     range_nm = float(devices.context.description.module(setup.side).range_nm)
     measured = earlier + sum(step.recorded for step in steps)
     rounds = -(-(settings.points - measured) // settings.points_at_a_time)
-    # Each round goes through two turns in each direction beside its points.
+    # Each round passes two reversals in each direction beside its points.
     total = len(steps) + settings.points - measured + rounds * 2 * len(profile.signs)
     decisions: list[AdaptiveRound] = []
     more, done = list(steps), 0

@@ -48,7 +48,7 @@ class StaircaseResult:
 
 @dataclass
 class _Table:
-    """Gathers rows until the run is over."""
+    """Collects rows until the run is over."""
 
     steps: list[Step] = field(default_factory=list)
     rows: list[Row] = field(default_factory=list)
@@ -59,7 +59,7 @@ class _Table:
         self.rows.append(row)
 
     def result(self, devices: BenchDevices, side: Side, standard_serial: str) -> StaircaseResult:
-        # A point that was measured again takes the place of the damaged one in its series.
+        # A repeated point replaces the damaged one in its series.
         order = sorted(
             range(len(self.steps)), key=lambda n: (self.steps[n].series, self.steps[n].index)
         )
@@ -220,7 +220,7 @@ def _staircase(
         yield from bpp.run_wrapper(load(), md=metadata)
 
     largest_nm = max(abs(step.target_nm) for step in steps)
-    if profile.adaptive is not None:  # every round turns at full scale
+    if profile.adaptive is not None:  # every round reverses at full scale
         largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)
     yield from guarded(lambda: unloaded_after(devices, in_bench), limits)

@@ -1,4 +1,4 @@
-"""Limits of a procedure's own: as long as it runs, the supervisor allows no more than it needs."""
+"""Temporary limits: while a procedure runs, the supervisor allows no more than it needs."""
 
 from __future__ import annotations
 
@@ -17,17 +17,17 @@ __all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
 Result = TypeVar("Result")
 
 TORQUE_MARGIN = 1.05
-"""How far a reading may go beyond the largest torque that will be requested."""
+"""Factor by which a reading may exceed the largest requested torque."""
 ZERO_MARGIN = 0.02
-"""What may be added by a zero that wasn't measured yet, of the range."""
+"""Additional allowance for a zero that wasn't measured yet, as a share of the range."""
 STANDING_RPM = 5.0
 STANDING_DEG = 5.0
-"""How fast and how far a clamped side may turn: wind-up and play, but no slipping."""
+"""Largest speed and angle of a clamped side: wind-up and backlash, but no slipping."""
 RATE_MARGIN = 4.0
-"""How much faster than the drive's own rate a torque or a speed may change."""
+"""Factor by which a torque or a speed may change faster than the drive's own rate."""
 SPEED_MARGIN = 1.05
 SPEED_MARGIN_RPM = 30.0
-"""A drive overshoots at the end of its ramp by as much as its rate, not its speed, makes it."""
+"""A drive's overshoot at the end of a ramp is proportional to its rate, not to its speed."""
 
 
 def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:

@@ -1,8 +1,8 @@
-"""The few messages that every point needs, without the plan stubs' bookkeeping.
+"""The messages of a point, without the bookkeeping of the plan stubs.
 
-Each of Bluesky's plan stubs formats a stack trace, in case somebody forgets its `yield from`.
-Over thousands of points that costs as much as the simulated bench itself, so the loops over
-points send their messages directly; everything that comes once a run uses the stubs.
+Each of Bluesky's plan stubs formats a stack trace to detect a missing `yield from`. Over thousands
+of points that takes as long as the simulated bench, so loops over points send their messages
+directly; messages that occur once a run use the stubs.
 """
 
 from __future__ import annotations

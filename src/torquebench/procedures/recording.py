@@ -62,7 +62,7 @@ def record_signals(
             gone_s = int(clock.now() - start_s)
             text = f"{gone_s} s recorded"
             yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
-            if clock.fast and duration_s is None:  # else a day would pass at once
+            if clock.fast and duration_s is None:  # otherwise a day would pass at once
                 ended.wait(LOOK_S)
             yield from bps.sleep(min(LOOK_S, left_s))
         spans.append(RecordedSpan(start_s, clock.now()))

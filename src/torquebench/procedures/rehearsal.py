@@ -1,7 +1,7 @@
-"""Rehearse a plan before anything moves: every message is followed on a bench of pure bookkeeping.
+"""Rehearsal of a plan before anything moves: its messages change a model of the bench's state.
 
-The very plan that will run is gone through. Each command is checked against the limits of the
-bench description and against what the bench will have mounted, clamped and coupled by then.
+The rehearsal uses the same plan as the run. Each command is checked against the limits of the bench
+description and against the predicted mounting, clamping and coupling.
 """
 
 from __future__ import annotations
@@ -115,10 +115,10 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
 
 
 class _Books:
-    """The bench's state as the plan will have made it by then.
+    """The predicted state of the bench.
 
-    Nobody is supposed to be away by then, and no alarm latched: that depends on the moment, and
-    the devices ask for it then.
+    It assumes that the operator is present and no alarm is latched; the devices check both at run
+    time.
     """
 
     def __init__(self, devices: BenchDevices) -> None:
@@ -177,7 +177,7 @@ class _SideState:
 
 
 class _Stage:
-    """The bookkeeping bench."""
+    """The simulated devices of a rehearsal."""
 
     def __init__(self, devices: BenchDevices) -> None:
         self.devices = devices
@@ -255,7 +255,7 @@ class _Stage:
         )  # fmt: skip
 
     def _begin(self, message: Msg) -> None:
-        """Set a device; what is set in one group moves at the same time."""
+        """Set a device; devices set in one group move at the same time."""
         group, began_s = message.kwargs.get("group"), self.now_s
         self._set(message.obj, message.args[0])
         if group is not None:
@@ -311,7 +311,7 @@ class _Stage:
             fields["standard_nm"] = state.torque_nm
         return fields
 
-    # -- what each command does to the books -------------------------------------------------
+    # -- effects of each command on the state ------------------------------------------------
 
     def _mount(self, value: Mounting) -> None:
         if value != self.books.standard:
@@ -339,7 +339,7 @@ class _Stage:
     def _switch(self, side: Side, value: bool) -> None:
         if value:
             check_enable(self.books, side)
-        else:  # the drive goes to zero first
+        else:  # the drive ramps to zero first
             self._torque(side, 0.0)
             self._speed(side, 0.0)
         self.sides[side].enabled = value

@@ -1,4 +1,4 @@
-"""Where an interrupted staircase continues: zero and preload again, then the interrupted series."""
+"""Resume an interrupted loading sequence: zero and preload again, then the interrupted series."""
 
 from __future__ import annotations
 
@@ -143,7 +143,7 @@ def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
 
 
 def _last_preloads(before: Sequence[Step]) -> list[int]:
-    """Numbers of the preloads that came together last before a series."""
+    """Return the numbers of the last group of preloads before a series."""
     found: list[int] = []
     for number in range(len(before) - 1, -1, -1):
         if before[number].kind == "preload":
@@ -154,6 +154,6 @@ def _last_preloads(before: Sequence[Step]) -> list[int]:
 
 
 def _seating(before: Sequence[Step]) -> Step | None:
-    """Return the step with which the standard was last seated."""
+    """Return the step at which the standard was last seated."""
     changes = [step for step in before if step.change != "none"]
     return changes[-1] if changes else None

@@ -1,4 +1,4 @@
-"""Bring the bench into the state that a procedure needs, and back out of it."""
+"""Bring the bench into the state that a procedure needs, and back."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ __all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_a
 
 Result = TypeVar("Result")
 Plan = Generator[Msg, Any, Result]
-"""A plan: messages for the run engine, and what it returns when all are done."""
+"""A plan: messages for the run engine, and a return value."""
 
 ProcedureKind = Literal["calibration", "verification", "reducer_test"]
 
 REST_S = 0.3
-"""Bench time that a module is left alone after its torque went to zero, s."""
+"""Waiting time of a module after its torque went to zero, s of bench time."""
 RUN_DOWN_S = 15.0
-"""Bench time after which shafts without power stand, s; else something turns them."""
+"""Time after which shafts without power stand, s of bench time; otherwise something drives them."""
 
 
 @dataclass(frozen=True)

@@ -18,10 +18,10 @@ from torquebench.procedures.zeroing import zero
 __all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
 
 Row = Mapping[str, Any]
-"""Values of one event by field, without the devices' names."""
+"""Values of one event by field, without device names."""
 
 SETTLE_SHARE = 0.4
-"""Share of a step's duration that its torque is left to settle; the rest is averaged."""
+"""Share of a step's duration for settling; the rest is averaged."""
 
 
 def steady_settings(step: Step, *, standard: bool) -> SteadySettings:
@@ -61,7 +61,7 @@ def describe_step(step: Step) -> str:
 
 @dataclass
 class _Loader:
-    """Takes the steps of one module one after the other."""
+    """Loads the steps of one module in turn."""
 
     devices: BenchDevices
     setup: Setup
@@ -73,7 +73,7 @@ class _Loader:
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
         self.seen = self.devices.interruptions
-        # From here on the standard is watched, during a preload too.
+        # From here on the standard is monitored, also during a preload.
         yield from bps.prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
@@ -96,7 +96,7 @@ class _Loader:
     def _zero(self, step: Step) -> Plan[None]:
         yield from self._stamp(step)
         yield from zero(self.devices, self.setup.side, duration_s=step.duration_s, standard=True)
-        self.settings = None  # the zero has its own
+        self.settings = None  # a zero has its own
 
     def _load(self, step: Step) -> Plan[None]:
         yield from move(self._module.drive.torque, step.target_nm)
@@ -126,8 +126,8 @@ class _Loader:
     def _return_to_branch(self, number: int) -> Plan[None]:
         """Restore the chain's memory after a pause at zero torque.
 
-        Going up from zero meets the same branch as before the pause; a falling branch starts at
-        the turning point that its series has passed.
+        A rising branch from zero is the same as before the pause; a falling branch needs the
+        turning point of its series again.
         """
         if self.devices.interruptions == self.seen:
             return

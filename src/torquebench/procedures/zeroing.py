@@ -1,4 +1,4 @@
-"""Zero and preload: what comes before the points of every series."""
+"""Zero and preload: the beginning of every series."""
 
 from __future__ import annotations
 

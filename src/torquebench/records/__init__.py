@@ -1,7 +1,7 @@
-"""What stays: tables in and out, the folder of each run, and the registry of all records.
+"""Records: tables in and out, the folder of each run, and the registry.
 
-Outputs are written whole or not at all, and nothing is overwritten or filled in. A name is
-imported when somebody asks for it, so that a list of records doesn't wait for numerics.
+Outputs are written completely or not at all, and nothing is overwritten. A name is imported at its
+first use, so that a list of records doesn't wait for numerical libraries.
 """
 
 import lazy_loader

@@ -1,4 +1,4 @@
-"""Arrow IPC streams that are only appended to, and survive a kill at any moment."""
+"""Append-only Arrow IPC streams that survive a kill at any time."""
 
 import hashlib
 import threading
@@ -18,7 +18,7 @@ from torquebench.records.durable_file import DurableFile
 __all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of"]
 
 FLUSH_INTERVAL_S = 0.5
-"""Longest time between two synchronisations while something comes, s of wall time."""
+"""Longest time between two synchronisations while data arrive, s of wall time."""
 _CHECKSUM = b"sha256"
 
 
@@ -35,9 +35,9 @@ class ArrowStream:
     """
 
     CONTENT: str
-    """What it holds, in a word."""
+    """Content of the stream, in a word."""
     CAPACITY: int
-    """How much of that is kept in memory at most."""
+    """Most pending data in memory."""
     COMPRESSION: str
 
     def __init__(self, path: Path) -> None:
@@ -51,11 +51,11 @@ class ArrowStream:
         self._closed = False
 
     def _batches(self, pending: list[Any]) -> Iterable[Any]:
-        """Return the record batches of what is pending."""
+        """Return the pending data as record batches."""
         raise NotImplementedError
 
     def _acknowledge(self) -> None:
-        """Note that everything appended so far is on the disk."""
+        """Note that all appended data are on the disk."""
         raise NotImplementedError
 
     def flush(self) -> None:
@@ -82,7 +82,7 @@ class ArrowStream:
 
     @contextmanager
     def _appending(self) -> Iterator[None]:
-        """Hold the stream while something is added to what is pending, and write it if it is due.
+        """Lock the stream while data are appended, and write it when due.
 
         Raises
         ------
@@ -169,12 +169,12 @@ def _is_as_written(batch: Any, metadata: Any) -> bool:
     try:
         batch.validate(full=True)
         return metadata is not None and metadata.get(_CHECKSUM) == _digest(batch).encode()
-    except (pa.ArrowException, ValueError):  # no text in UTF-8 among them
+    except (pa.ArrowException, ValueError):  # no text, or no UTF-8
         return False
 
 
 def _digest(batch: Any) -> str:
-    """Return the SHA-256 of a batch's columns and values, however Arrow keeps them in memory."""
+    """Return the SHA-256 of a batch's columns and values, independent of Arrow's memory layout."""
     digest = hashlib.sha256(described_schema(batch.schema).encode("utf-8", "surrogateescape"))
     for column in batch.columns:
         _feed(digest, column)
@@ -223,9 +223,9 @@ def _plain(kind: Any) -> bool:
 
 
 def _torn_start(path: Path) -> bool:
-    """Whether the file begins as an Arrow stream does, so that only its end may be missing.
+    """Return whether the file begins as an Arrow stream, so that only its end may be missing.
 
-    Zeros are blocks that a power cut left unwritten.
+    A power cut leaves zeros in unwritten blocks.
     """
     with path.open("rb") as file:
         return b"\xff\xff\xff\xff".startswith(file.read(4).rstrip(b"\0"))

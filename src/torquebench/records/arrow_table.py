@@ -1,4 +1,4 @@
-"""Columns of Arrow as readings and calibrations: of Parquet files and of data frames."""
+"""Arrow tables as readings and calibrations: from Parquet files and data frames."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from torquebench.records.tables import READING_QUANTITIES, ReadingsTable
 __all__ = ["NUMBERS", "ArrowReadings"]
 
 NUMBERS = ("reading_nm", *READING_QUANTITIES)
-"""Columns of numbers that readings may have."""
+"""Numeric columns of readings."""
 
 
 class ArrowReadings:
@@ -100,7 +100,7 @@ class ArrowReadings:
         return values
 
     def _name_branch(self, batch: Any) -> None:
-        """Take a direction of loading for the branch."""
+        """Use the direction of loading as the branch."""
         if "direction" in self._names and "branch" not in self._names:
             at = self._names.index("direction")
             if of_loading(cell_texts(pc.unique(batch.column(at)))):

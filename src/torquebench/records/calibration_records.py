@@ -1,4 +1,4 @@
-"""The registry's calibrations, models and which of them are in use, verifications and checks."""
+"""The registry's calibrations, models and their activation, verifications and checks."""
 
 from collections.abc import Mapping, Sequence
 from datetime import UTC, date, datetime
@@ -80,7 +80,7 @@ class CalibrationRecords(Database):
         RecordError
             Where transducer or counter aren't named, or the run isn't registered.
         """
-        from torquebench.calibration import span_errors  # not where records are only listed
+        from torquebench.calibration import span_errors  # not imported for lists of records
 
         if not data.transducer_serial or not data.counter_identity:
             raise RecordError(

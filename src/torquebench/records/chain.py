@@ -1,4 +1,4 @@
-"""The hash chain over all records: what makes a change after the fact visible."""
+"""The hash chain over all records, which reveals later changes."""
 
 import hashlib
 import json
@@ -10,7 +10,7 @@ from typing import Any
 __all__ = ["START", "ChainHead", "Link", "broken_links", "canonical", "changed_fields", "seal"]
 
 START = "0" * 64
-"""What the first link names as the hash before it."""
+"""Predecessor hash of the first link."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the columns of recorded and exported files are: unit and description by their endings."""
+"""Units and descriptions of columns of recorded and exported files, by the columns' endings."""
 
 import re
 

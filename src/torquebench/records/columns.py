@@ -1,8 +1,8 @@
-"""Names of the columns of tables, the units in them, and what other names mean.
+"""Column names of tables, their units, and synonyms.
 
-One reader for all tables: a command says which quantities it wants and of which kind they are; a
-header says what it is by its own name (``speed_rpm``), by a name with a unit (``Drehzahl [1/min]``)
-or because the user says so (``speed=Motor[1/min]``).
+One reader for all tables: a command states the wanted quantities and their kinds. A header matches
+by its own name (``speed_rpm``), by a name with a unit (``Drehzahl [1/min]``), or by the user's
+assignment (``speed=Motor[1/min]``).
 """
 
 import re
@@ -41,9 +41,9 @@ Kind = str
 LABEL = "label"
 """A number without a unit."""
 WORD = "word"
-"""A word or number that says where a row belongs."""
+"""A word or number that groups rows."""
 Source = tuple[str, float]
-"""A header, and the factor of its values to the unit of `UNITS`."""
+"""A header, and the factor from its values to the unit of `UNITS`."""
 
 _OWN_UNITS = {
     "torque": "nm",
@@ -53,7 +53,7 @@ _OWN_UNITS = {
     "time": "s",
     "acceleration": "rad_s2",
 }
-"""The unit that our own names of columns have, such as ``torque_nm``."""
+"""The unit of torquebench's own column names, such as ``torque_nm``."""
 _SHOWN_UNITS = {
     **_OWN_UNITS,
     **{"torque": "Nm", "temperature": "°C", "acceleration": "rad/s²"},
@@ -70,7 +70,7 @@ _CALIBRATION: Mapping[str, Kind] = {
     "acceleration": "acceleration",
     **dict.fromkeys(LABELS, WORD),
 }
-"""What tables of calibrations and readings may have."""
+"""Columns of calibration and reading tables."""
 
 
 def _own_name(name: str, kind: Kind) -> str:
@@ -139,8 +139,9 @@ _STEMS = {
     **dict.fromkeys(("load direction", "loading direction", "加载方向"), "direction"),
     **dict.fromkeys(("richtung", "drehrichtung", "方向"), "direction"),
 }
-"""What columns are called in German, English and Chinese. In a table of readings and standards a
-torque may be either, so it is neither by itself."""
+"""Names of columns in German, English and Chinese. In a table of readings and standards, "torque"
+is ambiguous and matches neither.
+"""
 _WORDS = {
     "torque": ("torque", "moment", "nm", "扭矩", "转矩", "力矩"),
     "angle": ("angle", "winkel", "position", "encoder", "角", "twist"),
@@ -148,7 +149,7 @@ _WORDS = {
     "time": ("time", "zeit", "时间"),
     "temperature": ("temp", "温度"),
 }
-"""Parts of headers that are this kind of quantity."""
+"""Parts of headers that identify a quantity."""
 _HEADER_UNIT = re.compile(r"\s*[\[(]\s*(.+?)\s*[\])]\s*$|\s*/\s*([^/]+)$|\s+in\s+(\S+)$")
 _COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)")
 
@@ -274,7 +275,7 @@ def _optional(
     required: Sequence[str],
     wanted: Mapping[str, Kind],
 ) -> set[str]:
-    """Return headers that were understood as what needn't be there, by another name than ours."""
+    """Return headers that match optional columns by a synonym."""
     headers = {header for name, (header, _) in found.items() if name not in required}
     return {each for each in headers if _by_own_name(each, wanted) is None}
 
@@ -361,7 +362,7 @@ def unit_of(header: str) -> str:
 
 
 def _by_own_name(header: str, wanted: Mapping[str, Kind]) -> tuple[str, float] | None:
-    """Understand ``speed_rpm``, or ``series``."""
+    """Match ``speed_rpm``, or ``series``."""
     if wanted.get(header) in (LABEL, WORD):
         return header, 1.0
     for name in sorted(wanted, key=len, reverse=True):
@@ -373,12 +374,12 @@ def _by_own_name(header: str, wanted: Mapping[str, Kind]) -> tuple[str, float] |
 
 
 def _plain(unit: str) -> str:
-    """Return a unit as it stands in a name; a digit there, as of rad_s2, is an exponent."""
+    """Return a unit as in column names; a digit there, as in rad_s2, is an exponent."""
     return plain_unit(unit) if re.fullmatch(r"[a-z_]+2?", unit) else ""
 
 
 def _by_other_name(header: str, wanted: Mapping[str, Kind]) -> tuple[str, float] | None:
-    """Understand ``Drehzahl [1/min]``, ``speed [rpm]`` or ``Reihe``."""
+    """Match ``Drehzahl [1/min]``, ``speed [rpm]`` or ``Reihe``."""
     unit = _HEADER_UNIT.search(header)
     stem = header[: unit.start()].strip() if unit else header
     name = stem.replace(" ", "_") if unit else ""
@@ -399,7 +400,7 @@ def maps(text: str, table: CsvTable) -> bool:
 
 
 def _find(source: str, table: CsvTable) -> tuple[str, str | None, float] | None:
-    """Return the header that a text names, the unit in the text, and its sign."""
+    """Return the header that a text refers to, the unit in the text, and the sign."""
     for text, sign in ((source, 1.0), (source.removeprefix("-").strip(), -1.0)):
         if text in table.header:
             return text, None, sign
@@ -480,7 +481,7 @@ def _refuse_foreign_unit(
 
 
 def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
-    """Return what to do for a quantity that no header names."""
+    """Return the remedy for a quantity without a header."""
     own = _own_name(name, kind)
     if kind in (LABEL, WORD):
         return f"add it, or name it: --column '{name}=Header'"
@@ -500,9 +501,9 @@ def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
 
 
 def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | None:
-    """Return the header that is most likely a quantity; None if none is of its kind.
+    """Return the header that most likely is a quantity; None if none is of its kind.
 
-    A header that names a unit of another kind never is: a time is no torque.
+    A header with a unit of another kind never matches: a time isn't a torque.
     """
     ranked = []
     for header in table.header:

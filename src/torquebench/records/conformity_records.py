@@ -1,4 +1,4 @@
-"""The registry's certificates, and what people have said about records: reviews, amendments."""
+"""The registry's certificates, reviews and amendments."""
 
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -36,7 +36,7 @@ Subject = Literal[
     "checks",
     "certificates",
 ]
-"""Tables whose records can be checked and amended."""
+"""Tables whose records can be reviewed and amended."""
 
 
 class ConformityRecords(Database):

@@ -1,4 +1,4 @@
-"""CSV as laboratories write it: separators, decimal marks, comments; everything with its line."""
+"""CSV in common dialects: separators, decimal marks, comments; with line numbers."""
 
 import codecs
 import csv
@@ -29,7 +29,7 @@ _WHOLE = re.compile(r"[+-]?[0-9]+", re.ASCII)
 _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
-"""How a spreadsheet writes a cell that it can't compute, in its languages."""
+"""Error values of spreadsheet cells, in several languages."""
 COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
@@ -137,7 +137,7 @@ class CsvTable:
                         )
 
     def _check_thousands(self, column: str) -> None:
-        """Refuse 1,200 after 980: a mark before three digits, where others without are larger."""
+        """Refuse 1,200 after 980: a mark before three digits, where larger numbers have none."""
         texts = self.texts(column)
         marked = [row for row, text in enumerate(texts) if set(text) & {",", "."}]
         whole = [abs(int(text)) for text in texts if _WHOLE.fullmatch(text)]
@@ -261,7 +261,7 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     content = _uncommented(text)
     first = next((n for n, line in enumerate(content) if line.strip()), None)
     if first is not None and _SEPARATOR_LINE.fullmatch(content[first].strip()):
-        content[first] = ""  # what spreadsheets write and take for themselves
+        content[first] = ""  # written and removed by spreadsheets themselves
     head = next((line for line in content if line.strip()), None)
     if head is None:
         raise InputError(f"{origin} is empty", "a header line and at least one line of values")
@@ -298,7 +298,7 @@ def is_comment(line: str) -> bool:
 
 
 def _uncommented(text: str) -> list[str]:
-    """Return the lines with comments blanked, so that line numbers stay those of the file."""
+    """Return the lines with comments blanked, which keeps the file's line numbers."""
     return [
         "" if is_comment(line) else line
         for line in text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
@@ -326,7 +326,7 @@ def _records(
 
 
 def _header(names: list[str], origin: str) -> tuple[tuple[str, ...], int]:
-    """Return the columns' names and how many cells a row may have (unnamed ones at the end)."""
+    """Return the columns' names and the largest number of cells of a row (unnamed at the end)."""
     header = [name.lower() for name in names]
     while header and not header[-1]:
         header.pop()

@@ -1,4 +1,4 @@
-"""The database below the registry: opening it, transactions that only append, rows by name."""
+"""The database below the registry: connection, append-only transactions, rows by name."""
 
 import contextlib
 import importlib
@@ -65,18 +65,18 @@ __all__ = [
 
 REGISTRY_FILE = "registry.sqlite"
 WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torquebench records rebuild`"
-"""What to do about a registry that is lost or damaged."""
+"""Remedy for a lost or damaged registry."""
 REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 """Environment variable with the URL of a registry on a server."""
 SERVER_TIMEOUT_S = 10.0
-"""How long a server may take for one answer, s."""
+"""Timeout of a server's answer, s."""
 PATIENCE_S = 30.0
-"""How long `Database.patiently` continues trying, s."""
+"""How long `Database.patiently` retries, s."""
 RETRY_S = 0.25
 DISCONNECTING = ("08", "57P")
-"""SQLSTATEs of a connection that has gone: PostgreSQL 18, appendix A."""
+"""SQLSTATEs of a lost connection: PostgreSQL 18, appendix A."""
 PASSING = (*DISCONNECTING, "40", "53", "55P03", "57")
-"""SQLSTATEs of what may be over a moment later: deadlocks, no room, a server that starts."""
+"""SQLSTATEs of temporary failures: deadlocks, no space, a server that is starting."""
 
 Result = TypeVar("Result")
 Entry = TypeVar("Entry", bound=Any)
@@ -446,7 +446,7 @@ def url_with_driver(url: str | URL) -> URL:
 
 
 def _reading_engine(address: str) -> Engine:
-    """Return an engine that reads a file in place, and nothing else."""
+    """Return an engine that only reads a file in place."""
 
     def connect() -> sqlite3.Connection:
         return sqlite3.connect(address, uri=True, check_same_thread=False)
@@ -458,7 +458,7 @@ def engine_of(url: URL) -> Engine:
     """Return an engine whose connections are tried before they are used again."""
     if url.drivername == "sqlite":
         if url.database:
-            with contextlib.suppress(OSError):  # what can't be made is said by SQLite
+            with contextlib.suppress(OSError):  # SQLite itself reports a file that can't be created
                 create_private(Path(url.database)).close()
         engine = create_engine(url)
         event.listen(engine, "connect", _set_up_sqlite)
@@ -469,30 +469,30 @@ def engine_of(url: URL) -> Engine:
     close = engine.dialect.do_close
 
     def close_quietly(dbapi_connection: DBAPIConnection) -> None:
-        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has gone first
+        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has closed first
             close(dbapi_connection)
 
-    # The pool closes by the dialect alone, and has no event that may leave out the closing.
+    # The pool closes connections through the dialect, whose closing has no event.
     engine.dialect.do_close = close_quietly  # type: ignore[method-assign]
     return engine
 
 
 def _note_disconnect(context: ExceptionContext) -> None:
-    # A server that shuts down says so by a code, which SQLAlchemy's dialect doesn't look at; one
-    # that has gone between question and answer leaves the socket's own error.
+    # A server that shuts down states a code that SQLAlchemy's dialect doesn't check; one that
+    # vanished between question and answer causes the socket's own error.
     error = context.original_exception
     if isinstance(error, ConnectionError) or _code(error).startswith(DISCONNECTING):
         context.is_disconnect = True
 
 
 def _code(error: BaseException | None) -> str:
-    """Return the SQLSTATE of an error of PostgreSQL; empty where it has none."""
+    """Return the SQLSTATE of a PostgreSQL error; empty if it has none."""
     fields = error.args[0] if error is not None and error.args else None
     return str(fields.get("C", "")) if isinstance(fields, dict) else ""
 
 
 def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
-    """Return which error stands for one of the database."""
+    """Return the project's error for an error of the database."""
     if isinstance(error, OperationalError | InterfaceError | ConnectionError) or (
         isinstance(error, DBAPIError)
         and (error.connection_invalidated or _code(error.orig).startswith(PASSING))
@@ -502,19 +502,19 @@ def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
 
 
 def _cause(error: SQLAlchemyError | ConnectionError) -> str:
-    """Return what the database itself said, without the statement and its parameters."""
+    """Return the database's own message, without the statement and its parameters."""
     said = getattr(error, "orig", None)
     if said is None:
         return str(error)
     fields = said.args[0] if said.args else ""
     if isinstance(fields, dict) and "M" in fields:
         return str(fields["M"])
-    reason = said.__cause__  # why a server can't be reached
+    reason = said.__cause__  # the reason why a server can't be reached
     return str(said) if reason is None else f"{said} ({getattr(reason, 'strerror', '') or reason})"
 
 
 def _set_up_sqlite(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # transactions begin where `_begin_sqlite` says
+    connection.isolation_level = None  # transactions begin in `_begin_sqlite`
     cursor = connection.cursor()
     # WAL lets readers (the list of runs) work while a run writes; FULL survives a power cut.
     for pragma in ("busy_timeout=5000", "foreign_keys=ON", "journal_mode=WAL", "synchronous=FULL"):
@@ -523,7 +523,7 @@ def _set_up_sqlite(connection: Any, _record: object) -> None:
 
 
 def _begin_sqlite(connection: Connection) -> None:
-    # A writer that began as a reader would find the end of the chain moved, and fail.
+    # A transaction that began as a reader would find the end of the chain moved, and fail.
     writes = connection.get_execution_options().get("writes", True)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
 

@@ -1,4 +1,4 @@
-"""Whether a registry's database itself is whole: pages, indexes, tables, triggers."""
+"""Integrity of a registry's database: pages, indexes, tables, triggers."""
 
 import functools
 import sqlite3

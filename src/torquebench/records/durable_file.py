@@ -1,4 +1,4 @@
-"""A file that is only appended to, and whose end is known to be on the disk."""
+"""An append-only file whose end is known to be on the disk."""
 
 import os
 from pathlib import Path
@@ -50,7 +50,7 @@ class DurableFile:
             self._file.truncate(self._synchronised)
             self._file.seek(self._synchronised)
             self._file.close()
-        except OSError as second:  # a disk that has gone keeps what it has
+        except OSError as second:  # a failed disk keeps its present content
             error.add_note(f"and incomplete data couldn't be removed: {second}")
         return RecordError(
             f"{self._path} can't be written ({error.strerror or error})",

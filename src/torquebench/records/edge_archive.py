@@ -1,4 +1,4 @@
-"""The edges of a sealed run: a Parquet file of plain ticks that any tool reads."""
+"""The edges of a sealed run: a Parquet file of plain ticks that any tool can read."""
 
 import os
 from collections.abc import Iterable, Iterator
@@ -20,7 +20,7 @@ __all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]
 EDGE_ARCHIVE = "edges.parquet"
 """Name of the sealed edges in a run's folder."""
 GROUP_EDGES = 2_000_000
-"""Edges in a row group: what sealing and reading hold in memory at a time."""
+"""Edges in a row group, which bounds the memory for sealing and reading."""
 
 _TICKS = pa.list_(pa.int64())
 _SCHEMA = pa.schema(
@@ -38,7 +38,7 @@ _SCHEMA = pa.schema(
         "edges were timed"
     },
 )
-# Parquet's own delta encoding: as small as the stream, and nobody needs this project to read it.
+# Parquet's own delta encoding: as small as the stream, and readable by any tool.
 _ENCODING = {
     "rising_ticks.list.element": "DELTA_BINARY_PACKED",
     "falling_ticks.list.element": "DELTA_BINARY_PACKED",
@@ -72,7 +72,7 @@ def seal_edges(folder: Path) -> None:
         part.chmod(0o600)
         part.replace(sealed)
     finally:
-        part.unlink(missing_ok=True)  # a full disk needs the room
+        part.unlink(missing_ok=True)  # frees space on a full disk
     stream.unlink()
 
 

@@ -15,7 +15,7 @@ from torquebench.errors import RecordError
 __all__ = ["EncodedEdges", "decode_edges", "encode_edges"]
 
 ESCAPE = -128
-"""Second difference that stands for one that doesn't fit into a byte."""
+"""Code for a second difference that doesn't fit into a byte."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,4 +1,4 @@
-"""Every edge of every channel: a delta-encoded Arrow stream while a run continues."""
+"""Every edge of every channel: a delta-encoded Arrow stream during a run."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""What the registry hands in and out: frozen values in the words of a calibration laboratory."""
+"""Values that the registry accepts and returns, in terms of a calibration laboratory."""
 
 import hashlib
 import json
@@ -319,7 +319,7 @@ class ModelEntry:
         """What the calibration contradicts: why the model isn't to be put into use."""
         if "contradictions" not in self.metrics:
             return ()
-        from torquebench.calibration import Contradiction  # not where models are only listed
+        from torquebench.calibration import Contradiction  # not imported for lists of models
 
         return tuple(Contradiction(**each) for each in self.metrics["contradictions"])
 

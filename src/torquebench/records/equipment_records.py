@@ -1,4 +1,4 @@
-"""The registry's equipment: what it is, what it is part of, what was done to it, its zeros."""
+"""The registry's equipment: identity, components, adjustments, certificates, zeros."""
 
 from dataclasses import asdict
 from datetime import UTC, datetime

@@ -1,9 +1,8 @@
-"""Lines of a run that isn't sealed yet: each carries its number and a checksum.
+"""Lines of an unsealed run, each with its number and a checksum.
 
-A line is found by its own beginning and end, not by the line feeds around it, so that damage
-anywhere costs the lines that it lies in and no others. The checksum covers the run's identifier
-too: a block of another run's file, as a broken file system may leave it, isn't taken for one of
-this run.
+A line is found by its own beginning and end, not by line feeds, so that damage costs only the
+damaged lines. The checksum includes the run's identifier, so that a block of another run's file, as
+a broken file system may leave it, isn't accepted.
 """
 
 import hashlib
@@ -21,7 +20,7 @@ _BEGIN = re.compile(rb'\{"line": [0-9]+, "name": ')
 _END = re.compile(rb', "sha256": "([0-9a-f]{64})"\}')
 _TAIL = len(', "sha256": ""}') + 64
 _TRIED = 16
-"""So many beginnings before an end are tried: a document may hold what looks like one."""
+"""Most beginnings that are tried for one end, as a document may contain the pattern."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +126,7 @@ def read_lines(content: bytes, run_id: str) -> ReadLines:
         lines.setdefault(line.number, line)
         position, number = begin + len(line.text), max(number, line.number)
     rest = content[position:].lstrip(b"\n")
-    # A line that was written whole has its line feed; without one it is a torn end.
+    # A complete line ends with a line feed; without one it is truncated.
     lost = rest.count(b"\n")
     if lost:
         damages.append(Damage(number + 1, number + lost, len(content) - len(rest), len(rest)))
@@ -152,7 +151,7 @@ def with_copies(read: ReadLines, copies: Iterable[CheckedLine]) -> ReadLines:
 
 
 def _found(content: bytes, run_id: str) -> Iterator[tuple[int, CheckedLine]]:
-    """Yield every line whose checksum is right, and where it begins."""
+    """Yield every line with a valid checksum, and its position."""
     begin = gap = 0
     for text in content.split(b"\n"):
         line = _line(text, run_id)
@@ -167,7 +166,7 @@ def _found(content: bytes, run_id: str) -> Iterator[tuple[int, CheckedLine]]:
 def _between(
     content: bytes, begin: int, end: int, run_id: str
 ) -> Iterator[tuple[int, CheckedLine]]:
-    """Yield the lines in a damaged part, in which line feeds may be missing."""
+    """Yield the lines in a damaged part, which may lack line feeds."""
     for last in _END.finditer(content, begin, end):
         begins = [each.start() for each in _BEGIN.finditer(content, begin, last.start())]
         for first in reversed(begins[-_TRIED:]):

@@ -1,4 +1,4 @@
-"""Streams of a run as TDMS, as LabVIEW and DIAdem read it."""
+"""Streams of a run as TDMS, for LabVIEW and DIAdem."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -17,7 +17,7 @@ def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> 
         ChannelObject(
             "samples",
             column.name,
-            # TDMS has no truth values of one byte that every reader knows
+            # TDMS has no boolean of one byte that every reader supports
             column.values.astype(np.uint8) if column.values.dtype == np.bool_ else column.values,
             {"unit_string": column.unit, "description": column.description},
         )

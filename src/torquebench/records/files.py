@@ -1,4 +1,4 @@
-"""Content of files: JSON of values, and hashes."""
+"""File contents: JSON of values, and hashes."""
 
 import hashlib
 import json
@@ -79,7 +79,7 @@ def _plain(value: Any) -> Any:
 
 
 def _is_of(library: str, names: tuple[str, ...], value: Any) -> bool:
-    """Return whether a value is of a library's types, without importing what nobody uses."""
+    """Return whether a value has a library's types, without importing the library."""
     module = sys.modules.get(library)
     return module is not None and isinstance(value, tuple(getattr(module, name) for name in names))
 

@@ -1,4 +1,4 @@
-"""Whether the records are still what was entered: chain, rows, model files, run folders."""
+"""Integrity of all records: chain, rows, model files, run folders."""
 
 import json
 from collections.abc import Iterable, Iterator
@@ -265,7 +265,7 @@ class _Check:
             noted = RunFolder(path).metadata.get("registry_head")
         except RecordError:
             return
-        if path.name in self.entered_again:  # it notes the chain of a registry that was lost
+        if path.name in self.entered_again:  # this records the lost registry's chain
             return
         if isinstance(noted, str):
             try:
@@ -291,7 +291,7 @@ class _Check:
                 yield Finding("file", str(path), found="changed after it was registered")
 
     def _certificates(self) -> Iterator[tuple[str, str]]:
-        """Yield path and hash of each archived file of a certificate, as they were entered."""
+        """Yield path and hash of each archived file of a certificate, as entered."""
         for link in self.links:
             if link.table != CertificateRow.__tablename__:
                 continue
@@ -302,7 +302,7 @@ class _Check:
                     (f"{archive}/{name}", digest) for name, digest in entered["files"].items()
                 )
             except (json.JSONDecodeError, KeyError, AttributeError, TypeError):
-                continue  # the chain itself was touched, which is a finding of its own
+                continue  # the chain itself was changed, which is a finding of its own
 
     def anchored(self, anchors: tuple[ChainHead, ...]) -> Iterator[Finding]:
         known = {link.sequence: link.sha256 for link in self.links}
@@ -318,7 +318,7 @@ class _Check:
 
 
 def _readable(rows: Iterable[Any]) -> Iterator[Any]:
-    """Yield rows, and last the error of one that holds what its column can't."""
+    """Yield rows, and last the error of a row with an invalid value."""
     try:
         yield from rows
     except ValueError as error:

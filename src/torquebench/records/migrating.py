@@ -1,4 +1,4 @@
-"""Bring a registry's tables to the version that this software writes."""
+"""Upgrade a registry's tables to this version's schema."""
 
 from pathlib import Path
 
@@ -44,7 +44,7 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
             f"the schema {SCHEMA_VERSION}",
             "copy the data directory to where it can be written, and open it there",
         )
-    # Imported only where something is to be done: most registries are up to date.
+    # Imported only if needed: most registries are up to date.
     from alembic import command
     from alembic.config import Config
 
@@ -59,7 +59,7 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     config.set_main_option("script_location", str(_MIGRATIONS).replace("%", "%%"))
     with engine.execution_options(writes=True).begin() as connection:
         if engine.dialect.name == "postgresql":
-            # Two benches that open a new database at once upgrade it one after the other.
+            # Two benches that open a new database at once upgrade it in turn.
             connection.execute(text("SELECT pg_advisory_xact_lock(7240514)"))
         config.attributes["connection"] = connection
         command.upgrade(config, SCHEMA_VERSION)

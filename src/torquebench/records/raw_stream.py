@@ -83,7 +83,7 @@ class RawStream(ArrowStream):
 
 
 def _arrow(array: NDArray[Any]) -> Any:
-    """Return a column of numbers as Arrow has it, without pandas, which `pyarrow.array` imports."""
+    """Return a column of numbers as an Arrow array; `pyarrow.array` would import pandas."""
     if array.dtype.kind not in "biuf" or not array.dtype.isnative:
         return pa.array(np.ascontiguousarray(array))
     bits = array.dtype.kind == "b"
@@ -177,7 +177,7 @@ def seal_raw(folder: Path) -> None:
 
 
 def _same(first: Any, second: Any) -> bool:
-    """Compare two tables; NaN, which stands where a channel had a fault, equals NaN."""
+    """Compare two tables; NaN, which stands for a fault, equals NaN."""
     if first.schema != second.schema or first.num_rows != second.num_rows:
         return False
     pairs = zip(_columns(first).values(), _columns(second).values(), strict=True)

@@ -1,4 +1,4 @@
-"""Reading a SQLite file if nothing may be written: archives, backups, other people's data."""
+"""Read-only access to a SQLite file: archives, backups, other people's data."""
 
 import os
 import shutil

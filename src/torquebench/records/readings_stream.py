@@ -1,4 +1,4 @@
-"""Readings of any length, compensated block by block: little memory, both cores, progress."""
+"""Compensation of readings of any length, block by block: little memory, two cores, progress."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ from torquebench.records.tables import (
 __all__ = ["CompensatedFile", "compensate_file"]
 
 Compensate = Callable[[ReadingsTable], tuple[NDArray[np.float64], ...]]
-"""From readings to torque, additional torque and expanded uncertainty, all in N·m."""
+"""Function from readings to torque, additional torque and expanded uncertainty, all in N·m."""
 
 Follow = Callable[[ReadingsTable, ReadingsTable | None], tuple[NDArray[np.float64], ...]]
-"""The same of one block after the other, each with the one that follows it."""
+"""The same for successive blocks, each with the block that follows it."""
 
 _BLOCK_BYTES = 1 << 21
 _BLOCK_ROWS = 1 << 16
-_GROUP_ROWS = 1 << 20  # of a row group, as PyArrow writes them
+_GROUP_ROWS = 1 << 20  # rows of a row group, as written by PyArrow
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
@@ -78,14 +78,14 @@ class _Block(NamedTuple):
 
 
 _Encoded = tuple[Any, tuple[int, float, float, float]]
-"""Cells as the target takes them; rows, extremes of the additional torque and largest U."""
+"""Target's cells; rows, extremes of the additional torque and largest U."""
 
 
 class _Source(Protocol):
-    """A file of readings: `pieces` as they lie in it, each made a block by itself."""
+    """A file of readings: `pieces` in file order, each converted to a block independently."""
 
     header: tuple[str, ...]
-    names: tuple[str, ...]  # as they are written
+    names: tuple[str, ...]  # as written
     remarks: dict[str, str]
     simulated: bool
     timed: bool
@@ -178,7 +178,7 @@ def _followed(
     follow: Follow,
     encoded: Callable[[_Block, tuple[NDArray[np.float64], ...]], _Encoded],
 ) -> Iterator[tuple[_Encoded, float]]:
-    """Compensate blocks one after the other, each when the next one is known."""
+    """Compensate blocks in order, each when the next one is known."""
     waiting: _Block | None = None
     reached = 0.0
     for block, share in blocks:
@@ -194,10 +194,10 @@ def _followed(
 def _in_order(
     work: Callable[[Any], Any], pieces: Iterable[tuple[Any, float]]
 ) -> Iterator[tuple[Any, float]]:
-    """Work on pieces in two threads; yield results in the order of the pieces."""
+    """Process pieces in two threads; yield results in the order of the pieces."""
     waiting: deque[tuple[Future[Any], float]] = deque()
     iterator = iter(pieces)
-    for piece, share in iterator:  # the first one alone: it compiles what all others use
+    for piece, share in iterator:  # the first one alone, as it compiles the kernels
         yield work(piece), share
         break
     with ThreadPoolExecutor(_WORKERS) as threads:
@@ -234,8 +234,8 @@ def _open(path: Path, opened: ExitStack, mapping: Sequence[str]) -> _Source:
 class _CsvSource:
     """A CSV file in pieces of whole lines.
 
-    Arrow reads a piece where it is plain; anything else (comments between, unusual numbers, a
-    mistake) goes through the reader of small tables, which names line and column.
+    Arrow reads a piece without special cases; anything else (comments, unusual numbers, errors)
+    goes through the reader of small tables, which states line and column.
     """
 
     def __init__(self, origin: str, file: IO[bytes], size: int, mapping: Sequence[str]) -> None:
@@ -301,7 +301,7 @@ class _CsvSource:
         return self._fast(content, before) or self._careful(content, before)
 
     def _fast(self, content: bytes, before: int) -> _Block | None:
-        """Let Arrow read a plain piece; None if it isn't one."""
+        """Read a plain piece with Arrow; None if it isn't plain."""
         if content.startswith(b"#") or b"\n#" in content or not content.strip():
             return None
         text = pa.string()
@@ -404,7 +404,7 @@ class _CsvSource:
 
 
 def _head(content: bytes) -> tuple[bytes, int]:
-    """Return the lines up to the first few rows, and how many lines are before the header."""
+    """Return the lines up to the first few rows, and the number of lines before the header."""
     lines = content.split(b"\n", _BLOCK_BYTES)
     for number, line in enumerate(lines):
         if line.strip() and not line.lstrip().startswith(b"#"):
@@ -419,7 +419,7 @@ def _after_header(content: bytes, before: int) -> tuple[str, bytes]:
 
 
 def _end_of_lines(content: bytes) -> int:
-    """Return where the last whole line ends that isn't within quotation marks."""
+    """Return the end of the last whole line, outside of quotation marks."""
     end = content.rfind(b"\n") + 1
     while end and content.count(b'"', 0, end) % 2:
         end = content.rfind(b"\n", 0, end - 1) + 1
@@ -453,13 +453,13 @@ class _ArrowSource:
 
 
 def _numbers(values: NDArray[np.float64]) -> Any:
-    """Return numbers as Arrow without a copy; `pyarrow.array` imports pandas if there is one."""
+    """Return numbers as Arrow without a copy; `pyarrow.array` would import pandas."""
     buffer = pa.py_buffer(np.ascontiguousarray(values, dtype=np.float64))
     return pa.Array.from_buffers(pa.float64(), values.size, [None, buffer])
 
 
 class _CsvSink:
-    """Writes blocks as CSV in the manner of their source."""
+    """Writes blocks as CSV in the format of their source."""
 
     def __init__(self, file: IO[bytes], source: Any) -> None:
         self._file = file
@@ -562,7 +562,7 @@ class _ParquetSink:
     def _write_group(self) -> None:
         group = pa.concat_tables(self._waiting)
         if self._writer is None:
-            # hardly a torque occurs twice: a dictionary of them costs time and saves nothing
+            # torques hardly repeat: a dictionary costs time and saves nothing
             own = [name for name in group.column_names if name not in ADDED_COLUMNS]
             self._writer = pq.ParquetWriter(self._file, group.schema, use_dictionary=own)
         self._writer.write_table(group, row_group_size=_GROUP_ROWS)

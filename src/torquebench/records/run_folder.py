@@ -47,12 +47,13 @@ RunStatus = Literal["completed", "aborted", "failed", "interrupted"]
 _METADATA = "run.json"
 _EVENTS = "events.jsonl"
 _COPIES = "copies.jsonl"
-"""What every event rests on (the run's metadata, start and descriptors) a second time, until the
-run is sealed: damage to it costs no point."""
+"""Second copy of a run's metadata, start and descriptors until the run is sealed: damage to them
+costs no point.
+"""
 _RUN = "run"
 """Name of the first line, a copy of the metadata."""
 _DAMAGED = ".damaged"
-"""Ending of a file's name in its original state, where a part of it was damaged."""
+"""Ending of the name of a damaged file that is kept in its original state."""
 _RESULTS = "results.json"
 MANIFEST = "manifest.json"
 """The file that seals a run folder."""
@@ -132,7 +133,7 @@ class RunWriter:
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
-        # Arrow takes its time, and whoever only lists runs doesn't need it.
+        # Imported late: a list of runs doesn't need Arrow.
         from torquebench.records.edge_stream import EdgeStream
         from torquebench.records.raw_stream import RawStream
 
@@ -163,7 +164,7 @@ class RunWriter:
             self._copies = create_private(path / _COPIES)
             self.document(_RUN, content)
         except (OSError, TorquebenchError) as error:
-            shutil.rmtree(path, ignore_errors=True)  # nothing is half begun
+            shutil.rmtree(path, ignore_errors=True)  # an incomplete folder is removed
             remedy = "make room on the disk or repair it"
             raise RecordError(f"can't create {path} ({error})", "", remedy) from error
         self._raw = RawStream(path / "raw.arrow")
@@ -197,7 +198,7 @@ class RunWriter:
         with self._lock:
             self._require_open()
             line = checked_line(self.run_id, self._lines + 1, name, document)
-            self._lines += 1  # even of one that fails, which may be on the disk all the same
+            self._lines += 1  # even a failed write may be on the disk
             try:
                 _append(self._events, line)
                 if not name.startswith("event"):
@@ -321,7 +322,7 @@ class RunWriter:
         error: BaseException | None,
         traceback: TracebackType | None,
     ) -> None:
-        """Seal what isn't sealed yet: as completed, or as failed with the error as reason."""
+        """Seal the folder if needed: as completed, or as failed with the error as reason."""
         if self.folder.sealed:
             return
         if error is None:
@@ -489,8 +490,8 @@ class RunFolder:
             yield found, document
 
     def _read_lines(self) -> ReadLines:
-        """Return the lines of a run that isn't sealed, those from the copies included."""
-        damaged = self.path / (_EVENTS + _DAMAGED)  # a recovery that was itself interrupted
+        """Return the lines of an unsealed run, including the copies."""
+        damaged = self.path / (_EVENTS + _DAMAGED)  # of an interrupted recovery
         own = read_lines(
             _content(damaged if damaged.exists() else self.path / _EVENTS), self.run_id
         )
@@ -600,7 +601,7 @@ class RunFolder:
         return report
 
     def _recover_metadata(self) -> Iterator[str]:
-        """Write damaged metadata again from its copy, if there is one."""
+        """Restore damaged metadata from its copy, if there is one."""
         path = self.path / _METADATA
         if _read_checked_json(path) is not None:
             return
@@ -626,7 +627,7 @@ def _content(path: Path) -> bytes:
 
 
 def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
-    """Keep a damaged file as it was found under a name of its own, unless it is there already."""
+    """Keep a damaged file under another name, unless it is kept already."""
     kept = path.with_name(path.name + _DAMAGED)
     if move:
         path.replace(kept)
@@ -636,13 +637,13 @@ def _kept_aside(path: Path, *, move: bool = False) -> Iterator[str]:
 
 
 def _checked_json(content: Mapping[str, Any]) -> str:
-    """Return a file's text with a checksum of everything else in it."""
+    """Return a file's text with a checksum of its other content."""
     digest = hashlib.sha256(json_text(content).encode()).hexdigest()
     return json_text({**content, "sha256": digest}, indent=2) + "\n"
 
 
 def _read_checked_json(path: Path) -> dict[str, Any] | None:
-    """Return what `_checked_json` has written, or None if it isn't as it was written."""
+    """Return what `_checked_json` has written; None if it has changed."""
     try:
         content = json.loads(path.read_bytes())
         digest = content.pop("sha256")
@@ -665,7 +666,7 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
     seal_raw(folder)
     seal_edges(folder)
-    (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest guards everything
+    (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest protects everything
     files = {
         name: {"sha256": sha256_of_file(folder / name), "bytes": (folder / name).stat().st_size}
         for name in _files_of(folder)

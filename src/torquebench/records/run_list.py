@@ -1,7 +1,7 @@
-"""The list of runs straight from the SQLite file: a list isn't worth loading an object mapper for.
+"""The list of runs, read directly from the SQLite file without an object mapper.
 
-`Registry.runs` knows more of each run, but importing SQLAlchemy alone takes longer than reading
-the newest of 100 000 runs does.
+`Registry.runs` returns more of each run, but importing SQLAlchemy alone takes longer than reading
+the newest of 100 000 runs.
 """
 
 import os

@@ -1,4 +1,4 @@
-"""Which run folders are being written right now: a lock that goes when its process goes."""
+"""Locks on run folders during writing; a lock ends with its process."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from pathlib import Path
 __all__ = ["RunLock", "is_held"]
 
 LOCKED_FILE = "run.json"
-"""The file of a run's folder that is locked: it exists from the start and never changes."""
+"""The locked file of a run's folder: it exists from the start and never changes."""
 
 
 class RunLock:
@@ -58,7 +58,7 @@ def is_held(folder: Path) -> bool:
     """Return whether a process writes a run's folder right now."""
     try:
         hold = RunLock(folder)
-    except OSError:  # nothing there to hold
+    except OSError:  # no folder to lock
         return False
     try:
         return not hold.held

@@ -1,4 +1,4 @@
-"""The registry's runs: entered when they start, and again when they end."""
+"""The registry's runs: one entry at the start, one at the end."""
 
 from datetime import UTC, datetime
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["RunRecords"]
 
 REBUILT = "registry"
-"""Subject of the entries that say that runs were entered again from their folders."""
+"""Subject of the entries about runs that were entered again from their folders."""
 _BEGIN = (
     "run_id",
     "kind",
@@ -71,7 +71,7 @@ class RunRecords(Database):
         RecordError
             Where the run isn't registered, isn't sealed, or its end is entered already.
         """
-        from torquebench.records.run_folder import MANIFEST  # not where runs are only listed
+        from torquebench.records.run_folder import MANIFEST  # not imported for lists of runs
 
         manifest = folder.manifest
         with self.writing() as session:

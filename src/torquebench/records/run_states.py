@@ -1,4 +1,4 @@
-"""The registry's runs by what has become of them; see `records.unfinished`."""
+"""The registry's runs by their state; see `records.unfinished`."""
 
 from collections.abc import Iterable, Mapping
 from datetime import UTC, datetime
@@ -24,7 +24,7 @@ from torquebench.records.schema import (
 __all__ = ["DISCARDED", "INTERRUPTED", "RunStateRecords"]
 
 DISCARDED = "discarded"
-"""What the end of a run is amended to where somebody decides that it has no result."""
+"""Amendment of a run's end if somebody discards the run."""
 INTERRUPTED = ("interrupted", "aborted", "failed")
 CHUNK = 500
 
@@ -33,7 +33,7 @@ _FOLLOWS: Mapping[str, Any] = {
     "check-": CheckRow.run_key,
     "verify-": VerificationRow.run_key,
 }
-"""Where what follows a kind of run points back to it."""
+"""Column by which results of a kind of run refer to it."""
 
 
 class RunStateRecords(RunRecords):

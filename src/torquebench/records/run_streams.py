@@ -1,4 +1,4 @@
-"""The streams of a run as other programs want them: columns with units, and what the run was."""
+"""The streams of a run for other programs: columns with units, and the run's data."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

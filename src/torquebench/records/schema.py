@@ -1,8 +1,8 @@
-"""The registry's tables: the one place that says which columns a record has.
+"""The registry's tables: the only definition of a record's columns.
 
-Every table is append-only: triggers refuse changes, and the chain's links show those that get
-past them. What changes with time (how a run ended, what is known of a piece of equipment, who
-checked a calibration) is a row of its own that points to what it adds to.
+Every table is append-only: triggers refuse changes, and the chain's links reveal changes that
+bypass them. Later information (a run's end, the state of equipment, a calibration's review) is a
+row of its own that refers to the original.
 """
 
 from datetime import UTC, date, datetime
@@ -232,7 +232,7 @@ class RunRow(Base):
     folder: Mapped[str]
 
     __table_args__ = (
-        # The list of runs is always the newest first: these answer it, read backwards.
+        # Lists of runs are sorted newest first: these indexes serve them, read backwards.
         Index("ix_runs_started", "started", "id"),
         Index("ix_runs_kind_started", "kind", "started", "id"),
     )

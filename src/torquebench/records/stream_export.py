@@ -94,7 +94,7 @@ def _writers(file_format: StreamFormat) -> tuple[SampleWriter, EdgeWriter]:
         return _csv_samples, _csv_edges
     if file_format == "parquet":
         return _parquet_samples, _parquet_edges
-    # These import packages that only an extra brings.
+    # These import packages of an extra.
     if file_format == "hdf5":
         from torquebench.records.export_hdf5 import write_edges, write_samples
     elif file_format == "tdms":

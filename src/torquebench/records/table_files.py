@@ -1,7 +1,7 @@
-"""Tables in files of any format: one reader, as a whole or in batches.
+"""Tables in files of any format, read completely or in batches.
 
-Parquet, Excel, TDMS, MDF4 and HDF5 come as Arrow; units are those of the channels' properties. The
-package that a format needs is imported where such a file is opened.
+Parquet, Excel, TDMS, MDF4 and HDF5 become Arrow tables, with units from the channels' properties. A
+format's package is imported when such a file is opened.
 """
 
 from __future__ import annotations
@@ -232,7 +232,7 @@ def open_table(path: Path, opened: ExitStack) -> ArrowFile:
         return openers[kind](file, part, opened)
     except InputError:
         raise
-    except Exception as error:  # each library raises what it and struct raise
+    except Exception as error:  # each library raises its own errors and those of struct
         raise InputError(
             f"can't read {file}: {error}", "a file of the kind that its ending names"
         ) from error
@@ -289,7 +289,7 @@ def _open_excel(path: Path, part: str, _: ExitStack) -> ArrowFile:
 
 
 def _of_cells(cells: Sequence[Any]) -> Any:
-    """Return a column of a sheet: numbers where all cells are, else text."""
+    """Return a column of a sheet: numbers if all cells are, otherwise text."""
     import pyarrow as pa
 
     if all(isinstance(cell, int | float) or cell == "" for cell in cells):
@@ -332,7 +332,7 @@ def _is_time(name: str) -> bool:
 
 
 def _even_times(start: float, step: float) -> Callable[[int, int], NDArray[Any]]:
-    """Return the times of a waveform, which TDMS states as a step."""
+    """Return the times of a waveform, for which TDMS states a step."""
     import numpy as np
 
     return lambda first, count: start + step * np.arange(first, first + count)
@@ -381,7 +381,7 @@ def _open_mdf4(path: Path, part: str, opened: ExitStack) -> ArrowFile:
 
 
 def _without(samples: NDArray[Any], invalid: Any) -> NDArray[Any]:
-    """Return samples, NaN where they are marked invalid."""
+    """Return samples, with NaN for invalid ones."""
     import numpy as np
 
     if invalid is None or not np.any(invalid):
@@ -438,7 +438,7 @@ def _size(data: Any) -> int:
 
 
 def _slices(data: Any) -> Callable[[int, int], NDArray[Any]]:
-    """Return what reads a part of a data set, lying or standing (as MATLAB writes them)."""
+    """Return a reader of parts of a data set, by rows or by columns (as written by MATLAB)."""
     shape = getattr(data, "shape", (0,))
     if len(shape) == 2 and shape[0] == 1:
         return lambda start, count: data[0, start : start + count]
@@ -459,7 +459,7 @@ def _of_columns(
     rows: int,
     remarks: Mapping[str, Any],
 ) -> ArrowFile:
-    """Return the table of channels with name, unit and what reads a part of them."""
+    """Return the table of channels with name, unit and a reader of parts."""
     import pyarrow as pa
 
     _check_names([name for name, *_ in columns], path)
@@ -495,7 +495,7 @@ def _arrow(values: NDArray[Any]) -> Any:
 
 
 def _chosen(path: Path, part: str, parts: Mapping[str, Iterable[str]], called: str) -> str:
-    """Return the sheet or group that is meant: the one that is named, or the only one."""
+    """Return the named sheet or group, or the only one."""
     if not parts:
         raise InputError(f"{path}: no {called} with columns", "a table of columns of one length")
     if part:
@@ -518,7 +518,7 @@ def _chosen(path: Path, part: str, parts: Mapping[str, Iterable[str]], called: s
 def _by_length(
     name: str, channels: Mapping[str, Any], length: Callable[[Any], int]
 ) -> dict[str, dict[str, Any]]:
-    """Return the tables in a group: channels of one length are one, others are told apart by it."""
+    """Return the tables in a group: channels of one length belong together."""
     tables: dict[int, dict[str, Any]] = {}
     for each, channel in channels.items():
         if length(channel):

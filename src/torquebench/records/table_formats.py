@@ -1,4 +1,4 @@
-"""Formats of tables, by the ending of the file's name."""
+"""Formats of tables, by file name ending."""
 
 from pathlib import Path
 
@@ -25,7 +25,7 @@ _ENDINGS = {
     **dict.fromkeys((".h5", ".hdf5", ".hdf"), "hdf5"),
 }
 ENDINGS = tuple(_ENDINGS)[1:]
-"""Of all formats that are read."""
+"""All formats that can be read."""
 WRITTEN = "CSV (.csv, .txt, .tsv) or Parquet (.parquet)"
 READ = (
     "CSV (.csv, .txt, .tsv), Parquet (.parquet), Excel (.xlsx, .xls, .ods), TDMS (.tdms), "

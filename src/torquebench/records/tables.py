@@ -1,4 +1,4 @@
-"""Tables of calibrations and readings: read with every complaint named, written whole."""
+"""Tables of calibrations and readings: read with specific errors, written atomically."""
 
 import io
 from collections.abc import Callable, Mapping, Sequence
@@ -53,12 +53,12 @@ READING_QUANTITIES = (
     "temperature_c",
     "standard_error_nm",
 )
-"""What a file of readings may have beside them."""
+"""Optional columns of a file of readings."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
-"""What compensation adds to a table of readings."""
+"""Columns that compensation adds to a table of readings."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _MOST_STEPS = 2000
-"""More points than this weren't loaded step by step."""
+"""Most points of a loading sequence; larger tables are recordings."""
 
 
 def read_calibration_csv(
@@ -504,8 +504,8 @@ def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_
 def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
     """Refuse two points at one standard value of one series, branch, direction and position.
 
-    A ramp that was recorded point by point meets the same values again and again; a series at
-    another speed or temperature may. A series in both directions meets zero several times.
+    A ramp recorded point by point repeats values, and so may a series at another speed or
+    temperature. A series in both directions passes zero several times.
     """
     if len(data) > _MOST_STEPS:
         return

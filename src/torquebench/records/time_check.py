@@ -1,4 +1,4 @@
-"""Times in the records that can't be right: clocks that ran backwards, expired standards."""
+"""Implausible times in the records: clocks that ran backwards, expired standards."""
 
 from collections import defaultdict
 from collections.abc import Collection, Iterator
@@ -26,9 +26,9 @@ __all__ = [
 ]
 
 TOLERANCE_S = 2.0
-"""How far a computer's clock is put back when it is compared with a time server, s."""
+"""Largest correction of a computer's clock by a time server, s."""
 SERVER_TOLERANCE_S = 60.0
-"""How far the clocks of benches that share a registry may differ, s."""
+"""Largest difference between the clocks of benches with one registry, s."""
 
 
 def time_remarks(registry: Database) -> Iterator[str]:
@@ -165,7 +165,7 @@ def _end_before_beginning(run_id: str, started: datetime, finished: datetime) ->
 def _ends_before_beginnings(
     registry: Database, run_ids: Collection[str] | None = None
 ) -> Iterator[tuple[str, str]]:
-    """Yield runs that ended before they began, all or some, and what to say of them."""
+    """Yield runs that ended before they began, all or some, with a message."""
     query = (
         select(RunRow.run_id, RunRow.started, RunEndRow.finished)
         .join(RunEndRow, RunEndRow.run_key == RunRow.id)
@@ -187,7 +187,7 @@ def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
         for sequence, table, key, text in rows:
             try:
                 recorded = datetime.fromisoformat(text)
-            except ValueError:  # the chain itself was touched, which is a finding of its own
+            except ValueError:  # the chain itself was changed
                 continue
             if latest is not None:
                 back_s = (latest - recorded).total_seconds()
@@ -206,7 +206,7 @@ def _recorded_back(sequence: int, table: str, key: int, back_s: float) -> str:
 def _entries_back(
     registry: Database, table: str, keys: Collection[int]
 ) -> Iterator[tuple[int, str]]:
-    """Yield those of some rows that were recorded before the entry before them."""
+    """Yield those of some rows that are dated before the entry before them."""
     before, tolerance_s = aliased(LinkRow), _tolerance_s(registry)
     query = (
         select(LinkRow.sequence, LinkRow.key, LinkRow.recorded, before.recorded)
@@ -218,7 +218,7 @@ def _entries_back(
         for sequence, key, recorded, earlier in session.execute(query):
             try:
                 passed = datetime.fromisoformat(recorded) - datetime.fromisoformat(earlier)
-            except ValueError:  # the chain itself was touched: `records verify` says so
+            except ValueError:  # the chain itself was changed: `records verify` reports it
                 continue
             if -passed.total_seconds() > tolerance_s:
                 yield key, _recorded_back(sequence, table, key, -passed.total_seconds())
@@ -227,7 +227,7 @@ def _entries_back(
 def _expired_standards(
     registry: Database, ids: Collection[int] | None = None
 ) -> Iterator[tuple[int, str]]:
-    """Yield calibrations, all or some, against a standard that had expired; what to say of it."""
+    """Yield calibrations, all or some, against a standard that had expired, with a message."""
     query = select(CalibrationRow).where(CalibrationRow.standard_key.is_not(None))
     if ids is not None:
         query = query.where(CalibrationRow.id.in_(ids))

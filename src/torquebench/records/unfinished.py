@@ -1,9 +1,9 @@
-"""What has become of a run, as its folder and the registry say: nothing measured is forgotten.
+"""The state of a run, derived from its folder and the registry, so that no measurement is lost.
 
-A run goes through states in one direction: it is written, sealed, entered into the registry, and
-what it was made for is registered (a calibration with its models, a check, a verification).
-Nothing notes the state down, since a note could be wrong: it follows from what is there. A kill,
-a full disk or a database that fails can come between any two of them, so the next start looks.
+A run is written, sealed, entered into the registry, and its result is registered (a calibration
+with its models, a check, a verification). The state isn't stored, since a stored state could be
+wrong: it is derived from folder and registry. A kill, a full disk or a failing database can
+interrupt any step, so every start checks for unfinished runs.
 """
 
 import os
@@ -32,9 +32,9 @@ __all__ = [
 ]
 
 REGISTERS = "registers"
-"""Key of a run's metadata: what is registered of it once it is measured, and how."""
+"""Key of a run's metadata: the kind of its result, and how it is registered."""
 LONGEST_H = 24.0
-"""How long an interrupted calibration can be resumed, unless its profile says it, h."""
+"""How long an interrupted calibration can be resumed, unless its profile states it, h."""
 RECENT = timedelta(days=30)
 MANY = 10_000
 
@@ -45,11 +45,11 @@ class RunState(Enum):
     LEFT_OPEN = "left open"
     """Its process has ended without sealing it."""
     SEALED = "sealed"
-    """The registry doesn't know it, or doesn't know how it ended."""
+    """It isn't in the registry, or its end isn't."""
     MEASURED = "measured"
-    """It is complete and registered; what it was made for isn't."""
+    """It is complete and entered; its result isn't registered."""
     INTERRUPTED = "interrupted"
-    """A calibration that can be resumed; from its beginning where it has no point yet."""
+    """A calibration that can be resumed; from its beginning if it has no point yet."""
 
 
 @dataclass(frozen=True)
@@ -135,7 +135,7 @@ def unentered_folders(registry: RunStateRecords) -> Iterator[UnfinishedRun]:
         try:
             folder = RunFolder.open(path)
             metadata = folder.metadata
-        except RecordError:  # killed before anything was known of it
+        except RecordError:  # killed before anything was written
             continue
         if name not in entered and not _belongs(registry, metadata):
             continue
@@ -148,24 +148,24 @@ def _folders(runs: Path) -> list[str]:
 
 
 def _belongs(registry: RunStateRecords, metadata: Mapping[str, Any]) -> bool:
-    """Return whether the registry is the one that a run's folder was made beside."""
+    """Return whether a run's folder belongs to this registry."""
     number, _, digest = str(metadata.get("registry_head", "")).partition(":")
     known = number.isdecimal() and int(number) > 0
     return known and registry.passes_through(ChainHead(int(number), digest))
 
 
 def _registers(run: RunSummary) -> bool:
-    """Return whether a completed run was made for something that is registered."""
+    """Return whether a completed run has a result to be registered."""
     if run.kind.startswith("calibrate-"):
         return True
     try:
         return bool(RunFolder(run.folder).metadata.get(REGISTERS))
-    except RecordError:  # moved away, or broken: `records verify` says so
+    except RecordError:  # moved away, or broken: `records verify` reports it
         return False
 
 
 def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[UnfinishedRun]:
-    """Yield interrupted calibrations that can still be resumed, and that nothing follows."""
+    """Yield interrupted calibrations that can still be resumed and have no continuation."""
     candidates = registry.interrupted_calibrations(now - RECENT)
     for run in candidates:
         folder = RunFolder(run.folder)
@@ -190,7 +190,7 @@ def can_go_on(folder: RunFolder, now: datetime) -> bool:
 
 
 def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | None]:
-    """Return a run's start document and when its last point was taken; None without one."""
+    """Return a run's start document and the time of its last point; None without one."""
     start: dict[str, Any] = {}
     streams: set[str] = set()
     last_s = None
@@ -202,7 +202,7 @@ def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | No
                 streams.add(document["uid"])
             elif name == "event" and document["descriptor"] in streams:
                 last_s = float(document["time"])
-    except (RecordError, KeyError, OSError):  # `records verify` says what is wrong with it
+    except (RecordError, KeyError, OSError):  # `records verify` reports the error
         return {}, None
     return start, last_s
 
@@ -249,7 +249,7 @@ def _resumed(run: RunSummary) -> list[str]:
 
 
 def _calibrated_since(registry: RunStateRecords, run: RunSummary) -> bool:
-    """Return whether the same module was calibrated to the end after a run."""
+    """Return whether the same module was calibrated completely after a run."""
     for other in registry.runs(limit=MANY, kind=run.kind):
         if other.run_id == run.run_id:
             return False

@@ -1,4 +1,4 @@
-"""Capability of a process: how far its spread and its mean keep away from the limits."""
+"""Process capability: distance of mean and spread from the limits."""
 
 from __future__ import annotations
 
@@ -111,7 +111,7 @@ def capability(
     mean, s = float(x.mean()), float(x.std(ddof=1))
     if s <= 4.0 * np.finfo(float).eps * max(abs(mean), float(np.abs(x).max())):
         raise InputError("values without any spread", "values that differ", "look at their source")
-    from scipy import stats  # long to import
+    from scipy import stats  # imported late
 
     freedom, tail = x.size - 1, 0.5 * (1.0 - level)
     cp = interval = None

@@ -1,4 +1,4 @@
-"""Exponentially weighted moving average: a control chart that sees small shifts."""
+"""Exponentially weighted moving average: a control chart sensitive to small shifts."""
 
 from __future__ import annotations
 

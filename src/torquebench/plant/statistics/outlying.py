@@ -1,4 +1,4 @@
-"""Single values and whole groups (benches, batches) that stand out of the rest."""
+"""Outliers: single values, and whole groups such as benches or batches."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from torquebench.errors import InputError
 __all__ = ["GroupDifference", "outlying_groups", "outlying_values"]
 
 LIMIT = 3.5
-"""Modified z-score from which a value stands out (Iglewicz and Hoaglin)."""
+"""Modified z-score of an outlier (Iglewicz and Hoaglin)."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +59,7 @@ def outlying_values(values: ArrayLike, limit: float = LIMIT) -> tuple[int, ...]:
         return ()
     away = np.abs(x - np.median(x))
     spread = float(np.median(away))
-    # More than half of the values are equal: any other spread of them is their own.
+    # More than half of the values are equal, so the median deviation is zero.
     score = (
         0.6745 * away / spread if spread else away / (1.253314 * max(float(away.mean()), 1e-300))
     )

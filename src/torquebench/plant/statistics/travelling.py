@@ -1,4 +1,4 @@
-"""Benches compared by a specimen that travels between them: E_n numbers."""
+"""Comparison of benches with a specimen that travels between them: E_n numbers."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The empty run: both shafts turn alone, so that their reading can be subtracted."""
+"""The empty run: both shafts turn uncoupled, so that their reading can be subtracted."""
 
 from __future__ import annotations
 
@@ -172,7 +172,7 @@ def _turned(
 def _turn(
     devices: BenchDevices, ratio: float, speed_rpm: float, rate_rpm_per_s: float
 ) -> Plan[None]:
-    """Bring both shafts to a speed together, the output's as it is through the reducer."""
+    """Bring both shafts to their speeds together, the output's by the reducer's ratio."""
     towards: list[Any] = []
     for module, part in ((devices.input, 1.0), (devices.output, ratio)):
         ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))

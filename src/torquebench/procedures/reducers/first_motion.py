@@ -39,9 +39,9 @@ from torquebench.procedures.zeroing import zero
 __all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 
 STEP_S = 0.1
-"""Bench time between two looks for the first motion, s."""
+"""Bench time between two checks for the first motion, s."""
 LOOKS = 6
-"""Looks over which a side that moves gets on by a fifth of what is treated as motion."""
+"""Number of checks over which a moving side advances by a fifth of the motion threshold."""
 
 
 @dataclass(frozen=True)
@@ -210,7 +210,7 @@ def breakaway(
 
 
 def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
-    """Refuse a ramp beyond the data sheet, whichever side it is on."""
+    """Refuse a ramp beyond the data sheet, for either side."""
     at_output = largest_nm * (abs(limits.ratio) if side == "input" else 1.0)
     if at_output > limits.largest_torque_nm:
         raise LimitError(
@@ -249,7 +249,7 @@ class _Finder:
         yield from power_off(self.devices)
 
     def _standing(self) -> float:
-        """Return the compensated torque at the zero that was just taken, N·m."""
+        """Return the compensated torque at the last measured zero, N·m."""
         context = self.devices.context
         active = context.acquisition.compensation(self.side)
         if active is None:
@@ -257,7 +257,7 @@ class _Finder:
         return float(active.standing().value_nm[0])
 
     def _ramp(self, sign: int) -> Plan[SynchronousRecording | None]:
-        """Ramp up, look for motion, unload; None where a pause came in between."""
+        """Ramp up, detect motion, unload; None after a pause."""
         devices, before = self.devices, self.devices.interruptions
         largest = self.settings.largest(self.side, self.limits)
         rate = self.settings.expected(self.side, self.limits) / self.settings.ramp_s
@@ -268,7 +268,7 @@ class _Finder:
         yield from move(devices.module(self.side).drive.torque, 0.0)
         yield from bps.sleep(REST_S)
         yield from self._record()
-        yield from power_off(devices)  # it brakes by its own friction
+        yield from power_off(devices)  # its own friction brakes it
         yield from bps.sleep(REST_S)
         if devices.interruptions != before:
             return None
@@ -282,7 +282,7 @@ class _Finder:
         return devices.recorder.taken or SynchronousRecording.joined([])
 
     def _until_motion(self, target_nm: float, rate: float) -> Plan[bool]:
-        """Raise the torque in one uniform ramp, cut into looks for motion; tell whether it came."""
+        """Raise the torque in one uniform ramp, checked for motion; return whether it moved."""
         devices, module = self.devices, self.devices.module(self.side)
         start = yield from angle_rad(devices, self.side)
         enough = self.settings.motion_rad(self.side)
@@ -291,9 +291,10 @@ class _Finder:
         for step in range(1, steps + 1):
             yield from move(module.drive.torque_ramp, RampTo(target_nm * step / steps, rate))
             present = yield from angle_rad(devices, self.side)
-            if start is None or present is None:  # a rehearsal goes all the way
+            if start is None or present is None:  # a rehearsal covers the whole ramp
                 continue
-            # A contact creeps under its torque, and gets as far in time: only what is fast moves.
+            # A contact creeps under torque and may go as far in time: only a fast movement is
+            # motion.
             seen.append(present)
             if abs(present - start) > enough and abs(present - seen[0]) > 0.2 * enough:
                 return True

@@ -52,10 +52,10 @@ __all__ = [
 ]
 
 LOADING_SHARE = 0.0015
-"""Share of its range by which a drive may miss a torque that it is requested."""
+"""Largest deviation of a drive from the requested torque, as a share of its range."""
 TURNS = 4
 PHASE_DEG = 10.0
-"""So near to its phase the input is turned."""
+"""Tolerance of the input's phase."""
 
 
 def even_positions(count: int) -> tuple[float, ...]:
@@ -228,11 +228,11 @@ def _near(position_deg: float, ratio: float, phase: float) -> float:
 def _turn_to(
     devices: BenchDevices, limits: ReducerLimits, output_deg: float, start_rad: float | None
 ) -> Plan[None]:
-    """Turn the output to an angle from the start by the input's encoder, slower and slower."""
+    """Turn the output to an angle from the start by the input's encoder, at decreasing speed."""
     seconds = 0.0
     for _ in range(TURNS):
         present = yield from angle_rad(devices, "input")
-        turned = 0.0  # in a rehearsal nothing has an angle
+        turned = 0.0  # a rehearsal has no angles
         if present is not None and start_rad is not None:
             turned = float(np.degrees(present - start_rad)) / limits.ratio
         left = output_deg - turned
@@ -247,7 +247,7 @@ def _turn_to(
 
 @dataclass
 class _LoopDriver:
-    """Drives the loops of one position after the other with the output's drive."""
+    """Drives the loops of all positions with the output's drive."""
 
     devices: BenchDevices
     settings: HysteresisSettings
@@ -257,7 +257,8 @@ class _LoopDriver:
     def run(self, position_deg: float, index: int, total: int) -> Plan[None]:
         """Zero, preload, drive all loops; ends without torque, drive off."""
         yield from zero(self.devices, "output", duration_s=self.settings.zero_s)
-        yield from move(self.devices.recorder, "fine")  # so that short windows are there in time
+        # started early, so that short windows are available
+        yield from move(self.devices.recorder, "fine")
         seen, preloaded, number = self.devices.interruptions, False, 1
         while number <= self.settings.loops:
             yield from checkpoint()
@@ -281,7 +282,7 @@ class _LoopDriver:
     def _loop(
         self, position_deg: float, number: int, index: int, total: int
     ) -> Plan[SynchronousRecording]:
-        """Drive one loop; it is worthless where a pause came in between."""
+        """Drive one loop; it is discarded after a pause."""
         before = self.devices.interruptions
         done = index * self.settings.loops + number - 1
         yield from progress(done, total, f"{position_deg:g}°, loop {number}")
@@ -299,7 +300,7 @@ class _LoopDriver:
         return SynchronousRecording.joined(parts)
 
     def _leg(self, target_nm: float) -> Plan[None]:
-        """Go to a torque by one uniform ramp, or in steps that are held."""
+        """Ramp to a torque uniformly, or in held steps."""
         steps = self.settings.steps
         if not steps:
             yield from self._ramp(target_nm)
@@ -316,7 +317,7 @@ class _LoopDriver:
 
 
 def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
-    """End the present stretch of the recorder and keep it."""
+    """End the recorder's present interval and keep it."""
     recorder = devices.recorder
     yield Msg("trigger", recorder, group="torquebench-recorder")
     yield Msg("wait", None, group="torquebench-recorder")

@@ -170,7 +170,7 @@ class EfficiencySettings:
 
 
 def _repeats_on(target: float | None, repeats: int) -> bool:
-    """Tell whether repeats may follow: one repeat shows no scatter, and is a look."""
+    """Return whether repeats may follow: a single repeat is a quick look without scatter."""
     return target is not None and repeats > 1
 
 
@@ -221,13 +221,13 @@ def no_load_running(
 
 
 def _fastest(limits: ReducerLimits, warm: WarmUp, speeds_rpm: Sequence[float]) -> float:
-    """Return the largest input speed that a test asks for, 1/min."""
+    """Return the fastest input speed of a test, 1/min."""
     warming = min(warm.speed_rpm, limits.largest_input_rpm) if warm.longest_s else 0.0
     return max(*speeds_rpm, warming, TURN_RPM)
 
 
 def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[None]:
-    """See that the reducer turns by its ratio, and warm it up."""
+    """Check that the reducer turns by its ratio, and warm it up."""
     yield from progress(0, 0, "checking the ratio")
     yield from checkpoint()
     yield from turn_output(devices, limits, 10.0)
@@ -235,7 +235,7 @@ def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[N
 
 
 def _sweeps(devices: BenchDevices, settings: NoLoadSettings, table: RunningTable) -> Plan[None]:
-    """Go through all speeds until their means are known well enough."""
+    """Repeat all speeds until their means are known well enough."""
     sweep, repeat = settings.sweep, 1
     while True:
         planned = max(repeat, sweep.repeats)
@@ -341,7 +341,7 @@ def efficiency_map(
 def _grid(
     limits: ReducerLimits, settings: EfficiencySettings, shares: Sequence[float], repeat: int
 ) -> list[Asked]:
-    """Points of a repeat: a speed's torques rise; the output brakes, so its torque opposes."""
+    """Points of a repeat: torques rise at each speed; the output brakes, so its torque opposes."""
     directions = [1.0] * settings.clockwise + [-1.0] * settings.counter_clockwise
     turn = float(np.sign(limits.ratio))
     return [
@@ -355,7 +355,7 @@ def _grid(
 def _load_grids(
     devices: BenchDevices, limits: ReducerLimits, settings: EfficiencySettings, table: RunningTable
 ) -> Plan[None]:
-    """Go through the map, then through the torques whose means aren't known well enough yet."""
+    """Measure the map, then the torques whose means aren't known well enough."""
     shares: Sequence[float] = settings.torque_shares
     total = settings.repeats * len(_grid(limits, settings, shares, 1))
     repeat = 0
@@ -378,7 +378,7 @@ def _open_shares(
     done: int,
     table: RunningTable,
 ) -> Sequence[float]:
-    """Return the torques, as shares, at which efficiency isn't known well enough yet."""
+    """Return the torques, as shares, at which efficiency isn't known well enough."""
     target = settings.target_points
     if target is None or not _repeats_on(target, settings.repeats):
         return ()
@@ -433,7 +433,7 @@ def _steady(settings: EfficiencySettings, speed_rpm: float) -> SteadySettings:
 
 
 def _stop(devices: BenchDevices) -> Plan[None]:
-    """Take the load off first, then the speed."""
+    """Remove the load first, then stop."""
     for axis in (devices.output.drive.torque, devices.input.drive.speed):
         present = yield from bps.rd(axis.setpoint)
         if present != 0.0:

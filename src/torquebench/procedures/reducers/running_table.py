@@ -1,4 +1,4 @@
-"""Steady points of both sides at turning input, with the zeros between them."""
+"""Steady points of both sides with a turning input, and the zeros between them."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["Asked", "RunningRecording", "RunningTable"]
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
 SLACK_SHARE = 0.003
-"""Loading accuracy and additional torque of a healthy module together, as a share of its range."""
+"""Loading accuracy plus additional torque of a sound module, as a share of its range."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,7 +100,7 @@ class RunningTable:
     zeros: dict[Side, list[tuple[float, float, float]]] = field(
         default_factory=lambda: {side: [] for side in SIDES}
     )
-    """Of each zeroing: bench time, frequency, and the compensated torque of a reading of 0."""
+    """For each zeroing: bench time, frequency, and the compensated torque of a reading of 0."""
 
     def zero(self, duration_s: float) -> Plan[None]:
         """Zero all sides in use; the last of them is driven afterwards, drive on."""
@@ -148,7 +148,7 @@ class RunningTable:
         self.torques.append({side: self.devices.module(side).steady.torque for side in self.sides})
         self.temperatures.append(warm)
 
-    # -- what came out ----------------------------------------------------------------------
+    # -- results ----------------------------------------------------------------------------
 
     def compensated(self) -> bool:
         """Tell whether every torque of all sides in use was compensated."""
@@ -197,16 +197,16 @@ class RunningTable:
         return np.array([rows[side][name] for rows in self.rows], dtype=np.float64)
 
     def _interval(self, side: Side) -> NDArray[np.int64]:
-        """Return the number of the zero before each point."""
+        """Return the number of the last zero before each point."""
         at = [each[0] for each in self.zeros[side]]
         return np.maximum(np.searchsorted(at, self._column(side, "time_s")) - 1, 0)
 
     def _drift(self, side: Side) -> tuple[FloatArray, float]:
-        """Return what a standing shaft would read at each point and its standard uncertainty, N·m.
+        """Return a standing shaft's reading at each point and its standard uncertainty, N·m.
 
-        The zero goes straight from one zeroing to the next; half of what it moved between two
-        of them, as a rectangle, is what that may be wrong by. A chain need not state 0 for
-        a reading of 0 (it stands somewhere in its hysteresis): that is subtracted too.
+        The zero is interpolated linearly between zeroings; half of its change is the limit of a
+        rectangular distribution. A chain may state a torque other than 0 for a reading of 0,
+        depending on its hysteresis: that is subtracted too.
         """
         zeros = self.zeros[side]
         if not zeros or not self.rows:

@@ -1,4 +1,4 @@
-"""What every reducer test shares: limits, turning with a check of the ratio, steady temperature."""
+"""Common parts of all reducer tests: limits, a check of the ratio, steady temperature."""
 
 from __future__ import annotations
 
@@ -37,12 +37,13 @@ __all__ = [
 
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
-"""Share of the speed by which a drive may miss it before it is treated as saturated."""
+"""Largest relative deviation of a drive's speed before it counts as saturated."""
 TURN_RPM = 300.0
-"""Input speed at most while the output is turned to another position, 1/min."""
+"""Largest input speed while the output is turned to another position, 1/min."""
 GENTLE_RPM_PER_S = 300.0
-"""How fast the input's speed changes between small torques, (1/min)/s. A quicker change loads the
-transducer with the shafts' inertia, and its parts re-seat."""
+"""Rate of the input's speed between small torques, (1/min)/s. A faster change would load the
+transducer with the shafts' inertia, and its parts would re-seat.
+"""
 RATIO_TOLERANCE = 0.01
 RATIO_TOLERANCE_RAD = np.radians(0.25)
 
@@ -239,7 +240,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
     began = -1
     for step in range(steps + 1):
         yield from checkpoint()
-        if devices.interruptions != began:  # a pause takes the speed away
+        if devices.interruptions != began:  # a pause stops the shaft
             began, seen = devices.interruptions, []
             yield from power_on(devices, "input")
             yield from move(devices.input.drive.speed, speed_rpm * RAD_S_PER_RPM)
@@ -298,7 +299,7 @@ def turn_output(
     yield from power_on(devices, "input")
     yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))
     wait_s = path / speed - speed / rate
-    if before is not None:  # it turns since it was told, also while acquisition comes after
+    if before is not None:  # it has been turning since the command, even if acquisition lags
         context = devices.context
         told_s = context.commands.input.changed_s
         wait_s = max(0.0, told_s + path / speed - context.clock.present())
@@ -325,7 +326,7 @@ def _angles(devices: BenchDevices) -> Plan[NDArray[np.float64] | None]:
 def _check_ratio(
     limits: ReducerLimits, input_rad: float, output_rad: float, asked_rad: float, slack_rad: float
 ) -> None:
-    """Compare what both encoders saw of a movement without load; sleeps last whole blocks."""
+    """Compare the angles of both encoders over an unloaded movement; sleeps last whole blocks."""
     if abs(input_rad - asked_rad) > 0.05 * abs(asked_rad) + slack_rad:
         raise BenchError(
             f"the input turned by {np.degrees(input_rad):.1f}° when {np.degrees(asked_rad):.1f}° "

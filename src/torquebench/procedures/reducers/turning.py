@@ -43,7 +43,7 @@ __all__ = [
 ]
 
 CHUNK_S = 2.0
-"""Bench time of one stretch of the recorder, s."""
+"""Bench time of one interval of the recorder, s."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ def transmission_error(
 def _corrected(
     recording: AngleRecording, certificates: Mapping[Side, EncoderCertificate]
 ) -> AngleRecording:
-    """Take off what the encoders' certificates say."""
+    """Subtract the corrections of the encoders' certificates."""
     given, taken = recording.input_angle_rad, recording.output_angle_rad
     if "input" in certificates:
         given = certificates["input"].correct(given)
@@ -216,7 +216,7 @@ def _revolution(
     sign: int,
     done: tuple[int, int],
 ) -> Plan[AngleRecording | None]:
-    """Record one direction; None where a pause came in between."""
+    """Record one direction; None after a pause."""
     before, parts = devices.interruptions, _AngleParts(sign)
     speed = sign * settings.output_rpm * limits.ratio * RAD_S_PER_RPM
     yield from power_on(devices, "input")
@@ -243,7 +243,7 @@ def _revolution(
 
 
 class _AngleParts:
-    """Stretches of both encoders, put one behind the other."""
+    """Intervals of both encoders, concatenated."""
 
     def __init__(self, direction: int) -> None:
         self._direction = direction

@@ -1,4 +1,4 @@
-"""Procedures while a module turns by itself: empty runs, and points against a rotating reference.
+"""Procedures with a rotating module: empty runs, and points against a rotating reference.
 
-Profiles say speeds, ramps, temperatures and torques; the plans follow them.
+Profiles state speeds, ramps, temperatures and torques; the plans execute them.
 """

@@ -44,7 +44,7 @@ __all__ = ["EmptySummary", "EmptyTable", "run_metadata", "turn_empty"]
 FloatArray = NDArray[np.float64]
 
 LONGEST_PIECE_S = 30.0
-"""Bench time of one stretch of the recorder: acquisition keeps two minutes."""
+"""Bench time of one interval of the recorder, s: acquisition keeps two minutes."""
 
 
 @dataclass(frozen=True)
@@ -241,7 +241,8 @@ class _Runner:
         wanted, settings = self.profile.wanted_c(series), self.profile.temperatures
         if wanted is None or settings is None or not wait:
             return
-        if (yield from angle_rad(self.devices, self.side)) is None:  # a rehearsal warms nothing
+        # a rehearsal doesn't wait for temperatures
+        if (yield from angle_rad(self.devices, self.side)) is None:
             return
         warm = float("nan")
         for _ in range(round(settings.longest_h * 3600.0 / settings.look_s) + 1):
@@ -294,7 +295,7 @@ class _Runner:
         while True:
             yield from progress(self._done(series, place), self.total, leg.what)
             yield from checkpoint()
-            if self.devices.interruptions != self.seen:  # a pause has taken the speed away
+            if self.devices.interruptions != self.seen:  # a pause has stopped the shaft
                 self.seen = self.devices.interruptions
                 yield from power_on(self.devices, self.side)
                 top = self.profile.top_rpm(self.side)

@@ -1,4 +1,4 @@
-"""Profiles of runs while a module turns, as data."""
+"""Profiles of runs with a rotating module."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triggers that keep a table append-only, for every version of the schema."""
+"""Triggers that make a table append-only, for every version of the schema."""
 
 from alembic import op
 

@@ -1,4 +1,4 @@
-"""What Alembic runs: the registry hands in its open connection."""
+"""Environment of Alembic: the registry passes its open connection."""
 
 from alembic import context
 

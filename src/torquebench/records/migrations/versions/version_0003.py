@@ -1,7 +1,7 @@
 """The tables of 0.2.0, the first version whose registries are upgraded.
 
-Until a version of the schema follows, they are made as `torquebench.records.schema` declares them.
-The first one that follows writes them out here, so that both begin from the same tables.
+Until a later version exists, the tables are created from `torquebench.records.schema`. The next
+version must state them here explicitly, so that both start from the same tables.
 """
 
 from alembic import op
