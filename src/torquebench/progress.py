@@ -7,7 +7,7 @@ from typing import Protocol
 __all__ = ["NO_PROGRESS", "SHARES", "NoProgress", "Part", "Progress"]
 
 SHARES = 100
-"""Steps of work that knows only its share, such as a fit."""
+"""Steps of work that only reports its share, such as a fit."""
 
 
 class Progress(Protocol):

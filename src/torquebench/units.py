@@ -1,6 +1,6 @@
 """Units: factors between SI and the units that users read and write, each stated once.
 
-Inside, quantities are in N·m, rad, rad/s, s, Hz and °C. A factor's name reads as its unit:
+Internally, quantities are in N·m, rad, rad/s, s, Hz and °C. A factor's name reads as its unit:
 ``speed_rpm * RAD_S_PER_RPM`` is a speed in rad/s.
 """
 

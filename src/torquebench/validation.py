@@ -1,6 +1,6 @@
 """Documents and requests checked against their pydantic model: TOML files, options, API bodies.
 
-What pydantic reports becomes an `InputError`: source, key, value, what is allowed, what to do.
+Errors of pydantic become an `InputError`: source, key, value, what is allowed, what to do.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ class ConflictError(PydanticCustomError):
     """A value that is fine by itself and contradicts another one, or physics."""
 
     def __new__(cls, key: str, found: str, allowed: str, remedy: str = "") -> ConflictError:
-        """Say which key of this section, what it has, what is allowed and what to do."""
+        """Return the error with key, value, what is allowed and what to do."""
         return super().__new__(
             cls,
             "conflict",
@@ -176,7 +176,7 @@ def _field_at(model: type[BaseModel] | None, location: Sequence[int | str]) -> F
 
 
 def _allowed(field: FieldInfo) -> str:
-    """Describe a field's values by choices, limits or keys; empty where pydantic says it best."""
+    """Describe a field's allowed values; empty if pydantic's text is best."""
     annotation, metadata, unit = _constraints(field)
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(repr(choice) for choice in get_args(annotation))
@@ -224,7 +224,7 @@ def refuse_future(performed: datetime) -> None:
     InputError
         With the day and today.
     """
-    today = (datetime.now(UTC) + timedelta(hours=14)).date()  # where the day begins first
+    today = (datetime.now(UTC) + timedelta(hours=14)).date()  # in the earliest time zone
     if performed.date() > today:
         raise InputError(
             f"a measurement performed on {performed.date()}",

@@ -1,4 +1,4 @@
-"""Evaluation of tests on reducers: measured columns in, values with uncertainty out.
+"""Evaluation of reducer tests: measured columns in, values with uncertainty out.
 
 Pure: torque-angle loops, no-load and break-away torque, transmission error and efficiency, each
 value a `Budget` with its contributions; descriptions of reducers, verdicts and comparisons.

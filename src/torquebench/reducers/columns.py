@@ -1,4 +1,4 @@
-"""Checks of the columns that an evaluation is given."""
+"""Checks of the input columns of evaluations."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -36,7 +36,7 @@ COMMON_CONTRIBUTIONS = frozenset(
         "encoders",
     }
 )
-"""Names of contributions that two evaluations on one bench have in common (fully correlated)."""
+"""Names of contributions common to two evaluations on one bench (fully correlated)."""
 
 
 @dataclass(frozen=True)

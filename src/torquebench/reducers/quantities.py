@@ -1,4 +1,4 @@
-"""What all evaluations share: values with their budgets, and findings about the data."""
+"""Common parts of all evaluations: values with budgets, and findings about the data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Repeatability: over loops and output positions, and of what a running test repeats."""
+"""Repeatability over loops and output positions, and over repeats of a running test."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray

@@ -1,4 +1,4 @@
-"""Drives that don't reach what they are requested."""
+"""Drives that don't reach the requested torque or speed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Floats = NDArray[np.float64]
 PLATEAU = 0.25
 """Share of a record within 2 % of its largest torque above which a drive saturates."""
 MISSED = 0.05
-"""Share of what was demanded by which a saturated drive misses it."""
+"""Relative deviation from the request of a saturated drive."""
 
 
 def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:

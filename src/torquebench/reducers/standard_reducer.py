@@ -1,4 +1,4 @@
-"""A standard reducer with certified friction: the bench checked from end to end."""
+"""End-to-end check of the bench with a standard reducer of certified friction."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What is known of a torque before a test repeats it: standard uncertainties of the chain."""
+"""Standard uncertainties of a torque by its chain, before a test repeats it."""
 
 from dataclasses import dataclass
 from math import isfinite

@@ -1,4 +1,4 @@
-"""The report of a calibration on the bench: its points, its model, and how it was loaded."""
+"""The report of a calibration on the bench: its points, its model, and its loading."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Tables of errors: N·m, % of full scale and % of reading beside each other."""
+"""Tables of errors in N·m, % of full scale and % of reading."""
 
 from collections.abc import Sequence
 

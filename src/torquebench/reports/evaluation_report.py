@@ -1,4 +1,4 @@
-"""Reports of tables that were measured on another bench: reducer tests and static calibrations."""
+"""Reports of tables of other benches: reducer tests and static calibrations."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ _TESTS: dict[type, TestName] = {
     TransmissionErrorResult: "transmission-error",
     EfficiencyMap: "efficiency",
 }
-"""Which test draws a result."""
+"""The test whose figure shows a result."""
 
 
 def _figures(result: ReducerResult | FrictionResult) -> tuple[Figure, ...]:

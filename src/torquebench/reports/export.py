@@ -1,4 +1,4 @@
-"""Everything of a run as a folder that a stranger can read without this software."""
+"""A run as a folder that is readable without this software."""
 
 import contextlib
 import csv
@@ -55,7 +55,7 @@ class ExportedRun:
 
 @dataclass
 class _Export:
-    """Gathers files, columns and remarks for the README."""
+    """Collects files, columns and remarks for the README."""
 
     folder: Path
     columns: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
@@ -175,7 +175,7 @@ def _write_documents(export: _Export, source: RunFolder) -> None:
 
 
 def _notes(source: RunFolder) -> dict[str, object]:
-    """Return what a table says of itself, so that points go back in as a calibration."""
+    """Return a table's comments, with which its points can be read as a calibration again."""
     notes: dict[str, object] = {}
     with contextlib.suppress(RecordError, InputError):
         data = run_data(source)
@@ -237,7 +237,7 @@ def _write_models(export: _Export, registry: Registry, calibration: CalibrationE
 
 
 def _write_certificates(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
-    """Copy what was issued, or write a draft if nothing was."""
+    """Write copies of issued certificates, or a draft if there is none."""
     issued = registry.certificates(calibration.calibration_id)
     for entry in issued:
         for name, digest in entry.files.items():
@@ -296,7 +296,7 @@ def _write_readme(export: _Export, run: RunSummary) -> None:
 
 
 def _wrapped(text: str) -> str:
-    """Break long lines; what continues is indented as its line is."""
+    """Wrap long lines; continuations keep the line's indentation."""
     lines = []
     for line in text.split("\n"):
         indent = line[: len(line) - len(line.lstrip())]

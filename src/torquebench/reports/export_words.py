@@ -1,4 +1,4 @@
-"""What the files of an exported run are, in words for somebody without the software."""
+"""Descriptions of an exported run's files, for readers without the software."""
 
 __all__ = ["file_words"]
 

@@ -1,4 +1,4 @@
-"""The report of one fit: the errors before and after, and a comparison if there is one."""
+"""The report of one fit: the errors before and after, and a comparison, if any."""
 
 from __future__ import annotations
 
@@ -77,7 +77,7 @@ def _data(result: FitResult) -> Section:
 
 
 def _training(result: FitResult) -> list[Section]:
-    """Return how a network's training went, where the model keeps its curve."""
+    """Return a network's training curve, if the model keeps it."""
     fitted: Any = getattr(result.model, "estimator_", result.model)
     curve = getattr(fitted, "training_curve_", None)
     if curve is None:

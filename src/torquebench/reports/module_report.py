@@ -1,4 +1,4 @@
-"""What a report says of one module: its calibration, its models and their verification."""
+"""Report of one module: its calibration, its models and their verification."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from torquebench.reports.page import Facts, Figure, Section, Table
 __all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections"]
 
 SOURCES_LIMIT_FS = 0.001
-"""0.1 % of full scale: what the published instrument reaches (doi 10.1177/00202940221103308)."""
+"""0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""
 
 _CURVE_POINTS = 401
 

@@ -15,7 +15,7 @@ __all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_
 
 
 WORDY = 24
-"""A cell of more characters is no number."""
+"""A longer cell isn't a number."""
 
 
 @dataclass(frozen=True)

@@ -20,9 +20,9 @@ __all__ = ["check_suffix", "page_pdf", "write_report"]
 
 SUFFIXES = (".html", ".pdf")
 LINE = 110
-"""Characters of a table's row that fit between the margins."""
+"""Characters of a table's row between the margins."""
 GAP = 4
-"""Characters that the space between two columns takes."""
+"""Width of the space between two columns, in characters."""
 _TOGETHER = re.compile(
     r"(?<=\d) (?=(?:%|N·m|mm|rpm|bar|epochs|N·m/arcmin|arcmin|arcsec)(?!\w)|\d{3}(?!\d))"
     r"|(?<=[≤≥<>]) (?=\d)"
@@ -87,7 +87,7 @@ def _unbroken(text: str) -> str:
 
 
 def _shares(table: Table) -> list[float]:
-    """Return each column's share of the width that is left; 0 is as wide as its text.
+    """Return each column's share of the remaining width; 0 means the width of its text.
 
     Columns of numbers are as wide as their text, sentences share the rest by their length, and
     if there are none, the last column of words or the first beside numbers takes it. Where
@@ -123,7 +123,7 @@ def _shares(table: Table) -> list[float]:
 
 
 def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, Any]:
-    """Return a block for the template, and put its figure aside."""
+    """Return a block for the template, with its figure as a separate file."""
     if isinstance(block, Facts):
         return {"kind": "facts", "rows": [[name, _unbroken(text)] for name, text in block.items]}
     if isinstance(block, Table):

@@ -18,7 +18,7 @@ FAMILIES = {
     "efficiency_": "Efficiency",
     "order_": "Orders of the transmission error",
 }
-"""Values that a test has many of, by the beginning of their keys: drawn as differences."""
+"""Beginnings of keys of quantities with many values: drawn as differences."""
 MOST_PANELS = 8
 MOST_COLUMNS = 4
 
@@ -77,7 +77,7 @@ def _facts(found: ReducerComparison) -> Facts:
 
 
 def _judged(specimen: SpecimenResults) -> str:
-    """Say how the data sheet's limits were kept."""
+    """State whether the data sheet's limits are met."""
     verdicts = [each.verdict for each in specimen.quantities.values() if each.verdict]
     if not verdicts:
         return "; nothing was judged"
@@ -104,9 +104,9 @@ def _figures(found: ReducerComparison) -> list[Figure]:
 
 
 def _drawn(found: ReducerComparison) -> tuple[list[str], dict[str, list[str]]]:
-    """Return what has a panel of its own, and what is drawn as one of many.
+    """Return the quantities with a panel of their own, and those drawn together.
 
-    Where means of both directions are known, single directions stay in the runs' records.
+    Where means of both directions exist, single directions are only in the runs' records.
     """
     single = [key for key in found.keys if not key.startswith(tuple(FAMILIES))][:MOST_PANELS]
     families = {}

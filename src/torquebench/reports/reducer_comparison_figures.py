@@ -1,4 +1,4 @@
-"""Figures of comparisons, as SVG text: values of specimens, and differences of many values."""
+"""Figures of comparisons as SVG text: values of specimens, and differences of many values."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["difference_figure", "values_figure"]
 
 COLUMNS = 4
 NEAR = 2.0
-"""A limit is drawn where it lies within so many spans of the values."""
+"""A limit is drawn if it is within this many spans of the values."""
 
 
 def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:

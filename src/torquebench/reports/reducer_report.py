@@ -202,7 +202,7 @@ def efficiency_tables(
 
 
 def _steps(values: Sequence[float]) -> list[float]:
-    """Return the step that each value belongs to: the mean of those within 1 % of the largest."""
+    """Return the step of each value: the mean of the values within 1 % of the largest."""
     order = np.argsort(values, kind="stable")
     ordered = np.asarray(values, dtype=np.float64)[order]
     number = np.cumsum(np.diff(ordered, prepend=ordered[0]) > 0.01 * np.max(np.abs(ordered)))

@@ -1,4 +1,4 @@
-"""The part of a verification's report about speed, temperature and torque of a chain that turns."""
+"""Part of a verification's report: speed, temperature and torque of a rotating chain."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from torquebench.reports.page import Figure, Section, Table
 __all__ = ["turning_section"]
 
 MOST_POINTS = 1500
-"""Points of a diagram; of longer records every so many and the worst ones are drawn."""
+"""Points of a diagram; longer records are thinned out, but keep the worst points."""
 WORST_POINTS = 50
 
 
@@ -73,7 +73,7 @@ def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: fl
 
 
 def _budget(torque: Torque) -> Table:
-    """Return what the uncertainty consists of, over all points."""
+    """Return the components of the uncertainty, over all points."""
     names = dict.fromkeys(each.name for each in torque.components)
     size = {name: torque.component(name) for name in names}
     variance = float(np.mean(torque.standard_uncertainty_nm**2))

@@ -1,4 +1,4 @@
-"""Pulses to torque to steady value.
+"""From pulses to torque and steady values.
 
 Edge times of the transducers' frequency outputs become frequency per window with its standard
 uncertainty, torque by measured zero and per-direction sensitivity, and the steady value of a

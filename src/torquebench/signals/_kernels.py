@@ -1,18 +1,18 @@
 """Hot loops of the counters.
 
 Every counter is a quotient of two integers: a numerator in ticks and a denominator in edges. A
-result depends on nothing but the edges in its window and is the same to the last bit however
-the stream was cut. Integer sums also vectorise, where the same loop over floats must keep its
-order and runs eight times slower.
+result depends only on the edges in its window and is the same to the last bit however the stream
+was cut. Integer sums also vectorise, where the same loop over floats must keep its order and runs
+eight times slower.
 """
 
 import numpy as np
 from numba import int64, njit
 
 GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
-# A window whose pulse train is irregular; it is looked at more closely outside the hot loop.
+# A window with an irregular pulse train, which is inspected outside the hot loop.
 SUSPECT = 255
-# Windows whose integers stay in the inner caches until they become frequencies.
+# Windows whose integers fit the inner caches until they are converted to frequencies.
 _GROUP = 2048
 
 
@@ -38,7 +38,7 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba 
 
 @njit(cache=True)
 def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    # A slice handed over would count references, which costs as much as a short sum.
+    # Passing a slice would count references, which costs as much as a short sum.
     window = ticks[low:high]
     total = int64(0)
     for i in range(window.size):
@@ -312,8 +312,8 @@ def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no
     size = frequency.size
     if size == 0:
         return last, run, marked
-    # A run so long can't slip between places that lie half of it apart: usually a look at
-    # few places is all, and then what is left to know is the run at the end.
+    # A run this long can't slip between places half of it apart: a check of a few places is usually
+    # sufficient, except for a run at the end.
     suspicious = frequency[0] == last
     for k in range(1, size, max(longest // 2, 1)):
         suspicious |= frequency[k] == frequency[k - 1]

@@ -1,4 +1,4 @@
-"""Allan deviation: how long to average before drift undoes what averaging gains."""
+"""Allan deviation: averaging time after which drift outweighs the gain of averaging."""
 
 from dataclasses import dataclass
 
@@ -10,7 +10,7 @@ from torquebench.errors import InputError
 __all__ = ["AllanDeviation", "allan_deviation"]
 
 _POINTS_PER_DECADE = 8
-# Averages in a record at least, for a deviation that means something.
+# Smallest number of averages in a record for a meaningful deviation.
 _FEWEST_AVERAGES = 4
 
 

@@ -10,10 +10,10 @@ from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["AnalogueInput", "Threshold", "edges_of_wave"]
 
-# Parts of a sample interval in which an interpolated edge is timed: its rounding is then far
-# below what the samples' noise does to it.
+# Parts of a sample interval in which an interpolated edge is timed: the rounding error is then far
+# below the effect of the samples' noise.
 _TICKS_PER_SAMPLE = 4096
-# Least swing of a wave, as a part of its largest value, that is taken for a square wave.
+# Smallest swing of a square wave, as a share of its largest value.
 _LEAST_SWING = 1e-9
 
 

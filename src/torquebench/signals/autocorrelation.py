@@ -1,12 +1,12 @@
-"""How many independent samples correlated ones are worth."""
+"""Effective number of independent samples in correlated ones."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["autocorrelation", "correlation_length"]
 
-# So few independent samples at least are taken to be in any record: an estimate of a correlation
-# longer than a fifth of the record is noise.
+# Smallest number of independent samples of any record: an estimated correlation longer than a fifth
+# of the record is noise.
 _FEWEST_INDEPENDENT = 5
 
 

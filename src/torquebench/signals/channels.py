@@ -12,9 +12,9 @@ from torquebench.signals.samples import TorqueSamples
 
 __all__ = ["SynchronousSamples", "advanced", "synchronous"]
 
-# Windows of two channels may differ by so much of their distance and still be the same.
+# Windows of two channels are the same if they differ by less than this share of their distance.
 _SAME = 1e-6
-# Parts of a window below which a shift needs no interpolation.
+# Shifts below this share of a window need no interpolation.
 _WHOLE = 1e-9
 
 

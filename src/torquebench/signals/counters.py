@@ -1,4 +1,4 @@
-"""Counters on streams: edge times in, frequency per window out, the same however it is cut."""
+"""Counters on streams: edge times in, frequency per window out, independent of the blocks."""
 
 from collections.abc import Sequence
 from typing import TypedDict, Unpack
@@ -24,14 +24,15 @@ __all__ = [
     "triangular",
 ]
 
-# Edges before a window that its check for irregular intervals looks at.
+# Edges before a window that its check for irregular intervals needs.
 _EDGES_BEFORE = 2
-# So few windows are joined with what was kept as a whole: that costs less than a second call.
+# This few windows are joined with the stored edges and counted at once, which costs less than a
+# second call.
 _FEW_WINDOWS = 8
 
 
 class _Train:
-    """Edges of one polarity that windows to come still need, and the two before them."""
+    """Edges of one polarity that later windows need, and the two before them."""
 
     def __init__(self) -> None:
         self._kept: NDArray[np.int64] = np.empty(0, dtype=np.int64)
@@ -106,7 +107,7 @@ class WindowStream:
             method, timebase_hz, edge_jitter_s=edge_jitter_s, check_train=check_train
         )
         self._trains = [_Train(), _Train()] if both_edges else [_Train()]
-        # A gate's counts repeat by nature.
+        # A gate's counts naturally repeat.
         self._stuck_windows = None if method == "gated" else stuck_windows
         self._last_frequency = np.nan
         self._repeats = 0
@@ -178,7 +179,7 @@ class WindowStream:
             joined = [train.joined(ticks, stop) for train, ticks in pairs]
             self._counter.fill(samples, slice(0, head), joined, starts[:head], stops[:head])
         if head < starts.size:
-            # Most of a long block is counted where it lies.
+            # Most of a long block is counted in place.
             rest = slice(head, starts.size)
             self._counter.fill(samples, rest, new, starts[rest], stops[rest])
         for train, ticks in pairs:

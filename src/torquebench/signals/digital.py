@@ -13,7 +13,7 @@ __all__ = ["BitOrder", "DigitalInput", "edges_of_bits", "edges_of_bytes"]
 BitOrder = Literal["lowest first", "highest first"]
 
 _BitOrder = Literal["big", "little"]
-"""Of NumPy."""
+"""Data type of NumPy."""
 
 
 class DigitalInput:
@@ -152,7 +152,7 @@ def _changes(packed: NDArray[np.uint8], before: bool, order: _BitOrder) -> NDArr
     previous = np.empty_like(packed)
     previous[:1], previous[1:] = 255 if before else 0, packed[:-1]
     uniform = (packed == 0) | (packed == 255)
-    places = np.flatnonzero((packed != previous) | ~uniform)  # few: only these are unpacked
+    places = np.flatnonzero((packed != previous) | ~uniform)  # unpacks only these few
     bits = np.unpackbits(packed[places, None], axis=1, bitorder=order)
     last = np.unpackbits(previous[places, None], axis=1, bitorder=order)[:, -1:]
     row, bit = np.nonzero(np.diff(np.hstack([last, bits]), axis=1))

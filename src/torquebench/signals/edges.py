@@ -1,4 +1,4 @@
-"""Edge times of one channel, as the counter hardware delivers them."""
+"""Edge times of one channel, as delivered by counter hardware."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What can be wrong with a pulse train, as codes for arrays and as one error with its kind."""
+"""Faults of a pulse train, as codes for arrays and as one error with its kind."""
 
 from enum import IntEnum
 

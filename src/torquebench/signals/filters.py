@@ -1,4 +1,4 @@
-"""Low-pass filters: without phase for evaluation, with a known delay for what is live."""
+"""Low-pass filters: zero-phase for evaluation, with a known delay for live signals."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,7 +85,7 @@ class LiveFilter:
 
     def __init__(self, sample_rate_hz: float, cutoff_hz: float, taps: int | None = None) -> None:
         _check_cutoff(sample_rate_hz, cutoff_hz)
-        # A Hamming window's transition is 3.3 sample rates wide over its length.
+        # A Hamming window's transition band is 3.3 sample rates wide over its length.
         length = int(3.3 * sample_rate_hz / cutoff_hz) // 2 * 2 + 1 if taps is None else taps
         if length < 3 or length % 2 == 0:
             raise InputError(f"{length} taps", "an odd number, 3 or more")
@@ -114,7 +114,7 @@ class LiveFilter:
             self._past = np.full(self.taps - 1, samples[0])
         joined = np.concatenate((self._past, samples))
         self._past = joined[-(self.taps - 1) :]
-        # One scalar product per sample, so a sample's value doesn't depend on the cut.
+        # One scalar product per sample, so that a value doesn't depend on the blocks.
         return np.convolve(joined, self._weights, mode="valid")
 
     def reset(self) -> None:

@@ -1,4 +1,4 @@
-"""Glitch filter: edges that chatter made are left out before anything is counted."""
+"""Glitch filter: removes edges caused by bouncing before anything is counted."""
 
 import numpy as np
 from numba import int64, njit
@@ -122,7 +122,7 @@ class GlitchFilter:
         return self._decide(kept[:count], block)
 
     def _decide(self, kept: NDArray[np.int64], block: EdgeBlock) -> EdgeBlock:
-        """Hand out what no later edge can take away."""
+        """Return the edges that no later edge can remove."""
         start = self._decided_until
         self._decided_until = max(block.stop_tick - self.least_ticks, start)
         decided = int(np.searchsorted(kept, self._decided_until))

@@ -1,4 +1,4 @@
-"""Motion from angle, and the torque that accelerates what turns with the transducer."""
+"""Motion from angle, and the torque that accelerates the rotating parts."""
 
 from dataclasses import dataclass
 

@@ -1,4 +1,4 @@
-"""What repeats with the rotation: resampling in angle, order spectrum, ripple removal."""
+"""Signals periodic in rotation: resampling in angle, order spectrum, ripple removal."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Outliers: single samples that a converter or a disturbance made, not the torque."""
+"""Outliers: single samples caused by a converter or a disturbance, not by the torque."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -7,16 +7,16 @@ from torquebench.signals._kernels import mark_isolated, running_median
 
 __all__ = ["isolated", "median", "outliers"]
 
-# Samples in the running median: up to three outliers among them do no harm.
+# Samples in the running median: it tolerates up to three outliers.
 _WINDOW = 7
-# Times the robust spread of the steps from sample to sample that an outlier stands out.
+# Threshold of an outlier, in robust spreads of the steps between samples.
 _LIMIT = 8.0
-# More in a row than this are a change of the signal, not single values.
+# More outliers in a row than this are a change of the signal.
 _LONGEST_RUN = 2
-# Multiples of the limit that are looked at, so that a huge value within a fast change, whose own
-# samples stand out as well, is still a single one.
+# Multiples of the limit that are checked, so that a huge value within a fast change, whose own
+# samples exceed the limit as well, is still a single one.
 _HEIGHTS = (1.0, 10.0, 100.0, 1000.0)
-# Median absolute deviation to standard deviation of normal noise.
+# Ratio of standard deviation to median absolute deviation of normal noise.
 _SPREAD = 1.4826
 
 

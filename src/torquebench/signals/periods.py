@@ -1,4 +1,4 @@
-"""Inputs that others have counted already: periods, and frequency samples."""
+"""Inputs that are already counted: periods, and frequency samples."""
 
 import numpy as np
 from numpy.typing import ArrayLike

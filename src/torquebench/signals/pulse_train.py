@@ -1,4 +1,4 @@
-"""Irregular pulse trains: which pulses are missing, which are doubled."""
+"""Irregular pulse trains: missing and doubled pulses."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ __all__ = ["Irregularities", "irregularities"]
 # to the one before it is a doubled one. A pulse that splits a period splits off one part below.
 _LONG = 1.5
 _SHORT = 0.6
-# Quantile of the intervals that is the period: above the middle, so that a train in which
+# Quantile of the intervals that is taken as the period: above the median, so that a train in which
 # every pulse is doubled still shows its long intervals.
 _PERIOD_QUANTILE = 0.7
 

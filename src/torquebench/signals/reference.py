@@ -1,7 +1,7 @@
-"""The counters once more in plain NumPy, window by window, as their reference.
+"""Reference implementation of the counters in plain NumPy, window by window.
 
-Independent of the integer sums in the hot loops: floating point, textbook formulas. For tests
-and for reading; use `torquebench.signals.count_windows` for work.
+Independent of the integer sums in the hot loops: floating point, textbook formulas. For tests and
+for reading; use `torquebench.signals.count_windows` for work.
 """
 
 from collections.abc import Callable

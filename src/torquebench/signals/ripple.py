@@ -10,16 +10,17 @@ from torquebench.signals.outliers import median
 
 __all__ = ["estimate_period", "ripple_terms"]
 
-# A ripple shows at least so many periods, or it can't be told from slow noise.
+# Smallest number of periods that distinguishes a ripple from slow noise.
 _FEWEST_PERIODS = 4
-# Lines of the spectrum around a line that are its background: local, since noise may be red.
+# Lines of the spectrum on each side that are a line's background: local, since noise may be red.
 _BACKGROUND_LINES = 17
-# How many times above the level that white noise reaches once in a thousand records: with the
-# scatter of the local background, red noise still passes for a ripple in about 1 % of records.
+# Threshold, as a multiple of the level that white noise reaches once in a thousand records: with
+# the scatter of the local background, about 1 % of records with red noise still show a false
+# ripple.
 _CHANCE = 1e-3
 _ABOVE_CHANCE = 2.0
-# In short records a ripple fills the background with its own lines; one that has so much of all
-# power is a ripple as well (noise of 20 samples reaches it once in a hundred records).
+# In short records a ripple's own lines fill the background; one with this share of all power is a
+# ripple as well (noise of 20 samples reaches it once in a hundred records).
 _DOMINATES = 0.8
 
 
@@ -81,7 +82,7 @@ def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
 def _power(even: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the one-sided periodogram less its trend, with Hann's window, in units of its own.
 
-    As scipy.signal has it, which is called for every steady value and takes long to import.
+    The same as in scipy.signal, which takes long to import and is slow for short records.
     """
     count = even.size
     trend = np.column_stack((np.arange(1, count + 1) / count, np.ones(count)))

@@ -1,4 +1,4 @@
-"""What counters deliver: frequency, or torque, per window, with uncertainty and fault codes."""
+"""Samples of counters: frequency, or torque, per window, with uncertainty and fault codes."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

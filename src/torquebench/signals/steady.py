@@ -1,4 +1,4 @@
-"""Steady value of one step: settled part, DC component over whole periods, honest error."""
+"""Steady value of one step: settled part, mean over whole periods, and its standard error."""
 
 from dataclasses import dataclass, replace
 
@@ -13,14 +13,14 @@ from torquebench.signals.ripple import estimate_period, ripple_terms
 
 __all__ = ["SteadyValue", "settling_index", "steady_value"]
 
-# Starts that are tried between the first settled sample and the settling limit.
+# Number of starts that are tried between the first settled sample and the settling limit.
 _CANDIDATES = 8
-# A residual beyond so many robust standard deviations of the window is an outlier too.
+# A residual beyond this many robust standard deviations of the window is an outlier, too.
 _LIMIT = 6.0
 _SPREAD = 1.4826
-# With more than this share of outliers, they aren't single values.
+# A larger share of outliers means that they aren't single values.
 _MOST_OUTLIERS = 0.1
-# Samples per term of a fit, at least.
+# Fewest samples per term of a fit.
 _SAMPLES_PER_TERM = 2
 
 
@@ -248,7 +248,7 @@ def _ripple(
     period: float,
     harmonics: int,
 ) -> NDArray[np.float64]:
-    """Ripple over the whole record, fitted where it is surely settled."""
+    """Ripple over the whole record, fitted to its settled part."""
     columns = np.column_stack(_columns(times, period, harmonics))
     coefficients, *_ = np.linalg.lstsq(columns[start:], samples[start:], rcond=None)
     return np.asarray(columns[:, 2:] @ coefficients[2:])
@@ -278,7 +278,7 @@ def _evaluate(
     variance = float(residual @ residual) / freedom * correlated
     covariance = variance * np.linalg.pinv(matrix[keep].T @ matrix[keep])
     errors = np.sqrt(np.diag(covariance))
-    # Below the resolution of floating point a drift is no drift.
+    # A drift below the resolution of floating point is treated as zero.
     rounding = 8 * float(np.finfo(np.float64).eps * np.max(np.abs(samples)))
     span = float(times[-1] - times[0])
     drift_allowed = max(float(errors[1]) * span, tolerance, rounding)
@@ -301,7 +301,7 @@ def _evaluate(
 def _robust_fit(
     matrix: NDArray[np.float64], samples: NDArray[np.float64]
 ) -> tuple[NDArray[np.bool_], NDArray[np.float64], NDArray[np.float64]]:
-    """Least squares without single samples far from the fit; returns what was kept."""
+    """Return a least-squares fit without outliers, and the samples kept."""
     keep = np.ones(samples.size, dtype=np.bool_)
     for _ in range(2):
         coefficients, *_ = np.linalg.lstsq(matrix[keep], samples[keep], rcond=None)

@@ -265,6 +265,6 @@ def windows_of_angle(mark_ticks: ArrayLike, marks_per_window: int) -> tuple[Tick
 
 
 def _inspected(ticks: Ticks, start: int, stop: int) -> Irregularities:
-    """Look at one window of a train, with the edge before it."""
+    """Inspect one window of a train, with the edge before it."""
     first, last = ticks.searchsorted((start, stop))
     return irregularities(ticks[max(first - 1, 0) : last], int(stop))

@@ -1,6 +1,6 @@
-"""The twin behind real wire protocols, so that unmodified drivers can be run and tested.
+"""The twin behind real wire protocols, for unmodified drivers.
 
-`Simulators` serves what a bench description names; `misbehaviour` breaks it on command.
+`Simulators` serves the instruments of a bench description; `misbehaviour` causes faults on command.
 """
 
 from torquebench.simulators.misbehaviour import KINDS, Misbehaviour, MisbehaviourKind

@@ -21,7 +21,7 @@ TICK_S = 0.005
 
 
 class _Periodic:
-    """A frame that is sent again and again, such as a heartbeat."""
+    """A frame that is sent periodically, such as a heartbeat."""
 
     def __init__(self, can_id: int, data: bytes, period_s: float) -> None:
         self.can_id = can_id
@@ -40,7 +40,7 @@ class _Periodic:
 
 
 class _ServedNetwork(canopen.Network):
-    """CANopen's services on a bus that is served here instead of one that python-can opens."""
+    """CANopen's services on a bus that is served here, instead of one opened by python-can."""
 
     def __init__(self, bus: CanBusSimulator) -> None:
         super().__init__(None)
@@ -88,7 +88,7 @@ class CanBusSimulator(LineServer):
             node.join(self.network)
 
     def _tick(self) -> None:
-        """Let nodes send what nobody has requested: heartbeats and emergencies."""
+        """Let nodes send unrequested frames: heartbeats and emergencies."""
         while not self._closing.wait(TICK_S):
             now_s = time.monotonic()
             with self._bus_lock:

@@ -106,7 +106,7 @@ class Cia402Node:
             self.node.sdo.on_request(can_id, data, timestamp)
 
     def _managed(self, can_id: int, data: bytearray, timestamp: float) -> None:
-        """Act on an NMT command, which the node's state follows already."""
+        """Handle an NMT command; the node's state has already changed."""
         del can_id, timestamp
         if len(data) < 2 or data[1] not in (0, self.node.id) or self._faults.ignoring:
             return
@@ -123,7 +123,7 @@ class Cia402Node:
                 self._emergency = NMT_ERROR
 
     def _consume(self, value: int) -> None:
-        """Watch the heartbeat that object 0x1016 names, from its first one on."""
+        """Watch the heartbeat of object 0x1016, from the first one on."""
         master, period_s = value >> 16, (value & 0xFFFF) / 1e3
         if master > 127:
             raise canopen.SdoAbortedError(VALUE_NOT_ALLOWED)
@@ -159,7 +159,7 @@ class Cia402Node:
             return 0
         return self._emergency or HEARTBEAT_ERROR
 
-    # -- what a client reads ----------------------------------------------------------------
+    # -- read by a client -------------------------------------------------------------------
 
     def _read(self, index: int, subindex: int, od: Any) -> int | str | None:
         del od
@@ -208,7 +208,7 @@ class Cia402Node:
         return values.get(index)
 
     def _follow(self, enabled: bool, fault: bool) -> None:
-        """Take over what the drive has done by itself: its watchdog has acted."""
+        """Update the state after the drive's watchdog has acted."""
         self._arrive()
         enabled = enabled or self._drive.state().enabled
         if fault and self._state != "fault":
@@ -216,7 +216,7 @@ class Cia402Node:
         elif not enabled and self._state == "operation enabled":
             self._state = "switch on disabled"
 
-    # -- what a client writes ---------------------------------------------------------------
+    # -- written by a client ----------------------------------------------------------------
 
     def _written(self, index: int, subindex: int, od: Any, data: bytes) -> None:
         value = int(od.decode_raw(data))
@@ -283,13 +283,13 @@ class Cia402Node:
             self._go(state)
 
     def _go(self, state: str) -> None:
-        """Go to a state: at once, or as slowly as ordered."""
+        """Enter a state: at once, or as slowly as ordered."""
         if self._state != state:
             self._next = (time.monotonic() + self._faults.slowness_s, state)
             self._arrive()
 
     def _arrive(self) -> None:
-        """Take over the state that is due."""
+        """Enter the state that is due."""
         slowness_s = self._faults.slowness_s
         if not slowness_s:
             self._booted = None
@@ -306,7 +306,7 @@ class Cia402Node:
                     self._pursue()
 
     def _pursue(self) -> None:
-        """Go to the target of the present mode, whenever it was written."""
+        """Ramp to the target of the present mode."""
         if self._state != "operation enabled" or not self._drive.state().enabled:
             return
         scale = self._faults.scale
@@ -326,7 +326,7 @@ class Cia402Node:
 
 
 def _check(value: int, lowest: int, highest: int) -> None:
-    """Refuse a value that the drive can't have, by the abort code that says so."""
+    """Refuse an invalid value with its abort code."""
     if value > highest:
         raise canopen.SdoAbortedError(VALUE_TOO_HIGH)
     if value < lowest:

@@ -1,7 +1,6 @@
-"""An NI gRPC Device Server with one simulated counter card before the simulated bench.
+"""An NI gRPC Device Server with one simulated counter card of the simulated bench.
 
-It serves what buffered period and encoder measurements use, by the servicer and the messages that
-come with `nidaqmx`.
+It serves buffered period and encoder measurements, with the servicer and the messages of `nidaqmx`.
 """
 
 from __future__ import annotations
@@ -45,7 +44,7 @@ MESSAGES = {
     WRONG_VALUE: "Requested value is not a supported value for this property.",
 }
 DEFAULT_BUFFER = 100_000
-"""Samples, where the client doesn't say."""
+"""Default number of samples."""
 WAIT_STEP_S = 0.005
 LONGEST_WAIT_S = 60.0
 ALL_THERE_ARE = -1
@@ -64,7 +63,7 @@ def device_number(serial: str) -> int:
 
 @dataclass
 class _Task:
-    """One counter's task."""
+    """The task of one counter."""
 
     name: str
     client: str = ""
@@ -82,7 +81,7 @@ class _Task:
 
 
 class _Servicer(services.NiDAQmxServicer):
-    """The calls that the driver makes."""
+    """The calls of the driver."""
 
     def __init__(self, plant: Plant, wiring: dict[str, str], faults: WireFaults) -> None:
         self._plant = plant
@@ -95,7 +94,7 @@ class _Servicer(services.NiDAQmxServicer):
         self._serial = device_number(plant.description.counter.serial)
 
     def _fail(self, context: Any, code: int) -> NoReturn:
-        """End a call by the driver's error, as the device server does."""
+        """End a call with the driver's error, as the device server does."""
         context.set_trailing_metadata((("ni-error", str(code)),))
         context.abort(grpc.StatusCode.UNKNOWN, f"{MESSAGES[code]} Status code: {code}")
         raise BenchError("unreachable")
@@ -256,7 +255,7 @@ class _Servicer(services.NiDAQmxServicer):
     # -- reading ----------------------------------------------------------------------------
 
     def _fill(self, task: _Task) -> None:
-        """Take what the plant has made since the last time, from the first pulse on."""
+        """Append the plant's new data, from the first pulse on."""
         epoch = self._epoch_tick
         if epoch is None:
             return
@@ -302,7 +301,7 @@ class _Servicer(services.NiDAQmxServicer):
         )
 
     def _await(self, task: _Task, count: int, timeout_s: float, context: Any) -> int:
-        """Wait for so many samples as the plant's time continues; return how many are requested."""
+        """Wait for a number of samples of the plant's time; return how many are requested."""
         age_s = self._faults.age_s()
         if count == ALL_THERE_ARE:
             timeout_s = 0.0
@@ -325,14 +324,14 @@ class _Servicer(services.NiDAQmxServicer):
                 return count
 
     def _standing(self, task: _Task, taken: NDArray[np.uint32]) -> NDArray[np.uint32]:
-        """Return as many samples of what was true when it froze."""
+        """Return as many samples of the values at the time of the freeze."""
         if task.frozen is None or task.frozen.size == 0:
             task.frozen = taken[-1:].copy()
         return np.repeat(task.frozen, taken.size)[: taken.size]
 
 
 class _Spoiler(grpc.ServerInterceptor):
-    """Spoils answers as ordered, below the service."""
+    """Causes the ordered faults in answers, below the service."""
 
     def __init__(self, faults: WireFaults) -> None:
         self._faults = faults
@@ -347,7 +346,7 @@ class _Spoiler(grpc.ServerInterceptor):
         def spoilt(request: Any, context: Any) -> Any:
             answer = handler.unary_unary(request, context)
             data = faults.outgoing(handler.response_serializer(answer))
-            if data is None:  # as if the answer was lost on its way
+            if data is None:  # as if the answer were lost
                 threading.Event().wait(context.time_remaining() or 0.0)
                 context.abort(grpc.StatusCode.DEADLINE_EXCEEDED, "no answer")
             return data
@@ -379,7 +378,7 @@ class DaqmxSimulator(LineServer):
         self._servicer = _Servicer(plant, wiring, faults)
         self._pool = futures.ThreadPoolExecutor(THREADS, thread_name_prefix="simulated-daqmx")
         together = threading.Barrier(THREADS)
-        for _ in range(THREADS):  # the pool's threads live as long as the server does
+        for _ in range(THREADS):  # the pool's threads live as long as the server
             self._pool.submit(together.wait)
         self._server = grpc.server(self._pool, interceptors=[_Spoiler(faults)])
         services.add_NiDAQmxServicer_to_server(self._servicer, self._server)
@@ -414,7 +413,7 @@ class DaqmxSimulator(LineServer):
 
 
 def _pass_on(source: socket.socket, target: socket.socket) -> None:
-    """Pass bytes on until either side closes; then close both for the other direction."""
+    """Forward bytes until either side closes; then close both for the other direction."""
     with contextlib.suppress(OSError):
         while data := source.recv(65536):
             target.sendall(data)

@@ -1,4 +1,4 @@
-"""Simulated instruments misbehave on command: on the wire, in what they do and what they state.
+"""Simulated instruments misbehave on command: on the wire, in their actions and in their values.
 
 ===============  ============================================================================
 `delay`          each answer comes `amount` seconds late (default 1 s): with 0.005 a slow wire
@@ -61,7 +61,7 @@ AMOUNTS: dict[MisbehaviourKind, tuple[float, float, float]] = {
 }
 """Default, lowest and highest amount of the kinds that have one; see above for their units."""
 GARBLED_SHARE = 4
-"""One byte of so many is changed, and at least one."""
+"""One byte of this many is changed, and at least one."""
 
 
 @dataclass
@@ -129,7 +129,7 @@ class WireFaults:
         return otherwise if order is None else order.amount
 
     def _take(self, kind: MisbehaviourKind) -> float | None:
-        """Spoil one answer: return the amount, None where there is nothing to spoil it by."""
+        """Take one order for an answer: return its amount, None if there is none."""
         with self._lock:
             order = self._order(kind)
             if order is not None and order.replies is not None:

@@ -1,6 +1,6 @@
 """A Modbus TCP server before one image of the simulated bench.
 
-It is written out, since pymodbus's server forgets requests that come before it has answered.
+It doesn't use pymodbus's server, which loses requests that arrive before it has answered.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ LONGEST_REQUEST = 254
 LONGEST_BITS, LONGEST_WORDS = 2000, 125
 LONGEST_WRITTEN_BITS, LONGEST_WRITTEN_WORDS = 1968, 123
 ANY_UNIT = (0, 255)
-"""Units by which a client addresses the instrument itself, as Modbus TCP has it."""
+"""Unit identifiers by which a Modbus TCP client addresses the instrument itself."""
 
 
 class Code(IntEnum):
@@ -121,7 +121,7 @@ class ModbusSimulator(LineServer):
     # -- reading ----------------------------------------------------------------------------
 
     def _table(self, function: int) -> dict[int, int]:
-        """Return what a function reads, by address on the wire."""
+        """Return the table of a function, by address on the wire."""
         if not self.faults.frozen:
             self._frozen.pop(function, None)
         elif function in self._frozen:

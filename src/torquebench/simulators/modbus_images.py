@@ -1,4 +1,4 @@
-"""What a Modbus client sees of the simulated bench: registers, coils and contacts."""
+"""Modbus images of the simulated bench: registers, coils and contacts."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""The simulated bench that all simulators of one description share, and its time.
+"""The simulated bench common to all simulators of one description, and its time.
 
-On demand, bench time continues as the counter is read: the person who asks for samples up to a time
-makes them. That keeps unmodified drivers exact at any speed, because the counter's clock is the
-bench's clock. When nobody reads any more (the client was killed) while a drive is on, time follows
-the wall, so that the drive's own watchdog can act.
+On demand, bench time advances as the counter is read: a request for samples up to a time simulates
+them. Unmodified drivers are then exact at any speed, because the counter's clock is the bench's
+clock. If the counter is no longer read (the client was killed) while a drive is on, time follows
+the wall clock, so that the drive's own watchdog can act.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from torquebench.signals import EdgeBlock
 __all__ = ["AngleTap", "EdgeTap", "Plant"]
 
 STEP_S = 0.05
-"""Longest piece of bench time that is computed at once."""
+"""Longest piece of bench time that is simulated at once."""
 WALL_STEP_S = 0.005
 LONGEST_STALL_S = 2.0
-"""A plant that follows the wall has stood still if nothing was computed for longer, s."""
+"""A plant that follows the wall clock has stopped if nothing was simulated for longer, s."""
 KEPT_TORQUES = 400
 KEPT_COUNTS = 400
 
@@ -107,7 +107,7 @@ class Plant:
         self._read_before = False
         self._now_s = 0.0
         self._closing = threading.Event()
-        self._advance(WALL_STEP_S)  # compiles, before anybody waits for an answer
+        self._advance(WALL_STEP_S)  # compiles the kernels, before a client waits for an answer
         self._thread = threading.Thread(target=self._follow, name="simulated-plant", daemon=True)
         self._thread.start()
 
@@ -139,12 +139,12 @@ class Plant:
             self._read_before = True
 
     def _follow(self) -> None:
-        """Let time follow the wall where it has to."""
+        """Let time follow the wall clock where needed."""
         last = time.monotonic()
         while not self._closing.wait(WALL_STEP_S):
             now = time.monotonic()
             passed_s, last = min(now - last, LONGEST_STALL_S), now
-            while passed_s > 0.0:  # a busy computer makes it late, not slow
+            while passed_s > 0.0:  # a busy computer delays it, but doesn't slow it down
                 with self.lock:
                     if self.time == "real" or self._abandoned():
                         self._advance(min(passed_s, STEP_S))
@@ -180,7 +180,7 @@ class Plant:
             self._torques[side] = (self._torques[side] + new)[-KEPT_TORQUES:]
             self._torque_count[side] += len(new)
 
-    # -- what the counters see --------------------------------------------------------------
+    # -- signals for the counters ------------------------------------------------------------
 
     @property
     def window_s(self) -> float:
@@ -222,7 +222,7 @@ class Plant:
         wanted = {tap.channel for tap in self._edges}
         self.bench.select(frozenset(name for name in CHANNELS if name in wanted))
 
-    # -- what the other instruments see -----------------------------------------------------
+    # -- signals for the other instruments ----------------------------------------------------
 
     def counts(self, side: Side, age_s: float = 0.0) -> int:
         """Return the encoder counts of a side, now or some time ago."""

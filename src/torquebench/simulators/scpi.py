@@ -55,7 +55,7 @@ class _ScpiError(Exception):
 
 
 def _header(pattern: str) -> re.Pattern[str]:
-    """Compile a header as manuals write it: capitals are its short form, brackets optional."""
+    """Compile a header as in manuals: capitals are its short form, brackets optional."""
     words = []
     for optional, word in re.findall(r"(\[?):?([A-Za-z]+):?\]?", pattern):
         short = "".join(letter for letter in word if letter.isupper())
@@ -326,7 +326,7 @@ class ScpiAmplifier(ScpiInstrument):
         self.serve("FETCh:ARRay", self._fetch, query=True, least=1, most=1)
 
     def _fetch(self, arguments: Sequence[str], faults: WireFaults) -> str:
-        """Return the samples of a channel since the last question."""
+        """Return the samples of a channel since the last query."""
         sides: dict[str, Side] = {"(@1)": "input", "(@2)": "output"}
         side = sides.get(arguments[0])
         if side is None:

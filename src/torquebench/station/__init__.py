@@ -1,6 +1,6 @@
 """One open bench: devices, acquisition, run engine, active compensation, safety.
 
-Both doors (commands and panel) talk to a `Station` and to nothing below it.
+All interfaces (command line, panel, API) use a `Station` and nothing below it.
 """
 
 import lazy_loader

@@ -1,8 +1,8 @@
-"""A second copy of a data directory, made while the bench runs, and the way back from it.
+"""Backup of a data directory while the bench runs, and its restoration.
 
 A backup is itself a data directory: it can be listed, verified and exported from. The registry is
-copied first, in one consistent state; everything that it names was complete before it was named.
-Sealed runs never change, so each is copied once.
+copied first, in one consistent state; all files to which it refers were complete before. Sealed
+runs never change, so each is copied once.
 """
 
 from __future__ import annotations
@@ -42,9 +42,9 @@ __all__ = [
 ]
 
 BACKUP_FILE = "backup.json"
-"""Says of a folder that it is a backup, of when, and where the chain ended."""
+"""File that marks a folder as a backup, with its time and the end of the chain."""
 ASIDE = "replaced-"
-"""Beginning of the folder in which `restore` keeps what it took away."""
+"""Beginning of the folder in which `restore` keeps replaced files."""
 ATTEMPTS = 5
 
 
@@ -145,7 +145,7 @@ def _require_target(data: Path, target: Path) -> None:
         )
     if target.is_dir() and any(target.iterdir()) and not (target / BACKUP_FILE).exists():
         begun = {path.name for path in target.iterdir()} <= {"runs", f".{REGISTRY_FILE}.part"}
-        if not begun:  # else a first backup that was interrupted
+        if not begun:  # otherwise an interrupted first backup
             raise InputError(
                 f"{target} holds something else", "a new folder, or a backup", "name another folder"
             )
@@ -170,7 +170,7 @@ def _noted_head(backup: Path) -> ChainHead:
 
 
 def _copy_database(source: Path, target: Path) -> None:
-    """Copy a SQLite database in one state of it, the person who writes it in the meantime."""
+    """Copy a SQLite database in one consistent state, even while it is written."""
     target.unlink(missing_ok=True)
     with (
         sqlite_reader(source) as address,
@@ -235,14 +235,14 @@ def _manifest_sha256(folder: Path) -> str:
 
 
 def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
-    """Copy a run's folder whole or not at all; return what is wrong with it."""
+    """Copy a run's folder completely or not at all; return its defect."""
     part = copied.with_name(f".{copied.name}.part")
     for _ in range(ATTEMPTS):
         shutil.rmtree(part, ignore_errors=True)
         was_sealed = RunFolder(folder).sealed
         try:
             shutil.copytree(folder, part, ignore=shutil.ignore_patterns(".*.part"))
-        except (shutil.Error, FileNotFoundError):  # it is being sealed: its files change names
+        except (shutil.Error, FileNotFoundError):  # it is being sealed: its files are renamed
             continue
         if was_sealed == RunFolder(folder).sealed:
             break
@@ -262,7 +262,7 @@ def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
 
 
 def _other_files(data: Path) -> Iterator[Path]:
-    """Yield what belongs to the records beside registry, runs and audit log."""
+    """Yield files of the records beside registry, runs and audit log."""
     for path in sorted(data.rglob("*")):
         top = path.relative_to(data).parts[0]
         own = top in ("runs", AUDIT_FOLDER, REGISTRY_FILE, LOCK_FILE, BACKUP_FILE)
@@ -289,7 +289,7 @@ def _copy_file(source: Path, target: Path) -> None:
 
 
 def _copy_audit(source: Path, target: Path) -> None:
-    """Copy whole lines of a log that may be written, and put aside, in the meantime."""
+    """Copy whole lines of a log that may be written or archived meanwhile."""
     if not source.is_dir():
         return
     private_folder(target)
@@ -311,7 +311,7 @@ def _outside(registry: Registry, data: Path) -> set[str]:
     return {str(file) for file in named if not file.resolve().is_relative_to(data.resolve())}
 
 
-# -- the way back -----------------------------------------------------------------------------
+# -- restoration ------------------------------------------------------------------------------
 
 
 @dataclass
@@ -386,7 +386,7 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
 
 
 def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[str]]:
-    """Return what is missing and what differs; what is newer goes to `kept`."""
+    """Return missing and different files; newer ones go to `kept`."""
     missing: list[str] = []
     differing: list[str] = []
 
@@ -418,7 +418,7 @@ def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[
 
 
 def _registry_state(backup: Path, data: Path) -> tuple[bool, bool]:
-    """Return whether the registry is as in the backup, and whether it is newer and sound."""
+    """Return whether the registry equals the backup's, and whether it is newer and sound."""
     file = data / REGISTRY_FILE
     if not file.exists() or not file.stat().st_size or damage_of_file(file):
         return False, False

@@ -1,8 +1,8 @@
-"""One owner of a bench and of its records: a lock that goes when its process goes.
+"""A lock on a bench and its records, which ends with its process.
 
-Two processes that command one drive, or that write runs of one bench into one registry, would each
-be right and together be wrong. So the person who opens a bench locks the data directory and, where
-the bench has instruments of its own, its drives. Reading records needs no lock.
+Two processes that command one drive, or write runs of one bench into one registry, would conflict.
+So opening a bench locks the data directory and, where the bench has real instruments, its drives.
+Reading records needs no lock.
 """
 
 from __future__ import annotations
@@ -27,9 +27,9 @@ from torquebench.errors import InputError
 __all__ = ["LOCK_FILE", "BenchLock"]
 
 LOCK_FILE = "bench.lock"
-"""In the data directory; says who has the bench open. It stays when the bench is closed."""
+"""File in the data directory with the name of who has the bench open; it stays after closing."""
 LOCKED_BYTE = 2**30
-"""Far behind the text, which the person who is refused wants to read."""
+"""Far behind the text, so that the text stays readable."""
 LONGEST_OWNER = 4096
 LONGEST_SHOWN = 120
 
@@ -109,7 +109,7 @@ class BenchLock:
 
 
 def _owner(description: BenchDescription | None) -> dict[str, str]:
-    """Say who this process is, for the person who is refused."""
+    """Describe this process, for the message to others."""
     return {
         "bench": "" if description is None else description.name,
         "command": " ".join([Path(sys.argv[0]).name, *sys.argv[1:]]),
@@ -120,7 +120,7 @@ def _owner(description: BenchDescription | None) -> dict[str, str]:
 
 
 def _told(text: bytes) -> str:
-    """Say in words who has written himself into a lock file."""
+    """Describe the process named in a lock file."""
     try:
         owner = {key: _plain(str(value)) for key, value in json.loads(text).items()}
         return (
@@ -136,10 +136,10 @@ def _plain(text: str) -> str:
 
 
 def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
-    """Return a lock file of this computer for every drive that others could command too."""
+    """Return a lock file of this computer for every drive that other processes could command."""
     driver: Mapping[str, Any] = description.driver
     if description.bench.driver == "simulated":
-        return  # it lives in this process
+        return  # the instrument is part of this process
     sections = {key: driver[key] for key in ("input_drive", "output_drive") if key in driver}
     for key, section in (sections or {description.bench.driver: driver}).items():
         told = {name: value for name, value in dict(section).items() if name != "timeout_s"}
@@ -150,7 +150,7 @@ def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
 
 
 def _opened(path: Path) -> int:
-    """Open a lock file, one of another person too, whose text can't be changed then."""
+    """Open a lock file, even of another user, whose text can't be changed."""
     flags = os.O_RDWR | getattr(os, "O_CLOEXEC", 0) | getattr(os, "O_NOFOLLOW", 0)
     with contextlib.suppress(FileNotFoundError):
         try:

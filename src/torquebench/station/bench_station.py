@@ -47,12 +47,12 @@ __all__ = ["Station", "data_directory"]
 logger = logging.getLogger(__name__)
 
 UNLOADED_WITHIN_S = 1.0
-"""How long readings may show torque after both drives are at zero, bench time, s."""
+"""Longest bench time for which readings may show torque after both drives are at zero, s."""
 REST_TIMEOUT_S = 5.0
-"""How long to wait for the drives after an alarm, beyond a stall's own time, s of wall time."""
+"""Longest wait for the drives after an alarm, in addition to a stall's time, s of wall time."""
 
 REGISTRY_WAIT_S = 10.0
-"""How long opening a bench waits for the registry's server, s of wall time."""
+"""Longest wait for the registry's server when a bench is opened, s of wall time."""
 
 OnPause = Callable[["Station"], Literal["resume", "abort"]]
 
@@ -219,7 +219,7 @@ class Station:
         try:
             self.close()
         except BenchError as unsafe:
-            if error is None or str(error) != str(unsafe):  # else that has been said
+            if error is None or str(error) != str(unsafe):  # otherwise reported already
                 raise
 
     def close(self) -> None:
@@ -263,17 +263,17 @@ class Station:
             raise unsafe.error()
 
     def _note_audit_end(self) -> None:
-        """Have the registry remember the audit log, so that its last lines can't be removed."""
+        """Enter the audit log's end into the registry, so that its last lines can't be removed."""
         end = self.audit.end
         if not end.line:
             return
         try:
             self.registry.add_audit_end(self.audit.path.parent, end.line, end.sha256)
-        except RecordError as error:  # the next closing notes these lines too
+        except RecordError as error:  # the next closing records these lines, too
             logger.warning("the end of the audit log can't be noted: %s", error)
 
     def _come_to_rest(self, *, disable: bool) -> None:
-        """Bring both drives to zero torque; never raises for a bench that has ended already."""
+        """Bring both drives to zero torque; doesn't raise if the bench has ended already."""
         if not self._commands.any_enabled:
             return
         unloading_s = self.supervisor.unload()
@@ -285,7 +285,7 @@ class Station:
             self._await_unloaded()
 
     def _await_unloaded(self) -> None:
-        """Wait until the readings show it too, so that the next run doesn't meet old torque."""
+        """Wait until the readings are unloaded too, so that the next run starts without torque."""
         block_s = self.description.counter.block_s
         for _ in range(round(UNLOADED_WITHIN_S / block_s)):
             if all(self._is_unloaded(side) for side in SIDES):
@@ -349,8 +349,8 @@ class Station:
             finally:
                 self._run_lock.release()
         finally:
-            with contextlib.suppress(ValueError):  # it hangs in a loop that hangs
-                plan.close()  # one that never started, too
+            with contextlib.suppress(ValueError):  # a run whose loop hangs
+                plan.close()  # also one that never started
 
     def _run(
         self,
@@ -391,7 +391,7 @@ class Station:
                 writer.write_results(outcome.plan_result)
         except Exception as error:
             recording.end_failed(finish, self._cause(error, alarms_before))
-            cause = self._cause(error, alarms_before)  # at rest nothing may be on any more
+            cause = self._cause(error, alarms_before)  # nothing may be on at rest
             if cause is error:
                 raise
             raise cause from error
@@ -424,7 +424,7 @@ class Station:
         recording.end(status, reason)
 
     def _cause(self, error: Exception, alarms_before: int) -> Exception:
-        """Return what is still on, else the alarm that ended a run, or else the error itself."""
+        """Return the remaining torque or power, otherwise the alarm, otherwise the error."""
         if (unsafe := self.supervisor.unsafe) is not None:
             return unsafe.error()
         alarms = self.supervisor.history[alarms_before:]
@@ -436,14 +436,14 @@ class Station:
         return self.supervisor.alarms
 
     def _audit_alarm(self, entry: StandingAlarm) -> None:
-        """Write what becomes of an alarm into the audit log."""
+        """Write changes of an alarm into the audit log."""
         alarm = entry.alarm
         event = f"{alarm.level.name.lower()} alarm"
         if entry.acknowledged is not None:
             event += " acknowledged"
         elif entry.cleared is not None:
             event += " cleared"
-        # Acquisition and supervisor, who note what comes and goes, wait for no disk.
+        # Acquisition and supervisor, who report changes, don't wait for the disk.
         write = self.audit.write_soon if entry.acknowledged is None else self.audit.write
         write(
             event,
@@ -520,7 +520,7 @@ class Station:
         self.devices.interruptions += 1
 
     def _attend(self, on_pause: OnPause | None) -> None:
-        """Ask what to do about a pause, on the thread that called `run`."""
+        """Ask how to continue after a pause, on the thread that called `run`."""
         if on_pause is None or not self.engine.held:
             return
         if on_pause(self) == "resume":

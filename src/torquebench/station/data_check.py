@@ -1,4 +1,4 @@
-"""Whether a whole data directory is as it was written: registry, folders, files, audit log."""
+"""Integrity of a whole data directory: registry, folders, files, audit log."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def check_data_directory(
     try:
         with Registry.open(data) as registry:
             return _check(registry, findings, anchors, folders=folders)
-    except (RecordError, ValueError) as error:  # ValueError: a row holds what its column can't
+    except (RecordError, ValueError) as error:  # ValueError: a row holds an invalid value
         found = error.found if isinstance(error, RecordError) else str(error)
         if not any(each.where.endswith(REGISTRY_FILE) for each in findings):
             where = str(data / REGISTRY_FILE)
@@ -106,7 +106,7 @@ def _check(
     report = check_records(registry, anchors=anchors, folders=folders)
     runs = _all_runs(registry)
     if any(each.kind == "changed" for each in report.findings):
-        # A damaged row no longer fits its index: that is one defect, named with the row.
+        # A damaged row no longer matches its index: one defect, reported with the row.
         findings = [each for each in findings if each.remedy != OF_AN_INDEX]
     findings += report.findings
     findings += _strangers(registry, {run.run_id for run in runs})
@@ -135,7 +135,7 @@ def _all_runs(registry: Registry) -> list[RunSummary]:
 
 
 def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
-    """Yield folders that the registry doesn't know."""
+    """Yield folders that aren't in the registry."""
     strange = [path for path in run_folders(registry.root) if path.name not in known]
     if strange and not known:
         count = f"{len(strange)} run folder{'s' if len(strange) > 1 else ''}"
@@ -159,14 +159,14 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
 
 
 def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]:
-    """Yield what a folder is that the registry doesn't know; `own` where it was made beside it."""
+    """Yield the state of a folder that isn't in the registry; `own` if it belongs to it."""
     try:
         folder = RunFolder.open(path)
         lock = RunLock(path)
     except (RecordError, OSError):
         yield Finding("orphan", str(path), "", "isn't a run", "", "remove it")
         return
-    if not lock.held:  # it is being written right now
+    if not lock.held:  # it is being written
         return
     lock.release()
     if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
@@ -184,7 +184,7 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
 
 
 def _without_folder(runs: Iterable[RunSummary]) -> Iterator[Finding]:
-    """Yield runs without an end whose folder is gone; those with an end are compared anyway."""
+    """Yield runs without an end whose folder is missing; those with an end are compared anyway."""
     for run in runs:
         if run.finished is None and not run.folder.is_dir():
             yield Finding("file", str(run.folder), "", "the folder of a run that was begun is gone")
@@ -193,7 +193,7 @@ def _without_folder(runs: Iterable[RunSummary]) -> Iterator[Finding]:
 def _noted(
     registry: Registry, log: Path, runs: Iterable[RunSummary]
 ) -> Iterator[tuple[AuditEnd, str]]:
-    """Yield what registry and run folders have noted of the audit log."""
+    """Yield the lines of the audit log that registry and run folders refer to."""
     for run in runs:
         if run.finished is not None and run.folder.is_relative_to(registry.root):
             end = audit_end(run.folder / AUDIT_FILE)

@@ -34,16 +34,16 @@ Result = TypeVar("Result")
 ENGINE, PROCEDURE = "run engine", "procedure"
 """Names of the heartbeats."""
 LOOP_TIMEOUT_S = 2.0
-"""How long the run engine's loop may not answer while it runs in real time, s."""
+"""Longest time that the run engine's loop may not answer in real time, s."""
 INTERRUPT_POLL_S = 0.1
-"""How often the waiting caller looks for Ctrl-C and pauses, s of wall time."""
+"""Interval at which the waiting caller checks for Ctrl-C and pauses, s of wall time."""
 
 for _name in ("bluesky", "ophyd_async"):  # a failed run is reported by its error, not on stderr
     logging.getLogger(_name).addHandler(logging.NullHandler())
 
 
 class _Waiting(DuringTask):
-    """Blocks the caller of a run, open to Ctrl-C and to pauses."""
+    """Blocks the caller of a run, but handles Ctrl-C and pauses."""
 
     def __init__(self, engine: BenchEngine) -> None:
         super().__init__()
@@ -93,7 +93,7 @@ class BenchEngine:
         self.loop = clock.new_event_loop()
         self._engine = RunEngine(
             loop=self.loop,
-            context_managers=[],  # bluesky's own would take Ctrl-C away from us
+            context_managers=[],  # bluesky's own handler would replace ours
             during_task=_Waiting(self),
             call_returns_result=True,
         )
@@ -140,7 +140,7 @@ class BenchEngine:
         self._pausing, self._reason = False, ""
         try:
             return self._engine(plan, on_document)
-        except RunEngineInterrupted:  # aborted, or paused by bluesky's own means
+        except RunEngineInterrupted:  # aborted, or paused by bluesky itself
             return self._interrupted()
         except FailedStatus as failed:
             raise _cause(failed) from failed
@@ -148,7 +148,7 @@ class BenchEngine:
             self._resumed = None
 
     def _interrupted(self) -> RunEngineResult:
-        """End what may still be paused; return that the run was aborted, and why."""
+        """End a run that may be paused; return its abort error and the reason."""
         if str(self._engine.state) == "paused":
             self.abort("bluesky's own pause: use Station.pause, which holds at points")
         return RunEngineResult((), None, "abort", True, self._reason, None)
@@ -184,17 +184,17 @@ class BenchEngine:
         if self.on_own_thread:
             self._aborting = self.loop.create_task(self._abort_soon(reason))
             return
-        if str(self._engine.state) == "paused":  # by bluesky's own means: it has to be waked too
+        if str(self._engine.state) == "paused":  # paused by bluesky itself: wake it up too
             with _quietly():
                 self._engine.abort(reason)
         elif not self.loop.is_closed():
             self.call(self._abort_soon(reason))
 
     async def _abort_soon(self, reason: str) -> None:
-        """Abort so that nothing swallows it.
+        """Abort such that the cancellation isn't lost.
 
-        bluesky cancels what the plan waits for. `asyncio.wait_for`, behind every signal of ophyd,
-        swallows that where the signal answers in the same moment, and the plan would go on.
+        bluesky cancels the awaited operation. `asyncio.wait_for`, behind every signal of ophyd,
+        loses that if the signal answers at the same moment, and the plan would continue.
         """
         ends_already = str(self._engine.state) == "aborting"
         with _quietly():
@@ -248,20 +248,20 @@ class BenchEngine:
         await self._clock.sleep(float(message.args[0]))
 
     async def _report(self, message: Msg) -> None:
-        """Report progress to the person who watches."""
+        """Report progress to the observer."""
         done, _, detail = message.args
         self.progress.reach(done, detail)
 
     async def _tighten(self, message: Msg) -> tuple[int, ...]:
-        """Put narrower limits in force."""
+        """Apply narrower limits."""
         return self._supervisor.limits.tighten(*message.args)
 
     async def _loosen(self, message: Msg) -> None:
-        """Take narrower limits back."""
+        """Remove narrower limits."""
         self._supervisor.limits.loosen(message.args[0])
 
     async def _hold(self, message: Msg) -> None:
-        """Hold at zero torque while a pause is wanted."""
+        """Hold at zero torque while a pause is requested."""
         del message
         if not self._pausing:
             return
@@ -270,14 +270,14 @@ class BenchEngine:
         self._resumed = resumed
         self.on_held()
         try:
-            if self._pausing:  # else somebody has changed his mind meanwhile
+            if self._pausing:  # otherwise the request was withdrawn meanwhile
                 await resumed.wait()
         finally:
             self._resumed = None
 
 
 def _held_at_checkpoints(plan: Plan) -> Plan:
-    """Let every checkpoint of a plan be a place where it can be held."""
+    """Allow a pause at every checkpoint of a plan."""
 
     def hold_after(message: Msg) -> tuple[None, Plan | None]:
         if message.command == "checkpoint":
@@ -289,13 +289,13 @@ def _held_at_checkpoints(plan: Plan) -> Plan:
 
 @contextlib.contextmanager
 def _quietly() -> Iterator[None]:
-    """Abort without what bluesky prints, and without its complaint where the run has ended."""
+    """Abort without bluesky's output, and without its error if the run has ended."""
     with contextlib.suppress(TransitionError), contextlib.redirect_stdout(io.StringIO()):
         yield
 
 
 def _cause(failed: BaseException) -> BaseException:
-    """Return what made a status fail."""
+    """Return the cause of a status's failure."""
     found = failed
     while isinstance(found, FailedStatus) and found.__cause__ is not None:
         found = found.__cause__
@@ -303,7 +303,7 @@ def _cause(failed: BaseException) -> BaseException:
 
 
 async def _finish_tasks() -> None:
-    """Cancel and await what still runs on the loop."""
+    """Cancel and await the loop's remaining tasks."""
     tasks = [task for task in asyncio.all_tasks() if task is not asyncio.current_task()]
     for task in tasks:
         task.cancel()

@@ -1,7 +1,7 @@
-"""Enter into the registry what a run's folder says: its begin, its end and its zeros.
+"""Enter the data of a run's folder into the registry: begin, end and zeros.
 
-The folder is complete without the registry, so a registry that doesn't answer costs no run: what
-it doesn't know yet is entered later, from the folder, in the same words.
+The folder is complete without the registry, so a registry that doesn't answer costs no run: its
+entries are made later from the folder.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from torquebench.records import Equipment, Registry, RunFolder, RunSummary, Zero
 __all__ = ["SPECIMEN", "enter_run"]
 
 SPECIMEN = "specimen"
-"""Key of a run's metadata: the reducer that it tests, as the equipment has it."""
+"""Key of a run's metadata: the tested reducer, as in the equipment."""
 
 
 def enter_run(registry: Registry, folder: RunFolder) -> None:
@@ -48,7 +48,7 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
 
 
 def _summary(folder: RunFolder) -> RunSummary:
-    """Return the line of the list of runs for a run, as it began."""
+    """Return a run's line in the list of runs, from its begin."""
     known = folder.metadata
     return RunSummary(
         run_id=folder.run_id,
@@ -66,9 +66,9 @@ def _summary(folder: RunFolder) -> RunSummary:
 
 
 def _zeroings(folder: RunFolder) -> Iterator[Zeroing]:
-    """Yield the zeros that a sealed run took, for the control charts of its transducers.
+    """Yield the zeros measured by a sealed run, for the control charts of its transducers.
 
-    The last value of a run that failed doesn't count: what stopped it may have begun meanwhile.
+    The last value of a failed run is left out: the cause may have begun before it.
     """
     names = {f"zero_{side}": side for side in SIDES}
     streams: dict[str, Any] = {}

@@ -16,9 +16,9 @@ from torquebench.records import RunWriter
 __all__ = ["NOT_IN_USE", "NO_COUNTS", "RunJournal"]
 
 NOT_IN_USE = 255
-"""Fault code of a channel that wasn't timed."""
+"""Fault code of a channel that isn't timed."""
 NO_COUNTS = int(np.iinfo(np.int64).min)
-"""Counts of an encoder that is silent."""
+"""Counts of a silent encoder."""
 
 
 class RunJournal:
@@ -119,7 +119,7 @@ def _on_axis(
 def _places(
     axis_s: NDArray[np.float64], time_s: NDArray[np.float64]
 ) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Where on an axis which of some times are."""
+    """Return the positions of times on an axis."""
     place = np.searchsorted(axis_s, time_s - 1e-6).clip(max=axis_s.size - 1)
     here = np.flatnonzero(np.abs(axis_s[place] - time_s) < 1e-6)
     return place[here], here

@@ -1,7 +1,7 @@
-"""Which model compensates a side: one of exactly its transducer and of the counter that measures.
+"""The model that compensates a side: it must match the transducer and the counter.
 
-A timebase's error is part of what was calibrated, so a model of another counter is refused unless
-that counter is accepted by name, at a price in uncertainty.
+A timebase's error is part of the calibration, so a model of another counter is refused unless that
+counter is accepted by name, with a larger uncertainty.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A journal behind a bounded queue, so that acquisition in real time needn't wait for the disk."""
+"""A journal behind a bounded queue, so that acquisition doesn't wait for the disk in real time."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torquebench.errors import RecordError
 __all__ = ["WAITING_BLOCKS", "QueuedJournal"]
 
 WAITING_BLOCKS = 200
-"""Blocks that may wait for the disk: ten seconds of the usual 50 ms."""
+"""Most blocks that wait for the disk: ten seconds of the usual 50 ms."""
 LOOK_S = 0.05
 
 
@@ -64,7 +64,7 @@ class QueuedJournal:
 
     def _raise_failure(self) -> None:
         if isinstance(self._failure, RecordError):
-            raise self._failure  # it says itself what to do
+            raise self._failure  # the error already states a remedy
         if self._failure is not None:
             raise RecordError(
                 f"blocks since the failure aren't kept: {self._failure}",

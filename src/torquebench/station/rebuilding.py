@@ -1,8 +1,8 @@
-"""A registry rebuilt, or completed, from what the data directory holds beside it.
+"""Rebuilds or completes a registry from the other files of the data directory.
 
-A run's folder says what was measured, on which bench, by whom; model files say which points they
-were fitted to; certificates have their record beside them. What people said about records later
-(reviews, amendments, adjustments, which model is in use) is in the registry alone.
+A run's folder states what was measured, on which bench and by whom; model files state the fitted
+points; certificates include their record. Later statements of people (reviews, amendments,
+adjustments, activations) are in the registry only.
 """
 
 from __future__ import annotations
@@ -57,7 +57,7 @@ NOT_REBUILT = (
     "external calibrations: evaluate them again",
     "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
 )
-"""What only the registry knew."""
+"""Entries that exist in the registry only."""
 
 
 @dataclass
@@ -129,7 +129,7 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
 
 
 def _mend(data: Path, done: Rebuilt) -> None:
-    """Leave a registry that can be used, or none."""
+    """Leave a usable registry, or none."""
     file = data / REGISTRY_FILE
     if not file.exists() or not file.stat().st_size:
         done.anew = True
@@ -160,7 +160,7 @@ def _mend(data: Path, done: Rebuilt) -> None:
 
 
 def _keep_aside(file: Path, done: Rebuilt) -> None:
-    """Copy the registry as it is, with its log, before anything is changed."""
+    """Copy the registry and its log unchanged before the rebuild."""
     if done.aside is not None:
         return
     name = f"{DAMAGED_REGISTRY}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.sqlite"
@@ -205,7 +205,7 @@ def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> 
     known, start = folder.metadata, next(document for _, document in folder.documents("start"))
     data = CalibrationData(**results["data"])
     models = list(_models_of(registry.root / "models", data.sha256(), done))
-    if not models:  # nothing came of it before the registry was lost
+    if not models:  # it had no result before the registry was lost
         done.unfitted.append(folder.run_id)
         return
     profile = Profile.model_validate(start["profile"]["settings"])

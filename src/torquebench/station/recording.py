@@ -1,4 +1,4 @@
-"""One run's way to the disk: its folder, its blocks and documents, its part of the audit log."""
+"""Recording of one run: its folder, blocks and documents, and its part of the audit log."""
 
 from __future__ import annotations
 
@@ -57,7 +57,7 @@ class Recording:
         self._context = context
         self._queue = queue
         self._audit = audit
-        head = str(registry.known_head)  # ties the folder to all records before it
+        head = str(registry.known_head)  # links the folder to all records before it
         self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
         self.writer = RunFolder.create(runs, self.known, kind=kind)
         try:
@@ -118,7 +118,7 @@ class Recording:
             self._hold.release()
 
     def _seal(self, status: RunEnd, reason: str) -> None:
-        """Seal the folder; what can't be sealed now is sealed at the next start."""
+        """Seal the folder; if that fails, it is sealed at the next start."""
         try:
             self.writer.seal(status, reason)
         except (OSError, InputError) as error:
@@ -131,7 +131,7 @@ class Recording:
             ) from error
 
     def _flush(self) -> RecordError | None:
-        """Wait until every block is kept; trip and return the error where that fails."""
+        """Wait until every block is written; trip and return the error on failure."""
         queued, self._queued = self._queued, None
         try:
             if queued is not None:

@@ -1,4 +1,4 @@
-"""What the records keep of a bench: its equipment, and what is known before a run."""
+"""Registration of a bench: its equipment, and data known before a run."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["register_equipment", "run_metadata"]
 def register_equipment(registry: Registry, description: BenchDescription) -> None:
     """Enter the bench, its parts and the certificates of its standards, as far as they are new."""
     bench: tuple[EquipmentKind, str] = ("bench", description.name)
-    # One transaction: a bench is registered whole.
+    # One transaction: a bench is registered completely or not at all.
     with registry.writing():
         registry.add_equipment(Equipment(*bench))
         for role, part in _parts(description).items():
@@ -31,7 +31,7 @@ def register_equipment(registry: Registry, description: BenchDescription) -> Non
 
 
 def _parts(description: BenchDescription) -> dict[str, Equipment]:
-    """Return what is built into the bench or belongs to it, by role."""
+    """Return the parts of the bench by role."""
     parts: dict[str, Equipment] = {}
     for side in SIDES:
         module = description.module(side)
@@ -114,7 +114,7 @@ def run_metadata(context: BenchContext) -> dict[str, Any]:
 
 
 def _departures(active: ActiveChain) -> dict[str, Any]:
-    """Say where a model was made with another counter, and which corrections are switched off."""
+    """State another counter of the model, and corrections that are switched off."""
     found: dict[str, Any] = {}
     if active.accepted is not None:
         found["accepted_counter"] = active.accepted.specification()

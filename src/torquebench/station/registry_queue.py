@@ -1,4 +1,4 @@
-"""Runs on their way into the registry, so that no measurement waits for a database."""
+"""Queue of runs for the registry, so that no measurement waits for a database."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ __all__ = ["RegistryQueue"]
 
 RETRY_S = 0.5
 SETTLE_S = 5.0
-"""How long the end of a run waits for a registry that works, but slowly, s."""
+"""Longest wait of a run's end for a slow registry, s."""
 CLOSE_S = 2.0
 
 
@@ -100,7 +100,7 @@ class RegistryQueue:
                 self._pause()
 
     def _pause(self) -> None:
-        """Leave the registry alone for a moment, unless the bench is closed in the meantime."""
+        """Pause before the next attempt, unless the bench is closed meanwhile."""
         deadline = time.monotonic() + RETRY_S
         with self._changed:
             while not self._closing and (left_s := deadline - time.monotonic()) > 0.0:
@@ -109,7 +109,7 @@ class RegistryQueue:
     def _entered(self, folder: Path) -> bool:
         """Try to enter one run."""
         with self._changed:
-            del self._waiting[folder]  # where it ends meanwhile it is entered again
+            del self._waiting[folder]  # if it ends meanwhile it is entered again
             self._entering = folder
         failure: Exception | None = None
         try:

@@ -1,4 +1,4 @@
-"""What a run is told, says in the meantime and leaves behind."""
+"""Input, messages and results of a run."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from torquebench.bench.safety import Alarm
 __all__ = ["LONGEST_BEFORE_S", "ExitStatus", "RunRecord"]
 
 LONGEST_BEFORE_S = 60.0
-"""What was acquired before a run began is kept for so long at most, s."""
+"""Longest time before a run for which acquired data are kept, s."""
 
 ExitStatus = Literal["success", "abort", "fail"]
 

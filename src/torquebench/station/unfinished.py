@@ -1,4 +1,4 @@
-"""Runs that a kill, a full disk or a database has left: sealed and entered at the start."""
+"""Unfinished runs of a kill, a full disk or a database: sealed and entered at the start."""
 
 from __future__ import annotations
 
@@ -105,7 +105,7 @@ def _named(report: Recovery) -> str:
 
 
 def _points(folder: RunFolder) -> int:
-    """Count the points that were acknowledged, zeros and other streams left out."""
+    """Count the acknowledged points, without zeros and other streams."""
     streams = {
         document["uid"]
         for _, document in folder.documents("descriptor")

@@ -1,4 +1,4 @@
-"""A compensation as the sheet's calibration curve, and what the curve loses of it."""
+"""A compensation as the sheet's calibration curve, and the error of that curve."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ __all__ = ["CurveFit", "curve_torque", "fit_curve", "torque_span"]
 FloatArray = NDArray[np.float64]
 
 LARGEST_POWER = 9
-"""Higher powers of a fraction of the span gain nothing in coefficients of 32 bits."""
+"""Higher powers don't improve coefficients of 32 bits."""
 _ENOUGH = 0.9
-"""The lowest power is taken with which the smallest residual is above this share of its own."""
+"""The lowest power whose smallest residual exceeds this share of its own is used."""
 _READINGS = 2001
 
 
@@ -131,7 +131,7 @@ def _fitted(
     low, high = span_nm
     kind = _START.kind
     assert isinstance(kind, Constant)
-    # segments begin where the memory's steps allow
+    # segments begin at multiples of the memory's steps
     starts = [
         kind.decode(kind.encode(100.0 * number / segments, "start")) or 0.0
         for number in range(segments)
@@ -139,7 +139,7 @@ def _fitted(
     edges = np.append(starts, 100.0) / 100.0
     pieces = []
     for start, left, right in zip(starts, edges[:-1], edges[1:], strict=True):
-        # Chebyshev's points: their least-squares polynomial is close to the one of least maximum
+        # Chebyshev's points: their least-squares polynomial is close to the minimax one
         angle = np.pi * (np.arange(_READINGS // segments + 8 * power) + 0.5)
         share = 0.5 - 0.5 * np.cos(angle / angle.size)
         place = left + (right - left) * share

@@ -13,9 +13,9 @@ from torquebench.teds.templates import BASIC, TEMPLATES, Array, Field
 __all__ = ["Section", "Sheet", "Unread", "decode", "encode", "sheet_from_json", "sheet_to_json"]
 
 _STANDARD, _OWN, _OTHER, _END = range(4)
-"""The two bits before a section: a template of the standard, of this manufacturer, of another."""
+"""The two bits before a section: template of the standard, of this manufacturer, or of another."""
 _TEXT, _FREE = range(2)
-"""The bit behind the end: whether text follows, in ASCII of seven bits, or free data."""
+"""The bit after the end: whether 7-bit ASCII text follows, or free data."""
 
 
 @dataclass(frozen=True)
@@ -146,7 +146,7 @@ def _read_section(reader: BitReader) -> tuple[Section | None, str]:
 
 
 class _UnknownLayoutError(Exception):
-    """A field says that a layout follows which isn't known."""
+    """A field refers to an unknown layout."""
 
 
 def _read_fields(reader: BitReader, fields: Sequence[Field | Array]) -> dict[str, Any]:
@@ -177,7 +177,7 @@ def _read_end(reader: BitReader, basic: dict[str, Any], sections: tuple[Section,
 
 
 def _rest(reader: BitReader) -> str:
-    """Return the bits that are left, without the zeros at the end."""
+    """Return the remaining bits, without the zeros at the end."""
     bits = "".join(str(reader.take(1, "rest")) for _ in range(reader.left))
     return bits.rstrip("0")
 

@@ -1,7 +1,7 @@
-"""The standard templates that matter for torque, as tables of fields.
+"""The standard templates for torque transducers, as tables of fields.
 
 Layout after the public overviews of the standard's templates. The basic sheet and template 33 are
-tested on a foreign memory image; of templates 40 to 42 no foreign image was to be had.
+tested on a third-party memory image; no such image was available for templates 40 to 42.
 """
 
 from __future__ import annotations
@@ -113,7 +113,7 @@ TEMPLATES: Mapping[int, Template] = {
                 Field("measurand", Enumeration(6, _MEASURANDS), "unit of the measurand"),
                 Field("min_physical", Single(), "lowest value of the measurand"),
                 Field("max_physical", Single(), "highest value of the measurand"),
-                # of the three precisions of the electrical values only the full one is known
+                # of the three precisions of electrical values only the full one is known
                 Field("electrical_precision", Whole(2, 2, 2), "precision of electrical values"),
                 Field("min_electrical", Single(), "electrical value at the lowest, V/V"),
                 Field("max_electrical", Single(), "electrical value at the highest, V/V"),
@@ -187,7 +187,7 @@ TEMPLATES: Mapping[int, Template] = {
         ),
     )
 }
-"""The templates that are read and written, by their numbers."""
+"""The supported templates, by their numbers."""
 
 
 def every_field(template: Template) -> Iterator[Field | Array]:

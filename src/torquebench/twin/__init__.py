@@ -1,7 +1,7 @@
 """The physical model of the whole bench with known true torque.
 
-Only the simulated driver, the simulators and tests may import it: what compensates the bench must
-not know its constants.
+Only the simulated driver, the simulators and tests may import it: compensation must not know its
+constants.
 """
 
 from torquebench.twin.bench import BenchTwin

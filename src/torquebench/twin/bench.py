@@ -37,7 +37,7 @@ from torquebench.twin.turning import LubricantName, fresh_lubrication
 
 __all__ = ["BenchTwin"]
 
-_ENCODERS = 7  # keeps the draws of encoders' certificates apart from all others
+_ENCODERS = 7  # separates the draws of encoder certificates from all others
 _CONVERSION = {
     "free": mechanism.CONVERSION_FREE,
     "driven": mechanism.CONVERSION_DRIVEN,
@@ -122,7 +122,7 @@ class BenchTwin:
             self._sources[channel].begin(self._zero_hz(channel))
         self._settle_plant()
 
-    # What a bench may know -----------------------------------------------------------------
+    # Data known to a bench --------------------------------------------------------------
     @property
     def time_s(self) -> float:
         """Bench time: seconds of the counters' clock since the start."""
@@ -497,7 +497,7 @@ class BenchTwin:
         return self._references[index].constants.zero_hz
 
     def _gather(self, reseated: tuple[float, float]) -> simulation.Constants:
-        """Constants for the kernels; mounting again changes the linear part of each chain a bit."""
+        """Return the constants for the kernels; a new mounting changes each chain's linear part."""
         chains = [
             side.chain._replace(
                 linear=(side.chain.linear[0] + change, side.chain.linear[1] + change)
@@ -518,14 +518,14 @@ class BenchTwin:
         return bool(self._orders.plant[0] == mechanism.FLANGE_HELD)
 
     def _forget(self, side: Side) -> None:
-        """Forget a side's commands."""
+        """Clear a side's commands."""
         index = _index(side)
         self._orders.control[index] = CONTROL_OFF
         self._orders.target[index] = 0.0
         self._orders.held_speed_rad_s[index] = 0.0
 
     def _settle_plant(self) -> None:
-        """Put the shafts at rest and without torque after what is mounted has changed."""
+        """Set the shafts to rest without torque after a change of the mounting."""
         measured = self._mounting in ("calibrator", "verification_standard")
         if not self._clamped or self._mounting == "nothing":
             flange = mechanism.FLANGE_LOOSE
@@ -548,7 +548,7 @@ class BenchTwin:
         self._settle_inertia()
 
     def _settle_inertia(self) -> None:
-        """Tell the speed controls what they turn."""
+        """Set the moving inertia of the speed controllers."""
         drives, reducer = self._constants.drives, self._parameters.reducer
         own = [drive.motor_inertia_kgm2 + drive.flange_inertia_kgm2 for drive in drives]
         self._orders.inertia_kgm2[:] = own

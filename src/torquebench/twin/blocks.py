@@ -1,4 +1,4 @@
-"""What the twin hands out: blocks of edges, encoder counts, probe temperatures and the truth."""
+"""Output of the twin: blocks of edges, encoder counts, probe temperatures and the truth."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

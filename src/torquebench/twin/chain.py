@@ -1,7 +1,7 @@
-"""What the chain between transducer and flange adds: from the transducer's torque to the true one.
+"""Additional torque of the chain: from the transducer's torque to the true one.
 
-The quadratics per direction are the sources' equations (`torquebench.mechanics`); the rest is what
-no polynomial describes: the step at torque reversal, the spline's engagement and local bumps.
+The quadratics per direction are the sources' equations (`torquebench.mechanics`); no polynomial
+describes the rest: the step at torque reversal, the spline's engagement and local bumps.
 """
 
 import math
@@ -92,7 +92,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
     sign = 1.0 - 2.0 * direction
     phase = chain.ripple_phase_rad[direction]
     wave = math.sin(2.0 * math.pi * magnitude / chain.ripple_period[direction] + phase)
-    engaged = magnitude / (magnitude + 0.03)  # at no load the spline floats
+    engaged = magnitude / (magnitude + 0.03)  # without load the spline floats
     result += sign * engaged * chain.ripple_nm[direction] * wave
     for k in range(4):
         distance = (relative - chain.bump_centre[k]) / chain.bump_width[k]

@@ -83,7 +83,7 @@ def edges_of_steps(
         whole = int(total)
         for k in range(1, whole + 1):
             cycles = k - phase
-            # the quadratic's root in the form that doesn't cancel for a small slope
+            # the quadratic's root in a form without cancellation at small slopes
             after = 2.0 * cycles / (start + math.sqrt(start * start + 2.0 * slope * cycles))
             after += jitter_ticks * generator.standard_normal()
             ticks[count] = math.floor(border + after)

@@ -28,7 +28,7 @@ DEMAND = 0  # torque demand behind the slew limit
 CURRENT_TORQUE = 1  # torque behind the current loop's lag
 SPEED_REFERENCE = 2  # speed behind the acceleration limit
 INTEGRAL = 3  # integral part of the speed controller
-COGGING_MEAN = 4  # what the torque loop has taken out of the cogging
+COGGING_MEAN = 4  # the torque loop's correction of the cogging
 WANDER = 5  # slow wander of the torque, units of its standard deviation
 DRIVE_STATES = 6
 

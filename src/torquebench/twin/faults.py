@@ -1,4 +1,4 @@
-"""Faults that tests inject: in frequencies, in pulse trains and in encoder counts."""
+"""Injected faults: in frequencies, in pulse trains and in encoder counts."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass, field
@@ -40,7 +40,7 @@ class Fault:
     start_tick: int
     stop_tick: int
     amount: float
-    held_hz: float | None = field(default=None)  # what "frozen" holds, once it has begun
+    held_hz: float | None = field(default=None)  # the value held by "frozen", once it has begun
 
 
 def make_fault(

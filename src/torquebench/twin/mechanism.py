@@ -72,10 +72,10 @@ def _turn_uncoupled_flange(
     held_speed_rad_s: float,
     step_s: float,
 ) -> float:
-    """Flange that is held (or turned at a speed) by the calibrator, or loose; returns dω/dt.
+    """Torque balance of a flange held or turned by the calibrator, or loose; returns dω/dt.
 
-    A loose flange that its drive turns drags by its bearings alone, as it does with something
-    mounted: that drag is in `torque_nm`. Without the drive it runs down against the motor's.
+    A loose flange driven by its motor has only bearing drag, the same as with something mounted:
+    that drag is in `torque_nm`. Without the drive it coasts against the motor's friction.
     """
     if flange == FLANGE_HELD:
         wanted = drive.bandwidth_rad_s * (held_speed_rad_s - row[FLANGE_SPEED])

@@ -1,4 +1,4 @@
-"""Constants of the twin: all of them are drawn by a preset and a seed."""
+"""Constants of the twin, all drawn from a preset and a seed."""
 
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -24,7 +24,7 @@ from torquebench.units import ARCSEC
 __all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
 
 
-_TURNING = 11  # keeps the draws of turning apart from all others
+_TURNING = 11  # separates the draws of rotation effects from all others
 
 
 class EncoderConstants(NamedTuple):
@@ -181,7 +181,7 @@ def _draw_side(
     side: Side,
     carrier_hz: float,
 ) -> SideParameters:
-    """Draw a side; a chain that couldn't be inverted (a step too steep) is drawn again."""
+    """Draw a side; a chain that can't be inverted (a step too steep) is drawn again."""
     design, wear = DESIGNS[side], WEAR[preset]
     while True:
         geometry = presets.draw_geometry(generator, design, wear)

@@ -87,7 +87,7 @@ BANDWIDTH: dict[float, tuple[float, float]] = {
     240e3: (1.0 / (2.0 * np.pi * 6e3), 150e-6 - 1.0 / (2.0 * np.pi * 6e3)),
 }
 
-# How much larger a worn bench's quantities are than a nominal one's.
+# Factors of a worn bench's quantities over a nominal one's.
 WEAR: dict[Preset, float] = {"nominal": 1.0, "worn": 1.7}
 
 
@@ -146,7 +146,8 @@ def draw_chain(
     widths = [generator.uniform(0.04, 0.08) for _ in range(4)]
     misalignment = geometry[0].angular_misalignment_rad / design.chain.angular_misalignment_rad
     at_full_speed = 1.0e-3 * misalignment * scale / design.largest_speed_rad_s**2
-    slowly = 1.0 if design.largest_speed_rad_s > 10.0 else 0.02  # 15 rpm don't shake anything
+    # speeds of 15 rpm cause no vibration
+    slowly = 1.0 if design.largest_speed_rad_s > 10.0 else 0.02
     first, second, third = (
         at_full_speed * slowly * generator.uniform(0.7, 1.3) * share for share in (1.0, 0.6, 0.2)
     )

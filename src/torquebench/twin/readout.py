@@ -1,4 +1,4 @@
-"""What the bench reads: pulse trains by channel, encoder counts, and static sweeps."""
+"""Readings of the bench: pulse trains by channel, encoder counts, and static sweeps."""
 
 from collections.abc import Sequence
 

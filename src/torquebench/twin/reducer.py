@@ -25,7 +25,7 @@ BRISTLE = 0  # deflection of the friction's bristles, rad at the input
 STOPS = 1  # two stop operators of the spring's hysteresis, rad at the output
 TWIST = 3  # twist of the step before, rad at the output
 GEAR_OFFSET = 4  # angle between both sides when mounted, rad at the output
-LOSS_J = 5  # friction loss since the last look, J
+LOSS_J = 5  # friction loss since the last reading, J
 REDUCER_STATES = 6
 
 

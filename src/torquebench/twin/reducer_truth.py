@@ -1,4 +1,4 @@
-"""What a reducer of the twin really is: the answers that a test should find, without noise."""
+"""True properties of a reducer of the twin, without noise: the expected test results."""
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -105,7 +105,7 @@ def _branch(
 ) -> tuple[FloatArray, FloatArray]:
     """Twist in small steps until a torque is reached; torque and twist along the way.
 
-    Within the backlash only the hysteresis holds: the torque still grows with the twist there.
+    Within the backlash the torque still grows with the twist, due to the hysteresis.
     """
     twist = float(state[red.TWIST])
     torque = [float(red.reducer_torque(reducer, state, twist, 0.0))]

@@ -1,7 +1,7 @@
 """The twin's two paths through the same operators: 1 ms steps in time, and static sweeps.
 
-Numba's cache of a kernel watches the kernel's own file only: the person who changes a file that
-these kernels call deletes ``__pycache__/*.nb*`` here, or continues with what was compiled before.
+Numba's cache of a kernel checks the kernel's own file only: after a change in a file that these
+kernels call, delete ``__pycache__/*.nb*`` here, or old code runs.
 """
 
 from typing import NamedTuple
@@ -66,7 +66,7 @@ class Orders(NamedTuple):
     control: IntArray  # [2]
     target: FloatArray  # [2] torque in N·m or speed in rad/s
     held_speed_rad_s: FloatArray  # [2]
-    inertia_kgm2: FloatArray  # [2] what the speed control believes to turn
+    inertia_kgm2: FloatArray  # [2] inertia assumed by the speed controller
     plant: IntArray  # [2] flange state, and whether a reference is mounted
     climate: FloatArray  # [CLIMATE]
 
@@ -148,7 +148,7 @@ def _motor_torque(
 
 @njit(cache=True)
 def _record_state(constants: Constants, state: State, recording: Recording, step: int) -> None:
-    """Write down the present state: truth, encoders, and the frequencies of all channels."""
+    """Record the present state: truth, encoders, and the frequencies of all channels."""
     recording.frequency_hz[:, step] = state.lagged_hz
     for side in range(2):
         row = state.shafts[side]
@@ -254,7 +254,7 @@ def simulate(
             STEP_S,
             SUBSTEPS,
         )
-        for side in range(2):  # the chain's part at the torque that belongs to the step's end
+        for side in range(2):  # the chain's part at the torque of the step's end
             change = _added_torque(constants, state, orders, side) - added[side]
             if orders.plant[0] != mechanism.FLANGE_LOOSE:
                 state.shafts[side, mechanism.INTERFACE_TORQUE] += change

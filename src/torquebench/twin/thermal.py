@@ -18,7 +18,8 @@ AMBIENT, INPUT_TRANSDUCER, OUTPUT_TRANSDUCER, REDUCER, CALIBRATOR = range(5)
 CLIMATE = 7
 """Length of the hall's climate: mean, swing, its period, its start, drop, its spacing and length.
 
-°C, K, s, s, K, s, s: a slow swing as over a day, and drops as of a gate that is opened."""
+°C, K, s, s, K, s, s: a slow swing as over a day, and drops as from an opened gate.
+"""
 
 
 class ThermalConstants(NamedTuple):

@@ -28,7 +28,7 @@ REFERENCE_TEMPERATURE_C = 23.0
 # Places of the memory in the state array.
 STOPS = 0  # three stop operators (complements of play operators), relative torque
 CREEP = 3  # two creep terms, relative torque
-SEATING = 5  # offset by the way the parts seat, units of the repeatability
+SEATING = 5  # offset by the seating of the parts, units of the repeatability
 SEATING_TORQUE = 6  # torque behind a play operator that ignores ripple
 LOADING_OFFSET = 7  # offset of the present loading, units of the repeatability
 LOADING_SPAN = 8  # change of span of the present loading, units of the repeatability
@@ -39,8 +39,8 @@ TRANSDUCER_STATES = 12
 
 NOISES = 5  # standard normal numbers that one step uses
 
-_SEATING_PLAY = 0.003  # ripple below this share of the range doesn't reseat anything
-_SEATING_LENGTH = 0.006  # relative torque after which the seating has forgotten
+_SEATING_PLAY = 0.003  # ripple below this share of the range doesn't re-seat anything
+_SEATING_LENGTH = 0.006  # relative torque after which the seating is forgotten
 
 
 class TransducerConstants(NamedTuple):
@@ -127,7 +127,7 @@ def _update_stops(constants: TransducerConstants, state: FloatArray, relative: f
 def _update_repeatability(
     constants: TransducerConstants, state: FloatArray, relative: float, normal: FloatArray
 ) -> float:
-    """Reseat the parts as the torque travels and redraw at each loading; relative deviation."""
+    """Re-seat the parts as the torque changes, redraw at each loading; return the deviation."""
     before = state[SEATING_TORQUE]
     after = min(relative + _SEATING_PLAY, max(relative - _SEATING_PLAY, before))
     state[SEATING_TORQUE] = after

@@ -1,6 +1,6 @@
-"""What turning and temperature change in a side: curved drift, bearing drag and its lubricant.
+"""Effects of rotation and temperature on a side: nonlinear drift, bearing drag, lubricant.
 
-All of it is zero at 23 °C and standstill, where the twin is as its other constants say.
+All are zero at 23 °C and standstill.
 """
 
 import math

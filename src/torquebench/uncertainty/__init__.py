@@ -1,4 +1,4 @@
-"""How well a value is known: GUM and Monte Carlo propagation, budgets, decision rules.
+"""Measurement uncertainty: GUM and Monte Carlo propagation, budgets, decision rules.
 
 Pure: quantities and functions in, frozen results out. Sources: JCGM 100:2008 (GUM),
 JCGM 101:2008 (Monte Carlo), JCGM 106:2012 (conformity), ILAC-G8:09/2019 (guard bands).

@@ -1,4 +1,4 @@
-"""The uncertainty budget: what each quantity contributes, degrees of freedom, coverage."""
+"""The uncertainty budget: contributions, degrees of freedom, coverage."""
 
 from dataclasses import dataclass
 from math import erf, isinf, sqrt

@@ -1,4 +1,4 @@
-"""The distributions that a budget's quantities may have, and draws from them."""
+"""Distributions of a budget's quantities, and draws from them."""
 
 from enum import StrEnum
 

@@ -1,4 +1,4 @@
-"""One input quantity of a measurement: its value and how well it is known."""
+"""One input quantity of a measurement: its value and its uncertainty."""
 
 from dataclasses import dataclass
 from math import inf, isfinite, isnan, sqrt

@@ -79,7 +79,7 @@ def sensitivities(
                 f"the measurement function is not finite around input {index + 1} = {value:g}",
                 "finite results within the input's uncertainty",
             )
-        # beside a pole the differences fail and the complex step doesn't
+        # near a pole the differences fail, the complex step doesn't
         agrees = not np.isfinite(extrapolated) or abs((exact or 0.0) - extrapolated) <= max(
             10.0 * error, 1e-6 * abs(extrapolated), 1e-12
         )
@@ -104,7 +104,7 @@ def _differences(
     function: MeasurementFunction, point: list[float], index: int, scale: float
 ) -> tuple[float, float]:
     """Return the derivative and its error by Ridders' extrapolated central differences."""
-    # a step far below the value's own size would drown in rounding
+    # a step far below the value's own size would be lost in rounding
     step = max(0.5 * scale, 1e-3 * abs(point[index]))
 
     def slope(width: float) -> float:

@@ -1,4 +1,4 @@
-"""A value and its expanded uncertainty in digits, as GUM 7.2.6 has it."""
+"""A value and its expanded uncertainty in digits, as in GUM 7.2.6."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
     """
     if not (isfinite(value) and isfinite(expanded) and expanded > 0.0):
         return f"{value:.5g}", "0" if expanded == 0.0 else "unknown"
-    if expanded < 1e-9 * abs(value):  # rounding, not measuring
+    if expanded < 1e-9 * abs(value):  # removes rounding noise
         return f"{value:.6g}", f"{expanded:.1g}"
     places = _places(expanded)
     decimals = max(places, 0)

@@ -11,13 +11,13 @@ from torquebench.reducers.columns import finite_columns
 __all__ = ["FirstMotion", "first_motion"]
 
 QUIET_SAMPLES = 6
-"""Least samples at rest before the first motion."""
+"""Fewest samples at rest before the first motion."""
 CREEP_WINDOWS = 40
 """Parts of a ramp in which its speed is checked."""
 ACCELERATION_OF_CREEP = 1.5
-"""Growth of the acceleration from one fifth of a ramp to the next of creep at most (motion: 2)."""
+"""Largest growth of creep's acceleration from one fifth of a ramp to the next (motion: 2)."""
 SIGNIFICANT = 5.0
-"""Standard deviations of the noise that are treated as motion."""
+"""Deviation that is treated as motion, in standard deviations of the noise."""
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ def first_motion(
     crossing, line, noise, level = _crossing(time, angle, threshold_rad)
     if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
         creeping = _creeping(time, angle, threshold_rad, moves=crossing < time.size)
-        # A straight line through much creep misses the motion, or finds it too early.
+        # A straight line through strong creep detects the motion too late, or too early.
         if creeping is not None and (crossing == time.size or creeping[0] > crossing):
             crossing, line, noise = creeping
     if crossing >= time.size:
@@ -115,9 +115,9 @@ def first_motion(
 def _crossing(
     time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float
 ) -> tuple[int, NDArray[np.float64], float, float]:
-    """Return the first sample beyond the line at rest for good, that line, noise and limit.
+    """Return the first sample permanently beyond the line at rest, that line, noise and limit.
 
-    The first sample is one behind the last where it never leaves the line.
+    Without motion, the first sample is one after the last.
 
     The part at rest grows from the start as long as the next samples follow its line.
     """
@@ -135,7 +135,7 @@ def _crossing(
         inside = np.flatnonzero(~beyond)
         last = int(inside[-1]) if inside.size else -1
         crossing = last + 1
-        # The line of a short start tilts: let it grow over what follows it still.
+        # The line of a short start may be tilted: extend it while later samples follow it.
         grown = min(int(0.8 * crossing), angle.size)
         if grown <= quiet or crossing >= angle.size:
             break
@@ -146,12 +146,12 @@ def _crossing(
 def _creeping(
     time: NDArray[np.float64], angle: NDArray[np.float64], threshold: float, *, moves: bool
 ) -> tuple[int, NDArray[np.float64], float] | None:
-    """Return what `_crossing` does, of an angle that creeps before it moves; None if it doesn't.
+    """Return the result of `_crossing` for an angle with creep before motion; else None.
 
-    Under a uniform ramp the creep's speed grows with time, so that its path is a parabola; it ends
-    where the angle is half as fast again for good. The very beginning, where elastic parts wind
-    up, isn't checked. `moves` says that the angle leaves a straight line for good: an inertia may
-    turn already then.
+    Under a uniform ramp the creep's speed grows with time, so that its path is a parabola. It ends
+    where the angle permanently exceeds it by half. The very beginning, where elastic parts wind up,
+    isn't checked. `moves` states that the angle permanently leaves a straight line: an inertia may
+    already be turning then.
     """
     edges = np.linspace(0, angle.size - 1, CREEP_WINDOWS + 1).astype(np.int64)
     speed = np.diff(angle[edges]) / np.maximum(np.diff(time[edges]), 1e-12)
@@ -160,8 +160,9 @@ def _creeping(
     second = slice(first.stop, CREEP_WINDOWS // 2)
     growth = float(np.median((speed / since)[second]))
     if moves and abs(growth) > 2.0 * abs(float(np.median((speed / since)[first]))):
-        # An inertia that turns already gets faster with the square of time: its acceleration
-        # doubles. Creep keeps its own, but may begin the other way after the brake is released.
+        # An inertia that is turning gets faster with the square of time: its acceleration doubles.
+        # Creep keeps its acceleration, but may start in the other direction after the brake is
+        # released.
         before, after = (np.polyfit(since[part], speed[part], 1)[0] for part in (first, second))
         if after * before <= 0.0 or abs(after) > ACCELERATION_OF_CREEP * abs(before):
             return None
@@ -185,9 +186,9 @@ def _cube_start(
 ) -> tuple[float, float]:
     """Go back from the threshold to the start; return it and its standard uncertainty.
 
-    A torque that rises uniformly above what holds an inertia back turns it by the cube of time,
-    so that the cube root is a line; drag makes the motion slower, friction that falls once it
-    slides makes it faster. The start lies anywhere between the line's zero and the threshold.
+    A torque that rises uniformly above the resisting torque turns an inertia by the cube of time,
+    so that the cube root is a line. Drag makes the motion slower; friction that falls after the
+    start makes it faster. The start is anywhere between the line's zero and the threshold.
     """
     step = float(time[crossing] - time[crossing - 1])
     late = float(time[crossing]) - 0.5 * step

@@ -29,14 +29,14 @@ if TYPE_CHECKING:
 __all__ = ["BreakawayResult", "BreakawayRun", "evaluate_breakaway"]
 
 COMMON = ("torque scale", "first motion")
-"""Contributions that both directions share."""
+"""Contributions common to both directions."""
 BreakawayKind = Literal["starting", "back-driving"]
 MEDIAN_EFFICIENCY = np.sqrt(np.pi / 2.0)
 """Standard error of a median of normal values, in standard errors of their mean."""
 LEAST_MOVING = 8
-"""Samples between the start and the threshold from which on their torque is checked."""
+"""Number of samples between start and threshold from which on their torque is checked."""
 SATURATED_SHARE = 0.2
-"""A drive saturates where the torque stands still over more than this share of a ramp."""
+"""A drive is saturated where the torque is constant over more than this share of a ramp."""
 
 
 @dataclass(frozen=True)
@@ -197,8 +197,8 @@ def _run_of(
         raise InputError(found, problem.allowed, problem.remedy) from problem
     before = slice(max(0, motion.index - max(8, motion.index // 4)), motion.index + 1)
     level, error, rate = _line_at(time[before] - motion.time_s, torque[before])
-    # Once it turns, the inertia before the transducer takes up what the drive adds: the torque
-    # hardly rises any more, so that what it is then depends little on when it began.
+    # After the start the inertia before the transducer takes up the drive's increase: the torque
+    # hardly rises, so an error of the start's time changes it little.
     after = slice(motion.index, motion.crossing + 1)
     if motion.crossing - motion.index >= LEAST_MOVING:
         level, error, _ = _line_at(time[after] - motion.time_s, torque[after])
@@ -283,13 +283,13 @@ def _median(runs: list[BreakawayRun], known: TorqueUncertainty) -> Budget:
         efficiency = MEDIAN_EFFICIENCY if values.size > 2 else 1.0
         error = efficiency * float(np.std(values, ddof=1)) / values.size**0.5
         parts.append(Contribution("spread over runs", error, values.size - 1))
-    # One rule dates the motion in all runs: what it gets wrong doesn't average out.
+    # One rule detects the motion in all runs: its error doesn't average out.
     parts.append(Contribution("first motion", own))
     return budget(middle, "N·m", parts)
 
 
 def _mean_of_both(first: Budget, second: Budget) -> Budget:
-    """Mean of both directions: the zero cancels, scale and dating stay, the rest averages."""
+    """Mean of both directions: zero cancels, scale and timing errors remain, the rest averages."""
     parts = [
         Contribution(name, 0.5 * (_part(first, name) + _part(second, name))) for name in COMMON
     ]

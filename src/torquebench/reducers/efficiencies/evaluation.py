@@ -112,7 +112,7 @@ class EfficiencyMap:
         ideal = torque_nm / abs(self.ratio)
         found = float(weight @ drive)
         share = ideal / found if driving == "input" else found / ideal
-        # Relative contributions of the input torques carry over to the share.
+        # Relative contributions of the input torques are those of the share.
         pull = weight * drive / found
         parts: list[Contribution] = []
         for name in sorted({line.name for each in mine for line in each.efficiency.lines}):

@@ -1,4 +1,4 @@
-"""Linear interpolation over scattered torques and speeds, also where they lie on one line."""
+"""Linear interpolation over scattered torques and speeds, also if they are collinear."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -77,7 +77,7 @@ def _along(axis: Floats, place: Floats) -> Floats:
 def _across(points: Floats, places: Floats) -> Floats:
     try:
         mesh = Delaunay(points)
-    except QhullError:  # all on one oblique line
+    except QhullError:  # all points on one oblique line
         far = points[np.argmax(np.ptp(points, axis=0))]
         return _along(points @ far, places @ far)
     simplex = mesh.find_simplex(places, tol=1e-9)

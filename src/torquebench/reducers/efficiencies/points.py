@@ -18,7 +18,7 @@ Side = Literal["input", "output"]
 SAME_POINT = 0.01
 """Share of the largest torque and speed within which points are treated as repeats."""
 CANCELLING = ("torque zero", "zero by speed")
-"""Ends of names of contributions that cancel in the mean of both directions."""
+"""Endings of contributions that cancel in the mean of both directions."""
 
 
 @dataclass(frozen=True)

@@ -14,15 +14,15 @@ __all__ = ["RawLoop", "cut_loops", "smoothed", "turning_points"]
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 QUIET_SHARE = 0.004
-"""Noise of the torque, as a share of its largest value, that doesn't blur a loop."""
+"""Noise of the torque, as a share of its largest value, below which loops need no averaging."""
 LONGEST_MEAN = 0.02
-"""Largest part of a record between two turns that is averaged against noise."""
+"""Largest part of a record between two reversals that is averaged against noise."""
 FULL_SPAN = 0.8
-"""A branch is whole where it spans this share of the widest."""
+"""A branch is complete if it spans this share of the widest."""
 TURN_SHARE = 0.25
-"""The torque turns where it goes back by this share of its range."""
+"""The torque reverses where it returns by this share of its range."""
 AT_THE_END = 0.9
-"""A labelled loop begins and ends at its largest torque, within this share."""
+"""A labelled loop begins and ends within this share of its largest torque."""
 
 
 @dataclass(frozen=True, eq=False)

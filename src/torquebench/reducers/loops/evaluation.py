@@ -138,7 +138,7 @@ def _at_reducer(
     known: LoopUncertainty,
     resolution_rad: float,
 ) -> tuple[NDArray[np.float64], LoopUncertainty]:
-    """Return the torque at the reducer, and what is known of it."""
+    """Return the torque at the reducer, and its uncertainty."""
     if time_s is None:
         raise InputError(
             f"a flange of {flange}, but no times",
@@ -153,7 +153,7 @@ def _at_reducer(
 
 
 def _loops(record: Record, settings: LoopSettings) -> tuple[list[LoopFeatures], list[Finding]]:
-    """Cut a record into loops and read each of them."""
+    """Cut a record into loops and evaluate each of them."""
     torque, angle, blurred = _less_noise(record.torque_nm, record.angle_rad, record.position)
     return [
         features_of(raw, torque, angle, settings)
@@ -165,7 +165,7 @@ def _loops(record: Record, settings: LoopSettings) -> tuple[list[LoopFeatures], 
 def _less_noise(
     torque: NDArray[np.float64], angle: NDArray[np.float64], place: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Finding]]:
-    """Average noisy torques in time, position by position, and say so."""
+    """Average noisy torques over time at each position, with a remark."""
     torque, angle = torque.copy(), angle.copy()
     widest = 1
     for label in np.unique(place):
@@ -245,8 +245,8 @@ def _lost_motion(
     share = rule.share * settings.rated_torque_nm
     positions = len({each.position for each in chosen})
     parts += [
-        # What compensation leaves of a step at reversal, both branches have alike, and its sign is
-        # the torque's: both ends add.
+        # The residual of a compensated step at reversal is equal on both branches and has the
+        # torque's sign: both ends add.
         Contribution("torque branch", 2.0 * known.torque_branch_nm * slope),
         Contribution("torque zero", known.torque_zero_nm * slope / positions**0.5),
         Contribution("torque scale", known.torque_relative * 2.0 * share * slope),
@@ -303,7 +303,7 @@ def _stiffness_budget(
 def _of_compliances(
     loops: list[LoopFeatures], stiffness: Callable[[LoopFeatures], float]
 ) -> tuple[float, list[Contribution]]:
-    """Return the stiffness by the mean of the compliances: angles averaged at equal torque."""
+    """Return the stiffness from the mean compliance: angles averaged at equal torque."""
     compliance, parts = _over(loops, lambda each: 1.0 / stiffness(each))
     scaled = [
         Contribution(part.name, part.standard_uncertainty / compliance**2, part.degrees_of_freedom)

@@ -1,4 +1,4 @@
-"""What one torque-angle loop shows: widths, slopes, energy."""
+"""Features of one torque-angle loop: widths, slopes, energy."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -152,7 +152,7 @@ def _regions(
 def _closure(
     raw: RawLoop, torque: Floats, angle: Floats, up: LocalLines, down: LocalLines
 ) -> float:
-    """Angle at the end of the loop less that at its start, brought to the same torque."""
+    """Return the angle at the end of the loop less the one at its start, at equal torque."""
     rows = np.sort(np.concatenate([raw.rising, raw.falling]))
     count = max(4, rows.size // 100)
     start, end = rows[:count], rows[-count:]

@@ -1,4 +1,4 @@
-"""What is wrong with torque-angle loops, by name: refused, or stated beside the result."""
+"""Defects of torque-angle loops, by name: refused, or stated with the result."""
 
 from typing import Any
 
@@ -14,7 +14,7 @@ __all__ = ["check_closure", "check_columns", "loop_findings"]
 
 Floats = NDArray[np.float64]
 PRELOAD_SHARE = 0.06
-"""A loop that is softest beyond this share of the rated torque is under a preload."""
+"""A loop whose smallest stiffness is beyond this share of the rated torque has a preload."""
 SOFTER = 2.0
 WIDEST_TWIST_RAD = 0.5
 

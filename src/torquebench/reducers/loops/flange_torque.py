@@ -1,4 +1,4 @@
-"""Torque at the reducer: the transducer's, less what the flange between them takes to move."""
+"""Torque at the reducer: the transducer's, less the torque that accelerates the flange between."""
 
 from dataclasses import dataclass
 from math import isfinite
@@ -16,8 +16,9 @@ Floats = NDArray[np.float64]
 
 WINDOW = 11
 DEGREE = 5
-"""Samples and degree of the polynomials through torque and angle: of a ripple of 12 samples a
-period 99 % of the torque and 94 % of the acceleration stay, of one of 20 samples 99 % of both."""
+"""Samples and degree of the polynomials through torque and angle: they keep 99 % of the torque and
+94 % of the acceleration of a ripple of 12 samples a period, and 99 % of both for 20 samples.
+"""
 
 
 @dataclass(frozen=True)

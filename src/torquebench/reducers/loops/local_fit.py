@@ -12,9 +12,9 @@ __all__ = ["LocalFit", "LocalLines"]
 Floats = NDArray[np.float64]
 GROWTH = 1.5
 CONFIDENCE = 2.5
-"""Standard errors within which fits of neighbouring windows have to agree."""
+"""Standard errors within which fits of neighbouring windows must agree."""
 BEND = 4.0
-"""A window with so many times the variance of the narrower one holds a bend, not more noise."""
+"""A window with this multiple of the narrower one's variance contains a bend, not more noise."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ class LocalLines:
         self._widest = largest_half_width
         self._offset = float(value.mean())
         y = value[order] - self._offset
-        # Noise by second differences, so that a bend doesn't count as noise.
+        # Noise from second differences, in which a bend doesn't count.
         rough = np.zeros_like(y)
         rough[1:-1] = np.diff(y, 2) ** 2 / 6.0
         sums = np.column_stack([np.ones_like(y), self._x, self._x**2, y, self._x * y, rough])
@@ -150,7 +150,7 @@ class LocalLines:
         return float(value), float(slope / half), error, int(y.size), rough
 
     def _least_half_width(self, places: Floats) -> Floats:
-        """Return the half width around each place that holds the least number of samples."""
+        """Return the smallest half width around each place that contains enough samples."""
         size, need = self._x.size, self._least
         middle = np.searchsorted(self._x, places)
         starts = np.clip(middle[:, None] - np.arange(need + 1), 0, size - need)

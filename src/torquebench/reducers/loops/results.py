@@ -1,4 +1,4 @@
-"""What a torque-angle loop is evaluated to."""
+"""Results of a torque-angle loop."""
 
 from __future__ import annotations
 

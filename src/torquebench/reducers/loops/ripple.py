@@ -1,4 +1,4 @@
-"""Ripple of the torque in torque-angle loops: what it hides, and which samples it leaves."""
+"""Ripple of the torque in torque-angle loops: its influence, and the unaffected samples."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -24,26 +24,29 @@ __all__ = [
 
 Floats = NDArray[np.float64]
 LOADED = 0.3
-"""The ripple is looked for above this share of the largest torque: the play's jump is below."""
+"""The ripple is searched above this share of the largest torque; backlash causes jumps below it."""
 LINE_SHARE = 0.5
-"""A ripple holds at least this share of what torque and angle do quickly."""
+"""Smallest share of the ripple in the fast changes of torque and angle."""
 SLOWEST = 20.0
 FASTEST = 2.2
 OVERTONE = 0.1
-"""An overtone with this share has tips of its own."""
+"""Share from which on an overtone has tips of its own."""
 RESOLVED = 6.0
-"""Samples in a period from which on a ripple's tips are seen."""
+"""Samples in a period from which on a ripple's tips are resolved."""
 LEFT = 0.15
-"""Standard uncertainty of what the outermost samples still miss, as a share of what the ripple hid,
-where the torque is measured beyond a flange that swings with it: of five simulated benches 0.13 to
-0.24 of the backlash were missed on four, with 12 to 21 samples a period; on the fifth the ripple
-hid less than noise did."""
+"""Standard uncertainty of the bias of the outermost samples, as a share of the ripple's influence,
+where the torque is measured beyond a flange that swings with it: on four of five simulated benches,
+with 12 to 21 samples a period, 0.13 to 0.24 of the backlash were lost; on the fifth the ripple's
+influence was below the noise.
+"""
 LEFT_AT_REDUCER = 0.05
-"""The same where the torque is that at the reducer: 0.01 to 0.04 of the backlash and 0.02 to 0.08
-of the loss on the same four."""
+"""The same where the torque is measured at the reducer: 0.01 to 0.04 of the backlash and 0.02 to
+0.08 of the loss on the same four benches.
+"""
 LEFT_UNRESOLVED = 0.5
-"""Standard uncertainty of what the outermost samples of a faster ripple miss, as a share of what
-the ripple hid."""
+"""Standard uncertainty of the bias of the outermost samples with a faster ripple, as a share of the
+ripple's influence.
+"""
 
 
 @dataclass(frozen=True)
@@ -194,7 +197,7 @@ def _line(torque: Floats, angle: Floats) -> Ripple | None:
     if last <= first + 2:
         return None
     peak = first + int(np.argmax(power[first:last]))
-    # The strongest line may be an overtone, where the bench's own resonance lifts it.
+    # The strongest line may be an overtone, amplified by the bench's own resonance.
     best = max((peak, peak / 2.0, peak / 3.0), key=lambda base: _harmonics(power, base).sum())
     lines = _harmonics(power, best)
     if min(lines.sum(), _harmonics(both, best).sum()) < LINE_SHARE:
@@ -215,7 +218,7 @@ def _harmonics(power: Floats, base: float) -> Floats:
 
 
 def _quick(values: Floats) -> Floats:
-    """Return what continues within a twentieth of a stretch."""
+    """Return the fast part of a signal, above a twentieth of its length."""
     width = max(5, int(values.size / SLOWEST)) | 1
     padded = np.pad(values, width // 2, mode="reflect", reflect_type="odd")
     return values - np.convolve(padded, np.full(width, 1.0 / width), mode="valid")

@@ -1,4 +1,4 @@
-"""How a torque-angle loop is read: makers' rules by name, intervals, uncertainties of the input."""
+"""Evaluation rules of torque-angle loops: makers' rules by name, intervals, input uncertainties."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass

@@ -1,1 +1,1 @@
-"""Running torque: no-load torque and friction against speed, and the empty shafts' own."""
+"""Running torque: no-load torque and friction against speed, and empty runs."""

@@ -25,7 +25,7 @@ __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_cur
 
 
 LARGEST_TEMPERATURE_RANGE_K = 2.0
-"""Above this change during a test the temperature is treated as unsteady."""
+"""Change of temperature during a test above which it is treated as unsteady."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,7 +102,7 @@ class FrictionResult:
                 scatter = Contribution(
                     "scatter about the fit", estimate.standard_uncertainty, fit.degrees_of_freedom
                 )
-                # An error of the zero is one of the Coulomb torque; speeds don't change it.
+                # An error of the zero is an error of the Coulomb torque at all speeds.
                 zero = self.systematic_uncertainty_nm if key == "coulomb" else 0.0
                 rows.append(
                     ResultQuantity(
@@ -261,7 +261,7 @@ def evaluate_friction(
 
 
 def _unsteady(temperature_c: ArrayLike | None) -> tuple[Finding, ...]:
-    """Name a temperature that changed during the test."""
+    """Report a temperature that changed during the test."""
     if temperature_c is None:
         return ()
     (warmth,) = finite_columns(1, temperature_c=temperature_c)

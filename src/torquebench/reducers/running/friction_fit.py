@@ -23,7 +23,7 @@ FORMS: dict[str, tuple[str, ...]] = {
 """Parameters of each form, the simplest first."""
 
 SUPPORTED = 3.0
-"""A part is treated as supported where it exceeds this many standard uncertainties."""
+"""A part is supported if it exceeds this many standard uncertainties."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +179,7 @@ def _supported(fit: FrictionFit) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Solution:
-    """Parameters of one form: the linear ones, the Stribeck speed in rad/s, and what is left."""
+    """Parameters of one form: the linear ones, the Stribeck speed in rad/s, and the residuals."""
 
     form: str
     linear: NDArray[np.float64]
@@ -206,7 +206,7 @@ def _solve(
     form: str,
     exponent: int,
 ) -> _Solution:
-    """Return the best fit of one form, or of the simpler one where a part of it vanishes."""
+    """Return the best fit of one form, or of the simpler one if a part of it vanishes."""
     names = tuple(name for name in FORMS[form] if name != "stribeck_speed")
     root = np.sqrt(weight)
 

@@ -1,4 +1,4 @@
-"""No-load running torque: what keeps the input turning at a speed, output free."""
+"""No-load running torque: the input torque at constant speed with a free output."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 __all__ = ["NoLoadPoint", "NoLoadResult", "TorqueUncertainty", "evaluate_no_load"]
 
 LEAST_RANGE_K = 1.0
-"""Below this change of temperature nothing is said about its effect."""
+"""Change of temperature below which its effect isn't evaluated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,7 +231,7 @@ def _at_temperature(
     reference_c: float,
     coefficient: Budget | None,
 ) -> tuple[NDArray[np.float64], float]:
-    """Return torques at a temperature, and the relative uncertainty of bringing them there."""
+    """Return torques converted to a temperature, and the conversion's relative uncertainty."""
     if coefficient is None:
         raise InputError(
             "no visible effect of the temperature",

@@ -251,7 +251,7 @@ SAME = frozenset(
         "tare transfer",
     }
 )
-"""Contributions that both directions share with their sign; all others are independent."""
+"""Contributions common to both directions, with their sign; all others are independent."""
 
 
 def both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[NoLoadPoint, ...]:
@@ -279,7 +279,7 @@ def both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[
             if name in CANCELLING:
                 continue
             total = sum(sizes) if name in SAME else sqrt(sum(size**2 for size in sizes))
-            # The scatter is pooled over both directions: so are its degrees of freedom.
+            # Scatter and degrees of freedom are pooled over both directions.
             freedom = min(line.degrees_of_freedom for line in both)
             parts.append(Contribution(name, 0.5 * total, freedom))
         value = 0.5 * (forward.magnitude().value + other.magnitude().value)

@@ -1,4 +1,4 @@
-"""What a turning chain reads with nothing mounted: subtracted from what it reads with a reducer."""
+"""Readings of a rotating chain with nothing mounted, subtracted from readings with a reducer."""
 
 from dataclasses import dataclass
 from math import inf, sqrt
@@ -12,10 +12,11 @@ from torquebench.reducers.columns import finite_columns, labels
 __all__ = ["TRANSFER_SHARE", "Tare", "TareValue", "fit_tare"]
 
 TRANSFER_SHARE = 0.2
-"""Half width by which bearings may drag differently with a reducer mounted, as a share of their
-drag: they then carry what misalignment presses on them."""
+"""Half width of the change of bearing drag with a reducer mounted, as a share of the drag:
+misalignment then loads the bearings.
+"""
 REACH = 1.05
-"""How far beyond its fastest speed an empty run may be used."""
+"""Factor beyond its fastest speed up to which an empty run is used."""
 HIGHEST_DEGREE = 2
 
 

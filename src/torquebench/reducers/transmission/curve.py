@@ -79,12 +79,12 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     revolutions = max(1, int(np.floor((span + 2.0 * step) / TURN)))
     grid = np.arange(first, first + revolutions * per_turn)
     error, averaged = _resampled(turned / step, run.error_rad, grid)
-    # The curve begins at the angle 0, so that curves of both directions compare.
+    # The curve begins at the angle 0, so that both directions are comparable.
     error = np.roll(error, first % per_turn)
     mean = float(error.mean())
     lines = np.fft.rfft((error - mean) / ARCSEC)
     order = np.arange(lines.size) / revolutions
-    if averaged:  # a mean over a step lowers what changes within it
+    if averaged:  # a mean over a step reduces changes within it
         lines = lines / np.sinc(np.minimum(order / per_turn, 0.5))
     kept = np.where(order <= highest_order * (1 + 1e-9), lines, 0.0)
     filtered = np.fft.irfft(kept, error.size).reshape(revolutions, per_turn)
@@ -93,7 +93,7 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     whole = np.arange(revolutions, lines.size, revolutions)
     whole = whole[order[whole] <= highest_order * (1 + 1e-9)]
     amplitude = 2.0 * np.abs(lines[whole]) / error.size
-    # The noise of a mean curve spreads over its lines: variance of the curve = sum of a²/2.
+    # The noise of a mean curve is distributed over its lines: variance of the curve = sum of a²/2.
     per_line = noise * np.sqrt(2.0 / max(whole.size, 1))
     return Revolution(
         angle_rad=np.arange(per_turn, dtype=np.float64) * step,
@@ -113,7 +113,7 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
 
 
 def _resampled(place: Floats, error: Floats, grid: NDArray[np.int64]) -> tuple[Floats, bool]:
-    """Return means over the steps of the grid, or interpolated values where samples are few.
+    """Return means over the steps of the grid; interpolated values where samples are few.
 
     `place` counts in steps.
     """
@@ -132,11 +132,12 @@ def _resampled(place: Floats, error: Floats, grid: NDArray[np.int64]) -> tuple[F
 def _noise(
     filtered: Floats, lines: NDArray[np.complex128], order: Floats, highest_order: float
 ) -> tuple[float, float, Floats]:
-    """Return the standard error of the mean curve, its degrees of freedom, and it by place."""
+    """Return the mean curve's standard error, its degrees of freedom, and the error by place."""
     revolutions, per_turn = filtered.shape
     if revolutions > 1:
         spread = filtered.std(axis=0, ddof=1) / revolutions**0.5
-        # Neighbouring places share their noise: as many independent ones as the filter lets pass.
+        # Neighbouring places have common noise: the filter's bandwidth gives the independent
+        # number.
         independent = min(2.0 * highest_order, per_turn)
         return (
             float(np.sqrt(np.mean(spread**2))),
@@ -154,7 +155,7 @@ def _noise(
 
 
 def _peak_noise(curve: Floats, noise: float) -> float:
-    """Return by how much noise raises the range: the more places compete, the more.
+    """Return by how much noise raises the range: the more places are near the peak, the more.
 
     For each end, the expected maximum of the competing places (those within two standard
     deviations of the peak), which is about σ·√(2 ln n) for n independent ones.

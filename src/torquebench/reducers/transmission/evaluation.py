@@ -310,10 +310,10 @@ def _direction(
 
 
 def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:
-    """Return what the encoders' errors do to max − min, arcsec.
+    """Return the effect of the encoders' errors on max − min, arcsec.
 
-    Errors that go once around differ most between places half a turn of the encoder apart:
-    by 2·|sin(Δ/2)| of their standard uncertainty, and by √2 where they don't go around.
+    Errors with a period of one turn differ most between places half a turn of the encoder apart: by
+    2·|sin(Δ/2)| of their standard uncertainty. Other errors contribute √2 of it.
     """
     places = found.angle_rad[[np.argmax(found.error_arcsec), np.argmin(found.error_arcsec)]]
     apart = float(places[0] - places[1])

@@ -17,9 +17,9 @@ Floats = NDArray[np.float64]
 TURN = 2.0 * np.pi
 SAMPLES_PER_PERIOD = 10.0
 RATIO_TOLERANCE = 1e-3
-"""Relative deviation of the ratio that is named before anything else is checked."""
+"""Relative deviation of the ratio that is reported before any other check."""
 GAP_STEPS = 25.0
-"""A step of the angle that is so much larger than nearly all others is a gap of the record."""
+"""A step of the angle that is this much larger than nearly all others is a gap."""
 DRIFT_SHARE = 0.05
 LEAST_DRIFT_ARCSEC = 2.0
 
@@ -111,7 +111,7 @@ def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
 
 
 def _one_way(angle: Floats) -> list[tuple[int, int]]:
-    """Return first and last samples of the stretches in which an angle goes one way."""
+    """Return first and last samples of the intervals in which an angle has one direction."""
     steps = np.abs(np.diff(angle))
     gaps = np.flatnonzero(steps > GAP_STEPS * np.quantile(steps, 0.95)) + 1
     found = []
@@ -120,7 +120,7 @@ def _one_way(angle: Floats) -> list[tuple[int, int]]:
         if piece.size < 2:
             continue
         for start, stop in pairwise(turning_points(piece).tolist()):
-            # Turning points of a smoothed angle are near the real ones only.
+            # Reversals of a smoothed angle are only near the real ones.
             part = piece[start : stop + 1] * np.sign(piece[stop] - piece[start])
             if part.any():
                 first, last = int(np.argmin(part)), int(np.argmax(part))
@@ -207,7 +207,7 @@ def _periodic(angle: Floats, orders: list[float]) -> Floats:
 
 
 def _strong_orders(angle: Floats, rest: Floats) -> list[float]:
-    """Return the orders, above those that a step is made of, that stand out of the rest."""
+    """Return the orders that stand out of the rest, above those of which a step consists."""
     per_turn = 2048
     first = angle[0]
     grid = first + np.arange(per_turn) * TURN / per_turn
@@ -219,13 +219,13 @@ def _strong_orders(angle: Floats, rest: Floats) -> list[float]:
 
 
 def _best_step(angle: Floats, rest: Floats, basis: Floats) -> tuple[float, float, float]:
-    """Return the step, the squares that it leaves and its place; periodic parts are free."""
+    """Return the step, the remaining sum of squares and the step's place, besides periodic parts."""
     size = angle.size
     # Projected step functions: the sums of the basis from each place on.
     tail_basis = np.cumsum(basis[::-1], axis=0)[::-1]
     tail_rest = np.cumsum(rest[::-1])[::-1]
     norm = (size - np.arange(size)) - np.sum(tail_basis**2, axis=1)
-    usable = norm > 0.01 * size  # a step right at an end is none
+    usable = norm > 0.01 * size  # a step right at an end isn't one
     gain = np.where(usable, tail_rest**2 / np.where(usable, norm, 1.0), 0.0)
     best = int(np.argmax(gain))
     step = float(tail_rest[best] / norm[best]) if usable[best] else 0.0

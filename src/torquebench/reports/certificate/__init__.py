@@ -1,7 +1,7 @@
 """Certificates of calibrations: one record, and from it a PDF per language and a digital XML.
 
-`build_record` gathers what a calibration in the registry allows to state, `issue_certificate`
-writes and registers the files, and `check_certificate` tells whether a file is one of them.
+`build_record` collects the data of a registered calibration, `issue_certificate` writes and
+registers the files, and `check_certificate` verifies a file.
 """
 
 import lazy_loader

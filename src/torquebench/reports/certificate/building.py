@@ -49,7 +49,7 @@ __all__ = [
 ]
 
 DEFAULT_TOLERANCE_PERCENT_FS = 0.1
-"""0.1 % of full scale: what the published instrument reaches (doi 10.1177/00202940221103308)."""
+"""0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""
 
 UNREVIEWED = {
     "unverified": "its model isn't verified on fresh points",
@@ -57,7 +57,7 @@ UNREVIEWED = {
     "unchecked": "no second person checked it before it was put into use",
     "self_signed": "the person who authorises it measured or entered it",
 }
-"""What may be missing of a certificate, and how it is said where it is refused."""
+"""Conditions of a certificate, and the messages of refusals."""
 
 
 @dataclass(frozen=True)
@@ -248,9 +248,9 @@ def _unreviewed(
     issue: Issue,
     verification: VerificationSummary | None,
 ) -> tuple[str, ...]:
-    """Return what a second person or fresh points haven't confirmed, as keys of `UNREVIEWED`."""
+    """Return the keys of `UNREVIEWED` not confirmed by a second person or fresh points."""
     found = []
-    # Whoever enters a table answers for it as much as who has measured it.
+    # The person who enters a table is as responsible as the person who has measured.
     entered_by = str(source.folder.metadata.get("entered_by") or "")
     doers = (calibration.measured_by, source.run.operator, entered_by)
     measured = {name.strip().casefold() for name in doers if name.strip()}
@@ -404,7 +404,7 @@ def _judged_points(
 def _verification(
     registry: Registry, source: Source, tolerance_percent_fs: float | None
 ) -> VerificationSummary | None:
-    """Return what the latest verification of the model found."""
+    """Return the results of the model's latest verification."""
     entry = source.model_entry
     found = [] if entry is None else registry.verifications(entry.model_id)
     if not found:

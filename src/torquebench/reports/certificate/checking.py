@@ -1,4 +1,4 @@
-"""Whether a certificate in somebody's hands is the one that was issued."""
+"""Whether a certificate is the issued one."""
 
 import hashlib
 import re
@@ -87,7 +87,7 @@ def check_certificate(registry: Registry, given: str) -> CertificateCheck:
 
 
 def _stated(content: bytes, digest: str, issued: list[CertificateEntry]) -> tuple[str, str]:
-    """Return number and record hash that a file states, by its code or by being registered."""
+    """Return number and record hash of a file, by its code or by its registration."""
     stated = _PAYLOAD.search(content.decode("utf-8", "replace"))
     if stated is not None:
         return stated[1], stated[2]
@@ -145,7 +145,7 @@ def schema_findings(content: bytes) -> tuple[str, ...] | None:
     if not schema.is_valid:
         return tuple(f"schema, line {each.line}: {each.message}" for each in schema.errors)
     report = SchematronValidator.for_dcc().validate_tree(tree)
-    # dcclib counts failed assertions only; the schematron also reports what is there and mustn't.
+    # dcclib counts failed assertions only; the schematron also reports forbidden content.
     return tuple(
         f"schematron, {each.location}: {' '.join(each.text.split())}"
         for each in (*report.failed_assertions, *report.successful_reports)

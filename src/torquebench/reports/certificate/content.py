@@ -1,4 +1,4 @@
-"""What the PDF shows, in words and numbers of one language, for the template to lay out."""
+"""Content of the PDF: words and numbers in one language, for the template."""
 
 from collections.abc import Sequence
 from datetime import date
@@ -60,12 +60,12 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
 
 
 def _word(key: str, record: CertificateRecord) -> str:
-    """Return the key of a label, of its variant if there is no compensation."""
+    """Return the key of a label; of its variant without compensation."""
     return key if record.compensation else f"{key}_raw"
 
 
 def _banner(record: CertificateRecord, words: Labels) -> str | None:
-    """Return what every page warns of."""
+    """Return the warning of every page."""
     shown = [words[key] for key in ("draft", "simulated") if getattr(record, key)]
     if record.unreviewed:
         shown.append(unreviewed_words(record, words))
@@ -125,7 +125,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
 
 
 def _method(record: CertificateRecord, words: Labels) -> list[str]:
-    """Say how it was calibrated, and how far."""
+    """State the calibration method and the range."""
     method, range_nm = record.method, record.item.range_nm
     how = [words["method_text"].format(series=method.series, points=method.points)]
     largest_nm = max(abs(row.torque_nm) for row in record.results)
@@ -295,7 +295,7 @@ def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
 
 
 def _turning(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
-    """Return the budget while it rotates; None where that wasn't measured."""
+    """Return the budget during rotation; None if that wasn't measured."""
     found = record.turning_budget
     if found is None:
         return None

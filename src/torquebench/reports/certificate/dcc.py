@@ -29,8 +29,9 @@ _SI = "https://ptb.de/si"
 _NEWTON_METRE = r"\newton\metre"
 _COVERAGE = 0.9545
 _UNKNOWN_COUNTRY = "AQ"
-"""Antarctica, if nobody calibrates: the schema demands a country, and the schematron a real
-one, even for a simulated calibration by no laboratory."""
+"""Antarctica, without a laboratory: the schema requires a country, and the schematron a real one,
+even for a simulated calibration.
+"""
 
 
 def certificate_xml(record: CertificateRecord) -> bytes:
@@ -81,7 +82,7 @@ class _Writer:
     # Text in every language of the certificate
 
     def _words(self, parent: ElementTree.Element, name: str, *keys: str, **values: object) -> None:
-        """Add an element whose content is words of the label table, in each language."""
+        """Add an element with a label's text, in each language."""
         element = _add(parent, name)
         for language, words in self.words.items():
             content = _add(
@@ -90,7 +91,7 @@ class _Writer:
             content.set("lang", language)
 
     def _text(self, parent: ElementTree.Element, name: str, text: str) -> None:
-        """Add an element whose content has no language: a name, a serial, a recorded text."""
+        """Add an element without a language: a name, a serial number, a recorded text."""
         _add(_add(parent, name), "content", text)
 
     # Administrative data
@@ -106,7 +107,7 @@ class _Writer:
         roles = [
             (name, "authorised", place == 0) for place, name in enumerate(record.authorised_by)
         ]
-        # The schema demands a responsible person even of a draft that nobody has authorised.
+        # The schema requires a responsible person even of a draft that nobody has authorised.
         roles = roles or [("-", "authorised", True)]
         roles += [(record.measured_by, "measured", False), (record.checked_by, "checked", False)]
         for name, role, main in roles:
@@ -266,7 +267,7 @@ class _Writer:
             self._static(parent, static)
 
     def _circumstances(self, result: ElementTree.Element) -> None:
-        """Add method, software, standard and environment, which every result has to name."""
+        """Add method, software, standard and environment, which every result must state."""
         self._method(_add(_add(result, "usedMethods"), "usedMethod"))
         self._software(_add(result, "usedSoftware"))
         self._standard(_add(_add(result, "measuringEquipments"), "measuringEquipment"))
@@ -398,7 +399,7 @@ def _tables(rows: Sequence[ResultRow]) -> list[tuple[str, str, list[ResultRow]]]
     """Return the rows by direction and branch, with the keys of their labels."""
     tables: dict[tuple[str, str], list[ResultRow]] = {}
     for row in rows:
-        counter_clockwise = f"{row.torque_nm:g}".startswith("-")  # tells -0.0 too
+        counter_clockwise = f"{row.torque_nm:g}".startswith("-")  # distinguishes -0.0, too
         sign = "counter_clockwise" if counter_clockwise else "clockwise"
         branch = {1: "rising", -1: "falling"}.get(row.branch, "branch_unknown")
         tables.setdefault((sign, branch), []).append(row)

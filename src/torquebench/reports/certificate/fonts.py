@@ -1,4 +1,4 @@
-"""Which fonts a certificate is set in, and what to install if one is missing."""
+"""Fonts of a certificate, and what to install if one is missing."""
 
 import unicodedata
 from collections.abc import Iterable
@@ -12,7 +12,7 @@ from torquebench.errors import InputError
 __all__ = ["LATIN", "chinese_family", "fonts_for", "has_chinese"]
 
 LATIN = "Libertinus Serif"
-"""Comes with Typst, so that a certificate's bytes don't depend on what a machine has."""
+"""Supplied with Typst, so that a certificate's bytes don't depend on the machine."""
 
 CHINESE = (
     "Noto Serif CJK SC",
@@ -21,7 +21,7 @@ CHINESE = (
     "Source Han Sans SC",
     "WenQuanYi Zen Hei",
 )
-"""The first of these that is installed is taken."""
+"""The first installed one is used."""
 
 
 def has_chinese(texts: Iterable[str]) -> bool:

@@ -24,7 +24,7 @@ __all__ = [
 ]
 
 UNREGISTERED = ".unregistered-"
-"""In the name of a folder of files that no certificate came of."""
+"""Part of the name of a folder of files without a registered certificate."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,8 @@ def issue_certificate(
     def register() -> None:
         known = registry.certificates(record.calibration_id)
         if not any(each.number == entry.number and each.files == entry.files for each in known):
-            registry.add_certificate(entry)  # else the server went away after it had taken it
+            # otherwise the server failed after it had stored the entry
+            registry.add_certificate(entry)
 
     registry.patiently(register)
     if folder is not None:  # nothing leaves the archive before it is registered
@@ -118,7 +119,7 @@ def issue_certificate(
 
 
 def _set_aside(archive: Path) -> None:
-    """Keep, under another name, what was written under a number that was never registered."""
+    """Rename files that were written under a number that was never registered."""
     if archive.exists():
         archive.rename(archive.with_name(f"{archive.name}{UNREGISTERED}{secrets.token_hex(4)}"))
 

@@ -1,4 +1,4 @@
-"""The words of a certificate in its languages, and how each language writes numbers."""
+"""Texts of a certificate in its languages, and their number formats."""
 
 import tomllib
 from collections.abc import Iterator, Mapping

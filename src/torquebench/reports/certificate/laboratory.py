@@ -1,4 +1,4 @@
-"""Who issues certificates and for whom: a small TOML file."""
+"""The issuing laboratory and its customer: a small TOML file."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -13,7 +13,7 @@ from torquebench.validation import parse_toml, validated
 __all__ = ["LABORATORY_FILE", "Letterhead", "kept_letterhead", "person_among", "read_letterhead"]
 
 LABORATORY_FILE = "laboratory.toml"
-"""Where a data directory keeps it."""
+"""File in a data directory."""
 
 _SHAPE = '[laboratory] with name, city and country ("DE"), and where wanted [customer] likewise'
 

@@ -1,4 +1,4 @@
-"""The record that PDF and digital certificate are both written from: everything they state."""
+"""The record from which PDF and digital certificate are written: all their statements."""
 
 import json
 from collections.abc import Iterator, Mapping
@@ -32,7 +32,7 @@ __all__ = [
 ]
 
 PAYLOAD_PREFIX = "torquebench-certificate"
-"""What the QR code begins with, before number and hash."""
+"""Beginning of the QR code's text, before number and hash."""
 
 RECORD_FORMAT = 2
 
@@ -521,7 +521,7 @@ def _restored(kind: Any, value: Any) -> Any:
     """Return a value of JSON as the type that a field asks for."""
     if is_dataclass(kind):
         hints = get_type_hints(kind)
-        # A record of an older format lacks what came later, which has a default.
+        # A record of an older format lacks newer fields, which have defaults.
         names = [
             each.name
             for each in fields(kind)

@@ -202,7 +202,7 @@ def turning_budget(
 
 @dataclass(frozen=True, eq=False)
 class _Steps:
-    """Which points belong to which step: equal nominal torque, equal branch."""
+    """Assigns points to steps: equal nominal torque, equal branch."""
 
     label: NDArray[np.intp]
     torque_nm: NDArray[np.float64]
@@ -214,7 +214,7 @@ class _Steps:
         nominal = data.standard_nm if data.nominal_nm is None else data.nominal_nm
         direction = data.loading_direction().astype(np.float64)
         rounded = np.round(nominal / data.range_nm, 9) * data.range_nm
-        # Zero clockwise and counter-clockwise is one torque, but lies on two loops.
+        # Zero clockwise and counter-clockwise is one torque, but belongs to two loops.
         rounded = np.where(rounded == 0.0, np.copysign(0.0, direction), rounded)
         keys = np.stack([rounded, direction, -data.branch.astype(np.float64)], axis=1)
         _, first, label = np.unique(keys, axis=0, return_index=True, return_inverse=True)
@@ -310,7 +310,7 @@ def reference_of(reference: Reference, range_nm: float) -> ReferenceEffect:
 
 
 class _Raw:
-    """The errors of the reading, and what makes them uncertain."""
+    """The errors of the reading, and their uncertainty."""
 
     def __init__(self, data: CalibrationData, steps: _Steps, resolution_nm: float) -> None:
         error_nm = data.reading_nm - data.standard_nm

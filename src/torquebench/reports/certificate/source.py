@@ -1,4 +1,4 @@
-"""What a certificate rests on: a calibration's run, points, profile, standard and model."""
+"""Data of a certificate: a calibration's run, points, profile, standard and model."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -182,7 +182,7 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
         Equipment("calibrator", serial),
     )
     bench = folder.metadata.get("bench")
-    # What bench description or table said when the run was made, not what is said today.
+    # From the bench description or table at the time of the run, not of today.
     standard: Mapping[str, Any] = (bench or {}).get("calibrator", {})
     if standard.get("serial") != serial:
         standard = {**described.details, "model": described.model}
@@ -215,7 +215,7 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
 
 
 def _report(registry: Registry, serial: str, day: date) -> Report:
-    """Return the certificate that a standard had on a day: a later one says nothing of it."""
+    """Return the certificate of a standard that was valid on a day."""
     reports = registry.reports(serial)
     had = [each for each in reports if each.performed is None or each.performed <= day]
     return (had or reports or [Report("calibrator", serial, "")])[0]

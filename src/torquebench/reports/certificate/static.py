@@ -1,4 +1,4 @@
-"""The static evaluation of a calibration as its certificate states it."""
+"""The static evaluation of a calibration for its certificate."""
 
 from collections.abc import Iterator
 
@@ -109,7 +109,7 @@ def _table(
     degree = max(evaluation.interpolations)
     classes: list[StaticClass] = []
     if side.classification is not None:
-        # From the best class to the worst: a worse one says something where it begins earlier.
+        # From the best class to the worst: a worse one is listed only if its range begins earlier.
         for accuracy_class, start in sorted(side.classification.starts_nm.items()):
             if start is not None and (not classes or start < classes[-1].from_nm):
                 classes.append(StaticClass(accuracy_class, start))
@@ -150,7 +150,7 @@ def _at(values: NDArray[np.float64] | None, row: int) -> float | None:
 
 
 def _missing(evaluation: StaticEvaluation) -> Iterator[str]:
-    """Yield the symbols of what a class limits and what wasn't measured."""
+    """Yield the symbols of quantities that a class limits but that weren't measured."""
     for symbol, value in (
         ("b′", evaluation.repeatability_percent),
         ("b", evaluation.reproducibility_range_percent),

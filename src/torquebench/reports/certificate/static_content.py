@@ -15,7 +15,7 @@ __all__ = [
 ]
 
 MOST_ROWS = 20
-"""More steps than this are summed up in the PDF; the digital certificate has all of them."""
+"""Most steps that the PDF lists; the digital certificate has all of them."""
 
 STATIC_QUANTITIES = {
     "indication": "f_q",

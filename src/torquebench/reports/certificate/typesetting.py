@@ -23,9 +23,9 @@ from torquebench.reports.certificate.record import CertificateRecord
 __all__ = ["certificate_pages", "certificate_pdf", "code_svg", "errors_svg"]
 
 PDF_STANDARD: Final = "a-2u"
-"""PDF/A for archives: fonts embedded, text that can be searched and copied."""
+"""PDF/A for archives: embedded fonts, searchable text."""
 PICTURE_PPI: Final = 110.0
-"""Of pages that are shown on a screen."""
+"""Resolution of pages on a screen."""
 
 
 def certificate_pdf(
