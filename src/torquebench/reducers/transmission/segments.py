@@ -219,7 +219,7 @@ def _strong_orders(angle: Floats, rest: Floats) -> list[float]:
 
 
 def _best_step(angle: Floats, rest: Floats, basis: Floats) -> tuple[float, float, float]:
-    """Return the step, the remaining sum of squares and the step's place, besides periodic parts."""
+    """Return the step, the remaining sum of squares and the place, with periodic parts."""
     size = angle.size
     # Projected step functions: the sums of the basis from each place on.
     tail_basis = np.cumsum(basis[::-1], axis=0)[::-1]
