@@ -133,13 +133,22 @@ def test_what_turn_writes_is_what_fit_and_apply_take(tmp_path: Path) -> None:
     (tmp_path / "run.toml").write_text(ramps + ends)
     loads = 'kind = "calibration"\ntorque_shares = [0.25, 0.5, 0.75, 1.0]\n'
     (tmp_path / "load.toml").write_text(loads + ramps.replace("0.25, 0.5, 1.0", "1.0") + ends)
-    for profile, table in (("run.toml", "empty.csv"), ("load.toml", "points.csv")):
+    (tmp_path / "random.toml").write_text(
+        'kind = "verification"\ntorque_shares = [1.0]\nspeed_shares = [0.5, 1.0]\n'
+        "hold_s = 0.2\nsettle_s = 0.5\n[random]\nspeeds = 2\ntorques = 3\n" + ends
+    )
+    runs = ("run.toml", "empty.csv"), ("load.toml", "points.csv"), ("random.toml", "fresh.csv")
+    for profile, table in runs:
         words = ("turn", "input", "--profile", profile, "--out", table)
         turned = run(*words, cwd=tmp_path)
         assert turned.returncode == 0, turned.stderr
     fitted = run("fit", "points.csv", "--empty", "empty.csv", "--out", "m.json", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
     assert "inertia" in fitted.stdout
+    verified = run("verify", "m.json", "fresh.csv", "--report", "fresh.html", cwd=tmp_path)
+    assert verified.returncode == 0, verified.stdout + verified.stderr
+    assert "8 readings" in verified.stdout
+    assert "Speed, temperature and torque" in (tmp_path / "fresh.html").read_text()
     applied = run("apply", "m.json", "empty.csv", "--out", "torque.csv", cwd=tmp_path)
     assert applied.returncode == 0, applied.stderr
     rows = [line for line in (tmp_path / "torque.csv").read_text().splitlines() if line[0] != "#"]

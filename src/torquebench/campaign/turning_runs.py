@@ -1,4 +1,4 @@
-"""Runs while a module turns, from the profile to the table: empty runs, turning calibrations."""
+"""Runs while a module turns, from profile to table: empty runs, calibrations, verifications."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from torquebench.calibration import CalibrationData
 from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.errors import InputError
 from torquebench.procedures import Plan, Rehearsal, rehearse
-from torquebench.procedures.turning.calibrating import calibrate_turning, series_of
+from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import NO_PROGRESS, Progress
@@ -59,7 +59,7 @@ def rehearse_turning(
     station: Station, side: Side, profile: TurningProfile
 ) -> Rehearsal[EmptySummary] | Rehearsal[CalibrationData]:
     """Go through a run without moving anything; the time for waiting isn't in it."""
-    if profile.kind == "calibration":
+    if profile.kind != "empty":
         return rehearse(station.devices, calibrate_turning(station.devices, side, profile))
     return rehearse(station.devices, turn_empty(station.devices, side, profile, EmptyTable(side)))
 
@@ -104,7 +104,7 @@ def measure_turning(
         "profile_sha256": profile.sha256,
         "operator": operator_name(),
     }
-    if profile.kind == "calibration":
+    if profile.kind != "empty":
         before = begun if isinstance(begun, BegunCalibration) else None
         done = 0 if before is None else before.series_done
         shift_s = 0.0
@@ -126,15 +126,20 @@ def measure_turning(
         def loading(*, kept: bool = True) -> Plan[CalibrationData]:
             on_series = keep if kept else None
             return calibrate_turning(
-                station.devices, side, profile, series_done=done, on_series=on_series
+                station.devices,
+                side,
+                profile,
+                wait=wait,
+                series_done=done,
+                on_series=on_series,
             )
 
         points = measure(
             station,
             loading,
             rehearsed=lambda: loading(kept=False),
-            kind=f"turning-calibration-{side}",
-            title=f"Calibrating the turning {side} module",
+            kind=f"turning-{profile.kind}-{side}",
+            title=f"Turning {profile.kind} of the {side} module",
             metadata=metadata,
             progress=progress,
             on_pause=on_pause,
@@ -170,8 +175,8 @@ def _remarks(
     """Return remarks that identify a table's run and state how far it came."""
     module = station.description.module(side)
     series = profile.series()
-    if profile.kind == "calibration":
-        series = series_of(profile.points(side, module.range_nm))[-1]
+    if profile.kind != "empty":
+        series = profile.points(side, module.range_nm)[-1].series
     return {
         "simulated": str(station.devices.context.drivers.truth is not None).lower(),
         "side": side,
@@ -225,7 +230,7 @@ def read_begun(
     done, _, total = table.remarks.get("series_done", "0 of 1").partition(" of ")
     if int(done) >= int(total):
         raise InputError(f"{path} is complete", "an interrupted run", "begin another file")
-    if profile.kind == "calibration":
+    if profile.kind != "empty":
         return BegunCalibration(read_calibration_csv(path), int(done))
     rows: NDArray[np.float64] = np.column_stack([table.numbers(name) for name in COLUMNS])
     begun = EmptyTable(side)

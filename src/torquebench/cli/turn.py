@@ -70,17 +70,24 @@ def turn(
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
     ] = False,
+    seed: Annotated[
+        int | None,
+        typer.Option(min=0, help="Draw the random points of a verification by another seed."),
+    ] = None,
     real_time: RealTimeOption = False,
 ) -> None:
     """Rotate a module with nothing mounted or against the calibrator, and write the table.
 
     Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (uses the
-    bench's own warming), identification (inertia), turning-calibration. Ctrl-C pauses. An aborted
-    run keeps its complete series (a calibration's speeds); --resume measures the others.
+    bench's own warming), identification (inertia), turning-calibration, turning-verification
+    (random torques and speeds, for `verify`). Ctrl-C pauses. An aborted run keeps its complete
+    series (a calibration's speeds); --resume measures the others.
     """
     from torquebench.procedures.turning.profile import load_turning_profile
 
     chosen = load_turning_profile(profile)
+    if seed is not None:
+        chosen = chosen.with_seed(seed)
     description = bench_description(bench)
     answer(side=side.value, profile=chosen.name, simulated=description.simulated)
     if dry_run:
@@ -189,12 +196,19 @@ def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
     table.add_column(overflow="fold")
     top = profile.top_rpm(side.value)
     speeds = ", ".join(f"{share * top:g}" for share in profile.speed_shares)
-    table.add_row("speeds", f"{speeds} rpm, both directions")
+    if profile.random is not None:
+        torque = f"±{100 * profile.torque_shares[-1]:g} % of range"
+        lowest = profile.speed_shares[0] * top
+        table.add_row("speeds", f"random, {lowest:g} to {top:g} rpm, both directions")
+        table.add_row("torques", f"random, {torque}; seed {profile.random.seed}")
+        table.add_row("points", f"{rehearsal.points} in {profile.series()} series")
+    else:
+        table.add_row("speeds", f"{speeds} rpm, both directions")
     if profile.kind == "empty":
         ramps = profile.ramps
         table.add_row("ramps", f"{top / ramps.gentle_s:.3g} and {top / ramps.steep_s:.3g} rpm/s")
         table.add_row("series", f"{profile.series()} of {len(profile.legs(side.value))} legs")
-    else:
+    elif profile.kind == "calibration":
         torques = ", ".join(f"{100 * share:g}" for share in profile.torque_shares)
         table.add_row("torques", f"±{torques} % of range, and 0")
         table.add_row("points", str(rehearsal.points))

@@ -8,7 +8,7 @@ from tests.watching import Watching
 
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
-from torquebench.errors import InputError, LimitError
+from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.procedures.turning.empty import EmptyTable
 from torquebench.procedures.turning.profile import (
     TurningProfile,
@@ -160,6 +160,43 @@ def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(
         read_begun(file, "input", chosen, station.description.input.transducer.serial)
 
 
+def test_a_verification_draws_speeds_and_torques_that_a_seed_repeats(
+    station: Station, tmp_path: Path
+) -> None:
+    drawn = {"speeds": 2, "torques": 3}
+    changes = {"kind": "verification", "torque_shares": [0.8], "random": drawn, "repeats": 2}
+    chosen = profile(**{**changes, "speed_shares": [0.3, 1.0]})
+    points = chosen.points("input", 50.0)
+    assert points == chosen.with_seed(1).points("input", 50.0)
+    assert points != chosen.with_seed(2).points("input", 50.0)
+    assert chosen.sha256 != chosen.with_seed(2).sha256
+    assert [point.series for point in points] == 8 * [1] + 8 * [2]
+    speeds = {abs(point.speed_rpm) for point in points}
+    assert len(speeds) == 4
+    assert 360.0 <= min(speeds) <= max(speeds) <= 1200.0
+    assert 20.0 < max(abs(point.torque_nm) for point in points) <= 40.0
+    assert points[3].torque_nm == points[7].torque_nm == 0.0
+    file = tmp_path / "fresh.csv"
+    measure_turning(station, "input", chosen, file)
+    data = read_calibration_csv(file)
+    assert data.nominal_nm is not None
+    assert data.speed_rpm is not None
+    np.testing.assert_allclose(data.nominal_nm, [point.torque_nm for point in points], atol=1e-5)
+    np.testing.assert_allclose(data.speed_rpm, [point.speed_rpm for point in points], rtol=0.01)
+    np.testing.assert_array_equal(data.series, [point.series for point in points])
+    assert np.max(np.abs(data.reading_nm - data.standard_nm)) < 0.02 * 50.0
+
+
+def test_a_verification_waits_for_the_temperature_of_each_series(
+    station: Station, tmp_path: Path
+) -> None:
+    changes = {"kind": "verification", "torque_shares": [0.8], "random": {"speeds": 1}}
+    waits = profile(**changes, temperatures={"wanted_c": [60.0], "longest_h": 0.02})
+    with pytest.raises(BenchError, match="60 °C"):
+        measure_turning(station, "input", waits, tmp_path / "never.csv")
+    measure_turning(station, "input", waits, tmp_path / "now.csv", wait=False)
+
+
 def test_profiles_that_make_no_run_are_refused(station: Station, tmp_path: Path) -> None:
     with pytest.raises(InputError, match="empty-run, empty-run-temperatures"):
         load_turning_profile("nothing")
@@ -170,6 +207,10 @@ def test_profiles_that_make_no_run_are_refused(station: Station, tmp_path: Path)
         profile(largest_rpm={"input": 100}).legs("output")
     with pytest.raises(ValueError, match="calibration"):
         profile(torque_shares=[1.0])
+    with pytest.raises(ValueError, match="random belongs"):
+        profile(kind="verification", torque_shares=[1.0])
+    with pytest.raises(InputError, match="a seed for profile"):
+        profile().with_seed(3)
     with pytest.raises(LimitError):
         rehearse_turning(station, "input", profile(largest_rpm={"input": 5000}))
     assert EmptyTable("input").summary().rows == 0

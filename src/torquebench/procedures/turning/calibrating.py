@@ -1,8 +1,8 @@
-"""Calibration against a rotating reference: steady torques at steady speeds, zero at speed."""
+"""Steady torques at steady speeds against a rotating reference: calibration, verification."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,17 +19,16 @@ from torquebench.procedures.guarding import StepLimits, guarded, loading_limits,
 from torquebench.procedures.messages import checkpoint, move, progress, take
 from torquebench.procedures.reducers.setup import check_followed, stamp, turn_at
 from torquebench.procedures.setup import Plan, Setup, power_on, set_up, unloaded_after
-from torquebench.procedures.turning.empty import run_metadata
+from torquebench.procedures.turning.empty import reach_temperature, run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["calibrate_turning", "series_of"]
+__all__ = ["calibrate_turning"]
 
 
 @dataclass
 class _Table:
     points: list[TurningPoint] = field(default_factory=list)
-    series: list[int] = field(default_factory=list)
     rows: list[Mapping[str, Any]] = field(default_factory=list)
 
 
@@ -38,21 +37,25 @@ def calibrate_turning(
     side: Side,
     profile: TurningProfile,
     *,
+    wait: bool = True,
     series_done: int = 0,
     on_series: Callable[[CalibrationData, int], None] | None = None,
 ) -> Plan[CalibrationData]:
     """Load a turning module against the rotating calibrator.
 
-    Each value is a mean over whole revolutions. Reading and reference are zeroed at rest; points
-    without torque at each speed, before and after its loadings, show the zero at speed. Numbers of
-    series count the speeds.
+    Each value is a mean over whole revolutions. Reading and reference are zeroed at rest before
+    each series. Points of a calibration without torque at each speed, before and after its
+    loadings, show the zero at speed. A verification loads the module with random torques at each of
+    its random speeds; the speed changes at zero torque.
 
     Parameters
     ----------
     devices : BenchDevices
     side : {"input", "output"}
     profile : TurningProfile
-        Of kind "calibration".
+        Of kind "calibration" or "verification".
+    wait : bool
+        Whether a series waits for its temperature.
     series_done : int
         Series that were measured before: they aren't again.
     on_series : callable, optional
@@ -71,7 +74,7 @@ def calibrate_turning(
     largest = max(abs(point.torque_nm) for point in points)
     if largest > module.limits.torque_nm:
         raise LimitError(f"{largest:g} N·m at the {side}", f"at most {module.limits.torque_nm:g}")
-    todo = [each for each in zip(points, series_of(points), strict=True) if each[1] > series_done]
+    todo = [point for point in points if point.series > series_done]
     top, table = profile.top_rpm(side), _Table()
     metadata = {
         **run_metadata(devices, side, profile, len(todo)),
@@ -82,7 +85,7 @@ def calibrate_turning(
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
         metadata["standard_serial"] = standard_serial(devices.context.state)
-        body = _loaded(devices, side, profile, todo, table, on_series)
+        body = _loaded(devices, side, profile, todo, table, on_series, wait=wait)
         yield from bpp.run_wrapper(body, md=metadata)
 
     loading = loading_limits(devices, side, largest)
@@ -96,60 +99,67 @@ def calibrate_turning(
     return _data(devices, side, table)
 
 
-def series_of(points: Sequence[TurningPoint]) -> list[int]:
-    """Return the number of the series of each point, from 1: one at each speed."""
-    speeds = np.array([point.speed_rpm for point in points])
-    numbers = 1 + np.cumsum(np.diff(speeds) != 0.0)
-    return [1, *map(int, numbers)]
-
-
 def _loaded(
     devices: BenchDevices,
     side: Side,
     profile: TurningProfile,
-    points: list[tuple[TurningPoint, int]],
+    points: list[TurningPoint],
     table: _Table,
     on_series: Callable[[CalibrationData, int], None] | None,
+    *,
+    wait: bool,
 ) -> Plan[None]:
     drive, steady = devices.module(side).drive, devices.module(side).steady
     top = profile.top_rpm(side)
     rate = top / profile.ramps.gentle_s
     yield from bps.prepare(steady, SteadySettings(reference=True), wait=True)
     present, before, seen = 0.0, 0, devices.interruptions
-    for number, (point, series) in enumerate(points):
+    largest = max(abs(point.torque_nm) for point in points)
+    for number, point in enumerate(points):
         text = f"{point.speed_rpm:g} rpm, {point.torque_nm:g} N·m"
         yield from progress(number, len(points), text)
         yield from checkpoint()
         held = devices.interruptions != seen
         seen = devices.interruptions
-        if series != before or held:
+        if point.series != before or held:
             if present != 0.0 and not held:
                 yield from move(drive.torque, 0.0)
                 yield from turn_at(devices, side, 0.0, rate)
-            if series != before:
+            if point.series != before:
                 if before and on_series is not None and table.rows:
                     on_series(_data(devices, side, table), before)
-                before = series
+                before = point.series
+                if wait:
+                    place = (number, len(points))
+                    yield from reach_temperature(devices, side, profile, before - 1, place)
                 yield from zero(devices, side, duration_s=profile.zero_s, standard=True)
-            present = point.speed_rpm
             yield from power_on(devices, side)
-            yield from turn_at(devices, side, present, rate)
-            if held and point.branch < 0 and point.torque_nm != 0.0:  # the turning point again
-                turned = np.sign(point.torque_nm) * max(abs(p.torque_nm) for p, _ in points)
-                yield from move(drive.torque, float(turned))
+            yield from turn_at(devices, side, point.speed_rpm, rate)
+            if held and point.branch < 0:  # the turning point again
+                turned = float(np.sign(point.torque_nm)) * largest
+                if profile.random is not None:
+                    turned = points[number - 1].torque_nm
+                yield from move(drive.torque, turned)
+        elif point.speed_rpm != present:
+            yield from move(drive.torque, 0.0)
+            yield from turn_at(devices, side, point.speed_rpm, rate)
+        present = point.speed_rpm
         period_s = 60.0 / abs(point.speed_rpm)
         window = SteadySettings(
             profile.settle_s, profile.turning_s(point.speed_rpm), 0.0, period_s, reference=True
         )
         yield from bps.prepare(steady, window, wait=True)
         yield from stamp(
-            devices, series=series, step=number, branch=point.branch, target_nm=point.torque_nm
+            devices,
+            series=point.series,
+            step=number,
+            branch=point.branch,
+            target_nm=point.torque_nm,
         )
         yield from move(drive.torque, point.torque_nm)
         row = yield from take(steady, devices.point, stream="points")
         check_followed(row, point.speed_rpm, 0.0, side)
         table.points.append(point)
-        table.series.append(series)
         table.rows.append(row)
     yield from move(drive.torque, 0.0)
     yield from turn_at(devices, side, 0.0, rate)
@@ -169,7 +179,7 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
     return CalibrationData(
         reading_nm=column("reading_nm"),
         standard_nm=column("standard_nm"),
-        series=np.array(table.series),
+        series=np.array([point.series for point in table.points]),
         branch=np.array([point.branch for point in table.points]),
         range_nm=module.range_nm,
         side=side,

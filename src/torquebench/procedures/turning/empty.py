@@ -39,7 +39,7 @@ from torquebench.procedures.setup import (
 from torquebench.procedures.turning.profile import Leg, TurningProfile
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["EmptySummary", "EmptyTable", "run_metadata", "turn_empty"]
+__all__ = ["EmptySummary", "EmptyTable", "reach_temperature", "run_metadata", "turn_empty"]
 
 FloatArray = NDArray[np.float64]
 
@@ -192,7 +192,9 @@ def turn_empty(
 
     def measured() -> Plan[None]:
         for number in range(table.series_done, series):
-            yield from runner.reach_temperature(number, wait=wait)
+            if wait:
+                done = (number * len(legs), runner.total)
+                yield from reach_temperature(devices, side, profile, number, done)
             yield from runner.take_zero()
             if profile.warm_up is not None and number:
                 yield from runner.warm_up()
@@ -220,6 +222,43 @@ def turn_empty(
     return table.summary()
 
 
+def reach_temperature(
+    devices: BenchDevices, side: Side, profile: TurningProfile, series: int, done: tuple[int, int]
+) -> Plan[None]:
+    """Wait until the transducer has the temperature of a series (from 0), if it has one.
+
+    Parameters
+    ----------
+    devices, side, profile, series
+    done : (int, int)
+        Steps that are done, and all of them, for the progress.
+
+    Raises
+    ------
+    BenchError
+        The temperature isn't reached in time.
+    """
+    wanted, settings = profile.wanted_c(series), profile.temperatures
+    if wanted is None or settings is None:
+        return
+    # A rehearsal doesn't wait for temperatures.
+    if (yield from angle_rad(devices, side)) is None:
+        return
+    probe, warm = devices.context.description.module(side).temperature_probe, float("nan")
+    for _ in range(round(settings.longest_h * 3600.0 / settings.look_s) + 1):
+        warm = yield from temperature_c(devices, probe or "")
+        if abs(warm - wanted) <= settings.within_k:
+            return
+        yield from progress(*done, f"waiting for {wanted:g} °C, {warm:.1f} °C now")
+        yield from checkpoint()
+        yield from bps.sleep(settings.look_s)
+    raise BenchError(
+        f"the {side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
+        f"{wanted:g} °C ± {settings.within_k:g} K",
+        "heat or cool the room, or measure at its present temperature: --no-wait",
+    )
+
+
 @dataclass
 class _Runner:
     """Drives the legs of an empty run."""
@@ -235,29 +274,6 @@ class _Runner:
     def _temperature(self) -> Plan[float]:
         probe = self.devices.context.description.module(self.side).temperature_probe
         return (yield from temperature_c(self.devices, probe or ""))
-
-    def reach_temperature(self, series: int, *, wait: bool) -> Plan[None]:
-        """Wait until the transducer has the temperature of a series."""
-        wanted, settings = self.profile.wanted_c(series), self.profile.temperatures
-        if wanted is None or settings is None or not wait:
-            return
-        # a rehearsal doesn't wait for temperatures
-        if (yield from angle_rad(self.devices, self.side)) is None:
-            return
-        warm = float("nan")
-        for _ in range(round(settings.longest_h * 3600.0 / settings.look_s) + 1):
-            warm = yield from self._temperature()
-            if abs(warm - wanted) <= settings.within_k:
-                return
-            text = f"waiting for {wanted:g} °C, {warm:.1f} °C now"
-            yield from progress(self._done(series, 0), self.total, text)
-            yield from checkpoint()
-            yield from bps.sleep(settings.look_s)
-        raise BenchError(
-            f"the {self.side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
-            f"{wanted:g} °C ± {settings.within_k:g} K",
-            "heat or cool the room, or measure at its present temperature: --no-wait",
-        )
 
     def take_zero(self) -> Plan[None]:
         """Take the zero that all readings count from, once; the drive is on afterwards."""

@@ -12,9 +12,10 @@ from math import ceil, pi, sin
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.validation import parse_toml, validated
 
@@ -57,11 +58,14 @@ class TurningPoint:
     speed_rpm, torque_nm : float
     branch : int
         +1 where the size of the torque grows, -1 where it falls.
+    series : int
+        From 1. Each series begins at rest with a zero.
     """
 
     speed_rpm: float
     torque_nm: float
     branch: int
+    series: int
 
 
 class _Settings(BaseModel):
@@ -101,30 +105,42 @@ class Swings(_Settings):
     cycles: Annotated[int, Field(ge=1, le=6)] = 4
 
 
+class RandomPoints(_Settings):
+    """Random speeds of each series of a verification, and random torques at each speed."""
+
+    speeds: Annotated[int, Field(ge=1, le=100)] = 5
+    torques: Annotated[int, Field(ge=1, le=100)] = 5
+    seed: Annotated[int, Field(ge=0)] = 1
+
+
 class TurningProfile(_Settings):
     """Speeds, ramps, temperatures and torques of a run.
 
     Parameters
     ----------
     name, title : str
-    kind : {"empty", "calibration"}
-        Nothing mounted, or steady torques against the turning calibrator.
+    kind : {"empty", "calibration", "verification"}
+        Nothing mounted, or steady torques against the turning calibrator: at stated steps, or at
+        random.
     speed_shares : list of float
-        Rising shares of the largest speed; each in both directions.
+        Rising shares of the largest speed; each in both directions. A verification draws speeds
+        between the first and the last.
     largest_rpm : dict of side to float
     hold_s, settle_s : float
         Shortest time at a speed, lengthened to whole revolutions, and time before it is used.
     ramps, temperatures, warm_up, swings
         Parts of an empty run.
     torque_shares : list of float
-        Rising shares of the range, of a calibration.
+        Rising shares of the range, of a calibration. A verification draws torques up to the last.
+    random : RandomPoints, optional
+        Points of each series of a verification.
     repeats : int
         Series at each temperature.
     """
 
     name: str
     title: str = ""
-    kind: Literal["empty", "calibration"] = "empty"
+    kind: Literal["empty", "calibration", "verification"] = "empty"
     speed_shares: Annotated[list[Share], Field(min_length=1)]
     largest_rpm: dict[Side, Annotated[float, Field(gt=0)]]
     hold_s: Seconds = 2.0
@@ -135,6 +151,7 @@ class TurningProfile(_Settings):
     warm_up: WarmUp | None = None
     swings: Swings | None = None
     torque_shares: list[Share] = []
+    random: RandomPoints | None = None
     repeats: Annotated[int, Field(ge=1, le=100)] = 1
 
     @model_validator(mode="after")
@@ -143,15 +160,38 @@ class TurningProfile(_Settings):
             values = getattr(self, name)
             if any(b <= a for a, b in pairwise(values)):
                 raise ValueError(f"{name} {values}: rising shares are allowed")
-        if (self.kind == "calibration") != bool(self.torque_shares):
-            raise ValueError("torque_shares belong to kind = 'calibration', and to it only")
-        if self.kind == "calibration" and (self.temperatures or self.warm_up or self.swings):
-            raise ValueError("temperatures, warm_up and swings belong to kind = 'empty'")
+        loaded = self.kind != "empty"
+        if loaded != bool(self.torque_shares):
+            raise ValueError(
+                "torque_shares belong to kind = 'calibration' and 'verification', and to them only"
+            )
+        if (self.kind == "verification") != (self.random is not None):
+            raise ValueError("random belongs to kind = 'verification', and to it only")
+        if loaded and (self.warm_up or self.swings):
+            raise ValueError("warm_up and swings belong to kind = 'empty'")
+        if self.kind == "calibration" and self.temperatures:
+            raise ValueError("temperatures belong to kind = 'empty' and 'verification'")
         if self.temperatures is not None and self.warm_up is not None:
             raise ValueError("temperatures are waited for, or come by warming up: not both")
         if self.swings is not None and self.swings.around + self.swings.share > 1.0:
             raise ValueError("swings beyond the largest speed")
         return self
+
+    def with_seed(self, seed: int) -> TurningProfile:
+        """Return the profile with random points by another seed.
+
+        Raises
+        ------
+        InputError
+            Where its points aren't random.
+        """
+        if self.random is None:
+            raise InputError(
+                f"a seed for profile {self.name}",
+                "a seed for random points: kind = 'verification'",
+                "give --profile turning-verification, or no seed",
+            )
+        return self.model_copy(update={"random": self.random.model_copy(update={"seed": seed})})
 
     @property
     def sha256(self) -> str:
@@ -235,7 +275,10 @@ class TurningProfile(_Settings):
             yield Leg(tuple(ramps), 0.0, f"swings of {period_s:g} s")
 
     def points(self, side: Side, range_nm: float) -> list[TurningPoint]:
-        """Return the steady torques of a calibration, zero at each speed first and last.
+        """Return the steady torques of a calibration or verification.
+
+        A calibration has a series at each speed, a verification `repeats` series at each
+        temperature. The last torque at each speed is zero.
 
         Examples
         --------
@@ -243,17 +286,40 @@ class TurningProfile(_Settings):
         >>> [point.torque_nm for point in profile.points("input", 50.0)][:6]
         [0.0, 12.5, 25.0, 37.5, 50.0, 37.5]
         """
-        top, found = self.top_rpm(side), []
+        if self.random is not None:
+            return self._random_points(self.random, side, range_nm)
+        top, found, series = self.top_rpm(side), list[TurningPoint](), 0
         up = [(share * range_nm, 1) for share in self.torque_shares]
         down = [(torque, -1) for torque, _ in reversed(up[:-1])]
-        for sign in (1.0, -1.0):
-            for share in self.speed_shares:
-                speed = round(sign * share * top, 9)
-                found.append(TurningPoint(speed, 0.0, 1))
-                for load in (1.0, -1.0):
-                    found += [TurningPoint(speed, load * torque, b) for torque, b in up + down]
-                    found.append(TurningPoint(speed, 0.0, -1))
-        return found * self.repeats
+        for _ in range(self.repeats):
+            for sign in (1.0, -1.0):
+                for share in self.speed_shares:
+                    speed, series = round(sign * share * top, 9), series + 1
+                    found.append(TurningPoint(speed, 0.0, 1, series))
+                    for load in (1.0, -1.0):
+                        steps = [*up, *down, (0.0, -1)]
+                        found += [TurningPoint(speed, load * t, b, series) for t, b in steps]
+        return found
+
+    def _random_points(
+        self, drawn: RandomPoints, side: Side, range_nm: float
+    ) -> list[TurningPoint]:
+        top, largest = self.top_rpm(side), self.torque_shares[-1] * range_nm
+        lowest, highest = self.speed_shares[0], self.speed_shares[-1]
+        found = list[TurningPoint]()
+        for series in range(1, self.series() + 1):
+            generator = np.random.default_rng([drawn.seed, SIDES.index(side), series])
+            for _ in range(drawn.speeds):
+                speed = generator.uniform(lowest, highest) * generator.choice((-1.0, 1.0))
+                loads = [*generator.uniform(-largest, largest, drawn.torques).tolist(), 0.0]
+                before = 0.0
+                for load in loads:
+                    grows = load * before <= 0.0 or abs(load) > abs(before)
+                    branch = 1 if load and grows else -1
+                    torque = round(load, 6)
+                    found.append(TurningPoint(round(speed * top, 6), torque, branch, series))
+                    before = load
+        return found
 
 
 def available_profiles() -> tuple[str, ...]:
