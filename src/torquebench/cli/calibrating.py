@@ -9,7 +9,6 @@ import typer
 
 from torquebench.cli.console import (
     answer,
-    note,
     out,
     say,
     say_file,
@@ -25,10 +24,7 @@ if TYPE_CHECKING:
     from torquebench.calibration import Profile
     from torquebench.campaign.finishing import FinishedCalibration
     from torquebench.campaign.fitting import ModelChoice
-    from torquebench.campaign.measuring import Measured
     from torquebench.campaign.resuming import InterruptedCalibration
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.procedures import StaircaseResult
 
 __all__ = ["report_calibration", "run_calibrations"]
 
@@ -46,61 +42,34 @@ def run_calibrations(
     reports: Sequence[Path] = (),
 ) -> None:
     """Calibrate modules one after the other, or continue with one, and report each."""
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.finishing import finish_calibration, registers_calibration
     from torquebench.campaign.fitting import ModelChoice
-    from torquebench.campaign.measuring import RunAbortedError, measure_calibration
+    from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
+    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
     from torquebench.compensation import RECOMMENDED
-    from torquebench.station import Station
 
-    if description.simulated:
-        note("simulated bench")
     contradicting = False
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
     choice = model or ModelChoice(RECOMMENDED)
     known = registers_calibration([choice], choice.name)
-    with Station.open(description, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station, but=interrupted.run_ids[-1] if interrupted else "")
+    resumed = interrupted.run_ids[-1] if interrupted else ""
+    with open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session:
+        station = session.station
         tell_doubts(station, CALIBRATOR)
         for side in sides:
-            progress = TerminalProgress()
-            interrupts = BenchInterrupts(station, progress)
-
-            def measure(
-                side: Side = side,
-                progress: TerminalProgress = progress,
-                interrupts: BenchInterrupts = interrupts,
-            ) -> Measured[StaircaseResult]:
-                ask = interrupts.ask
+            with session.measuring() as (progress, ask):
                 if interrupted is not None:
-                    return resume_calibration(
+                    measured = resume_calibration(
                         station, interrupted, metadata=known, progress=progress, on_pause=ask
                     )
-                return measure_calibration(
-                    station, side, profile, metadata=known, progress=progress, on_pause=ask
-                )
-
-            try:
-                with (
-                    progress,
-                    tell_warnings(station, progress),
-                    attending(station, progress),
-                    interrupts.watching(),
-                    answering(prompts, progress, yes=yes),
-                ):
-                    finished = finish_calibration(
-                        station.registry, measure(), profile, [choice], choice.name, progress
+                else:
+                    measured = measure_calibration(
+                        station, side, profile, metadata=known, progress=progress, on_pause=ask
                     )
-            except RunAbortedError as aborted:
-                raise interrupts.reported(aborted) from None
+                finished = finish_calibration(
+                    station.registry, measured, profile, [choice], choice.name, progress
+                )
             report_calibration(finished)
             _write_reports(finished, reports, several=len(sides) > 1)
             contradicting = contradicting or bool(finished.fitted[0].contradictions)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import signal
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, narrow_table, note, out, say, warn
-from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+from torquebench.cli.console import answer, narrow_table, out, say
+from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -63,46 +62,16 @@ def check(
     description = bench_description(bench)
     confirm_start(description, side.value, chosen, yes)
 
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.campaign.checking import check_module
-    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.doubts import VERIFICATION_STANDARD, tell_doubts
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.station import Station
 
-    if description.simulated:
-        note("simulated bench")
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
-    with Station.open(description, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
-        tell_doubts(station, VERIFICATION_STANDARD)
-        progress = TerminalProgress()
-        interrupts = BenchInterrupts(station, progress)
-        try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
-                result = check_module(
-                    station,
-                    side.value,
-                    chosen,
-                    tolerance,
-                    progress=progress,
-                    on_pause=interrupts.ask,
-                )
-        except RunAbortedError as aborted:
-            warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
-            by_key = interrupts.signal == signal.SIGINT
-            raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+    with open_bench(description, data, real_time=real_time, yes=yes) as session:
+        tell_doubts(session.station, VERIFICATION_STANDARD)
+        with session.measuring() as (progress, ask):
+            result = check_module(
+                session.station, side.value, chosen, tolerance, progress=progress, on_pause=ask
+            )
     _report(result, tolerance)
 
 

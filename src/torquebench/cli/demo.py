@@ -106,28 +106,14 @@ def _tell(
     description: BenchDescription, settings: DemoSettings, data: Path, real_time: bool
 ) -> DemoResult:
     from torquebench.campaign.demo import run_demo
-    from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.station import Station
+    from torquebench.cli.bench_session import open_bench
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
-    progress = TerminalProgress()
-    with Station.open(description, data, real_time=real_time) as station:
-        tell_recovered(station)
-        interrupts = BenchInterrupts(station, progress, may_pause=False)
-        try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-            ):
-                return run_demo(station, settings, progress)
-        except RunAbortedError as aborted:
-            raise interrupts.reported(aborted) from None
+    with (
+        open_bench(description, data, real_time=real_time, yes=True, announce=False) as session,
+        session.measuring(may_pause=False) as (progress, _),
+    ):
+        return run_demo(session.station, settings, progress)
 
 
 def _write_report(path: Path, result: DemoResult) -> None:

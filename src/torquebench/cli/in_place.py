@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
+from torquebench.cli.console import answer, narrow_table, out, say, say_file
 from torquebench.cli.options import BenchOption, RealTimeOption, bench_description
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
@@ -141,35 +141,14 @@ def _measured(
 ) -> ModuleTables:
     import tempfile
 
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
-    from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.cli.bench_session import open_bench
     from torquebench.papers.tables import PapersSettings, measure_module
-    from torquebench.station import Station
 
-    if description.simulated:
-        note("simulated bench")
     settings = PapersSettings.quick() if quick else PapersSettings()
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
-    progress = TerminalProgress()
     with tempfile.TemporaryDirectory(prefix="torquebench-in-place-") as scratch:
         kept = records or (Path(scratch) if bench is None else RECORDS)
-        with Station.open(description, kept, real_time=real_time, operator=operator) as station:
-            tell_recovered(station)
-            interrupts = BenchInterrupts(station, progress, may_pause=False)
-            try:
-                with (
-                    progress,
-                    tell_warnings(station, progress),
-                    attending(station, progress),
-                    interrupts.watching(),
-                    answering(prompts, progress, yes=yes),
-                ):
-                    return measure_module(station, side, settings, progress)
-            except RunAbortedError as aborted:
-                raise interrupts.reported(aborted) from None
+        with (
+            open_bench(description, kept, real_time=real_time, yes=yes) as session,
+            session.measuring(may_pause=False) as (progress, _),
+        ):
+            return measure_module(session.station, side, settings, progress)

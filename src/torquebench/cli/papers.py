@@ -223,33 +223,14 @@ def _on_bench(
     real_time: bool,
     yes: bool,
 ) -> BenchTables:
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
-    from torquebench.campaign.measuring import RunAbortedError
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.cli.bench_session import open_bench
     from torquebench.papers.tables import measure_tables
-    from torquebench.station import Station
 
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
-    progress = TerminalProgress()
-    with Station.open(description, records, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
-        interrupts = BenchInterrupts(station, progress, may_pause=False)
-        try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
-                return measure_tables(station, settings, certified, progress, mounted)
-        except RunAbortedError as aborted:
-            raise interrupts.reported(aborted) from None
+    with (
+        open_bench(description, records, real_time=real_time, yes=yes, announce=False) as session,
+        session.measuring(may_pause=False) as (progress, _),
+    ):
+        return measure_tables(session.station, settings, certified, progress, mounted)
 
 
 def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:

@@ -293,47 +293,24 @@ def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
 def _run(
     described: BenchDescription, wanted: _Wanted, data: Path, *, yes: bool, real_time: bool
 ) -> ReducerTestRecord:
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.bench.roles import SIDES
-    from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.reducers.tests import run_reducer_test
-    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.measure import compensated
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.station import Station
 
-    if described.simulated:
-        note("simulated bench")
-    prompts = PromptQueue()
-    operator = None if described.simulated else QueuedOperator(prompts)
-    with Station.open(described, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
+    with open_bench(described, data, real_time=real_time, yes=yes) as session:
         for side in SIDES:
-            note(f"{side}: {compensated(station, side, wanted.accepted)}")
-        progress = TerminalProgress()
-        interrupts = BenchInterrupts(station, progress)
-        try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
-                return run_reducer_test(
-                    station,
-                    wanted.name,
-                    wanted.reducer,
-                    wanted.settings,
-                    serial=wanted.serial,
-                    progress=progress,
-                    on_pause=interrupts.ask,
-                )
-        except RunAbortedError as aborted:
-            raise interrupts.reported(aborted) from None
+            note(f"{side}: {compensated(session.station, side, wanted.accepted)}")
+        with session.measuring() as (progress, ask):
+            return run_reducer_test(
+                session.station,
+                wanted.name,
+                wanted.reducer,
+                wanted.settings,
+                serial=wanted.serial,
+                progress=progress,
+                on_pause=ask,
+            )
 
 
 def _finish(record: ReducerTestRecord, reports: list[Path]) -> None:

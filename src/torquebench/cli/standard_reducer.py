@@ -124,47 +124,25 @@ def _measured(
     yes: bool,
     real_time: bool,
 ) -> StandardReducerCheck:
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
-    from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.standard_reducer import check_standard_reducer, standard_reducer
-    from torquebench.cli.interrupts import BenchInterrupts
+    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.measure import compensated
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.station import Station
 
-    if described.simulated:
-        note("simulated bench")
-    prompts = PromptQueue()
-    operator = None if described.simulated else QueuedOperator(prompts)
-    with Station.open(described, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
+    with open_bench(described, data, real_time=real_time, yes=yes) as session:
+        station = session.station
         compensation = compensated(station, "input", accepted)
         note(f"input: {compensation}")
         mounted = standard_reducer(kind, described, station.drivers.reducer_certificate)
-        progress = TerminalProgress()
-        interrupts = BenchInterrupts(station, progress)
-        try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
-                return check_standard_reducer(
-                    station,
-                    mounted,
-                    mounted.settings(repeats, both_directions=both),
-                    tolerance_percent=tolerance,
-                    compensation=compensation,
-                    progress=progress,
-                    on_pause=interrupts.ask,
-                )
-        except RunAbortedError as aborted:
-            raise interrupts.reported(aborted) from None
+        with session.measuring() as (progress, ask):
+            return check_standard_reducer(
+                station,
+                mounted,
+                mounted.settings(repeats, both_directions=both),
+                tolerance_percent=tolerance,
+                compensation=compensation,
+                progress=progress,
+                on_pause=ask,
+            )
 
 
 def _print(found: StandardReducerCheck) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,14 +11,11 @@ import typer
 from torquebench.cli.console import (
     answer,
     narrow_table,
-    note,
     out,
     say,
     say_file,
     stderr_console,
-    warn,
 )
-from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
 from torquebench.cli.options import (
     CSV_ENDINGS,
     DEFAULT_DATA,
@@ -126,51 +122,29 @@ def _run(
     data: Path,
     options: tuple[bool, bool, bool, bool],
 ) -> None:
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
-    from torquebench.campaign.measuring import RunAbortedError
     from torquebench.campaign.turning_runs import measure_turning, read_begun
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
-    from torquebench.station import Station
+    from torquebench.cli.bench_session import open_bench
 
     resume, wait, yes, real_time = options
     serial = description.module(side.value).transducer.serial
     begun = read_begun(result, side.value, profile, serial) if resume else None
-    if description.simulated:
-        note("simulated bench")
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
-    with Station.open(description, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
-        progress = TerminalProgress()
-        interrupts = BenchInterrupts(station, progress)
+    with open_bench(description, data, real_time=real_time, yes=yes) as session:
         try:
-            with (
-                progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
+            with session.measuring() as (progress, ask):
                 done = measure_turning(
-                    station,
+                    session.station,
                     side.value,
                     profile,
                     result,
                     begun=begun,
                     wait=wait,
                     progress=progress,
-                    on_pause=interrupts.ask,
+                    on_pause=ask,
                 )
-        except RunAbortedError as aborted:
-            warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+        except typer.Exit:
             if result.exists():
                 say_file("Complete series, --resume measures the others", result)
-            by_key = interrupts.signal == signal.SIGINT
-            raise typer.Exit(INTERRUPTED if by_key else CHECK_FAILED) from None
+            raise
     simulated = " (simulated)" if description.simulated else ""
     say(f"{done.rows} rows{simulated} in {done.bench_seconds / 60.0:.3g} min of bench time")
     say_file("Table", result)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, note, out, say, say_file
+from torquebench.cli.console import answer, out, say, say_file
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
@@ -181,28 +181,18 @@ def _measured(
 ) -> tuple[CalibrationData, VerificationResult, str, dict[str, str], dict[str, MeasuringChain]]:
     import numpy as np
 
-    from torquebench.bench.prompts import PromptQueue, QueuedOperator
     from torquebench.calibration import verify
     from torquebench.campaign.fitting import model_title
-    from torquebench.campaign.measuring import RunAbortedError, measure_verification
+    from torquebench.campaign.measuring import measure_verification
     from torquebench.campaign.modules import register_verification
     from torquebench.campaign.registering import registered_patiently
     from torquebench.chain import MeasuringChain
-    from torquebench.cli.interrupts import BenchInterrupts
-    from torquebench.cli.presence import attending
-    from torquebench.cli.progress import TerminalProgress
-    from torquebench.cli.prompts import answering
-    from torquebench.cli.recovered import tell_recovered, tell_warnings
+    from torquebench.cli.bench_session import open_bench
     from torquebench.compensation import load_model
     from torquebench.records import REGISTERS
-    from torquebench.station import Station
 
-    if description.simulated:
-        note("simulated bench")
-    prompts = PromptQueue()
-    operator = None if description.simulated else QueuedOperator(prompts)
-    with Station.open(description, data, real_time=real_time, operator=operator) as station:
-        tell_recovered(station)
+    with open_bench(description, data, real_time=real_time, yes=yes) as session:
+        station = session.station
         entries = _entries(station, side, named)
         stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}
         chains = {name: MeasuringChain.of(each) for name, each in stored.items()}
@@ -212,36 +202,23 @@ def _measured(
         }
         ids = {name: entry.model_id for name, entry in entries.items()}
         drawn = int(np.random.default_rng().integers(2**32)) if seed is None else seed
-        progress = TerminalProgress()
-        interrupts = BenchInterrupts(station, progress)
-        try:
-            with (
+        with session.measuring() as (progress, ask):
+            measured = measure_verification(
+                station,
+                side,
+                profile,
+                drawn,
+                metadata={REGISTERS: {"models": ids}},
+                progress=progress,
+                on_pause=ask,
+            )
+            result = verify(measured.result.data, chains)
+            registered_patiently(
+                station.registry,
+                measured.record.run_id,
+                lambda: register_verification(station.registry, entries, result, measured.record),
                 progress,
-                tell_warnings(station, progress),
-                attending(station, progress),
-                interrupts.watching(),
-                answering(prompts, progress, yes=yes),
-            ):
-                measured = measure_verification(
-                    station,
-                    side,
-                    profile,
-                    drawn,
-                    metadata={REGISTERS: {"models": ids}},
-                    progress=progress,
-                    on_pause=interrupts.ask,
-                )
-                result = verify(measured.result.data, chains)
-                registered_patiently(
-                    station.registry,
-                    measured.record.run_id,
-                    lambda: register_verification(
-                        station.registry, entries, result, measured.record
-                    ),
-                    progress,
-                )
-        except RunAbortedError as aborted:
-            raise interrupts.reported(aborted) from None
+            )
     return measured.result.data, result, measured.record.run_id, titles, chains
 
 
