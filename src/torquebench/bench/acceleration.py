@@ -34,8 +34,8 @@ UNKNOWN = Acceleration(float("nan"), float("nan"))
 class EncoderAcceleration:
     """Acceleration block by block: the bend of a parabola through the angle's samples.
 
-    The uncertainty is that of the parabola, and what a ramp that begins or ends within the block
-    leaves open: anything between the acceleration before and now (rectangular).
+    The uncertainty consists of the parabola's and of a ramp that may begin or end within the block:
+    any acceleration between the previous and the present one (rectangular).
 
     Examples
     --------

@@ -127,7 +127,7 @@ class Acquisition:
     # -- life -------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Acquire a first block on the calling thread, then go on in acquisition's own.
+        """Acquire a first block on the calling thread, then continue in acquisition's thread.
 
         Raises
         ------
@@ -179,7 +179,7 @@ class Acquisition:
 
     @property
     def running(self) -> bool:
-        """Whether the thread lives: samples may come."""
+        """Whether the thread is alive, so that samples may arrive."""
         return self._thread.is_alive()
 
     @property
@@ -337,7 +337,7 @@ class Acquisition:
         self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
-        """Hand every block to a new viewer that forgets the oldest when it can't keep up."""
+        """Add a viewer, which gets every block and drops the oldest if it can't keep up."""
         viewer = Viewer(maximum)
         with self._lock:
             self._viewers = (*self._viewers, viewer)
@@ -499,7 +499,7 @@ class Acquisition:
         Raises
         ------
         SignalFault
-            Nothing has come yet.
+            There is no sample yet.
         """
         if self._latest_block is None:
             raise SignalFault("no block of samples yet", "a running acquisition")

@@ -104,9 +104,9 @@ class StreamReadings:
 class ActiveChain:
     """Compensates a side's stream once, and keeps what it stated over the last two minutes.
 
-    Blocks are to be handed over once and in order. Where a model tells the branches of a hysteresis
-    loop apart, the branch of a reading follows from the readings before it; after the start, a gap
-    or a fault the past is unknown, and the uncertainty says so.
+    Blocks are to be handed over once and in order. For a model with branches of a hysteresis loop,
+    the branch of a reading follows from the readings before it; after the start, a gap or a fault
+    the past is unknown, which the uncertainty contains.
 
     Parameters
     ----------
@@ -119,7 +119,7 @@ class ActiveChain:
     Attributes
     ----------
     zero : ZeroTaken or None
-        The zero in use; None where nobody has taken one since the bench was opened.
+        The zero in use; None if none was measured since the bench was opened.
     """
 
     def __init__(
@@ -171,7 +171,7 @@ class ActiveChain:
         recent.append(TimedTorque(readings.time_s, stream.push(self._known(readings))))
 
     def end_fine(self) -> None:
-        """Forget the shorter windows: nobody counts them any more."""
+        """Drop the shorter windows, which are no longer counted."""
         self._fine = None
 
     def _known(self, readings: StreamReadings) -> Readings:
@@ -203,7 +203,7 @@ class ActiveChain:
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
 
     def states(self) -> tuple[EffectState, ...]:
-        """Return what every effect makes of the newest window; nothing before the first."""
+        """Return every effect's state at the newest window; nothing before the first window."""
         last, chain = self._last, self.chain
         if last is None:
             return ()
@@ -225,7 +225,7 @@ class ActiveChain:
         self._fine = None
 
     def standing(self, temperature_c: float = np.nan) -> Torque:
-        """Return what the chain states for a reading of 0 where the stream stands now."""
+        """Return the chain's torque for a reading of 0 at the stream's present state."""
         nothing = np.zeros(1)
         known = Readings(nothing, counter_nm=nothing, speed_rpm=0.0, temperature_c=temperature_c)
         return self._stream.copy().push(known)

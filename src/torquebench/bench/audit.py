@@ -51,7 +51,7 @@ class AuditLog:
     Parameters
     ----------
     folder : pathlib.Path
-        Where the log lies; created when the first line comes.
+        Folder of the log; created with the first line.
     bench : str
     bench_time : callable
         Bench time, s.
@@ -136,7 +136,7 @@ class AuditLog:
         self._logger.info(event, **values)
 
     def write_soon(self, event: str, /, **values: Any) -> None:
-        """Append a line of now on a thread of its own, which the first one starts.
+        """Append a line with the present time, on a separate thread.
 
         The caller waits for no disk. `close` ends the thread.
         """
@@ -273,12 +273,12 @@ def _write_whole(file: int, content: bytes) -> None:
 def read_audit(path: Path) -> Iterator[dict[str, Any]]:
     """Yield the lines of a log, or of the log and everything put aside in a folder, oldest first.
 
-    A line that a power cut has torn is left out.
+    A line truncated by a power cut is left out.
 
     Parameters
     ----------
     path : pathlib.Path
-        A file, or the folder of the log; one that doesn't exist holds nothing.
+        A file, or the folder of the log; it may be missing.
     """
     files = [*files_aside(path), path / AUDIT_FILE] if path.is_dir() else [path]
     for file in files:

@@ -48,7 +48,7 @@ class CommandGate(Protocol):
 class AuditedDrive:
     """A drive whose commands are in the audit log.
 
-    Feeding the watchdog and asking for the state command nothing and aren't logged: they come a
+    Feeding the watchdog and reading the state aren't commands and aren't logged: they occur a
     hundred times a second.
 
     Parameters
@@ -61,7 +61,7 @@ class AuditedDrive:
     gate : callable
         See `CommandGate`; for the supervisor it is always open.
     ramp_s : float
-        How fast to bring the drive to zero where a command came too late.
+        Ramp time to zero after a command that came too late, s.
     """
 
     def __init__(

@@ -44,7 +44,7 @@ class Channel:
     window_s : float
         Length of the counter's windows, s.
     stuck_s : float
-        So long a frequency without any noise of its own is stuck, s.
+        Time after which a frequency without noise is stuck, s.
     certificate : ReferenceCertificate, optional
         Corrects the torque of a standard.
     """
@@ -102,7 +102,7 @@ class Channel:
         return self.push_frequency(self._counter.push(edges))
 
     def count_finely(self, window_s: float) -> None:
-        """Count shorter windows beside the others, from the next block on for what rings keep.
+        """Count shorter windows in addition, from the next block on.
 
         Asking again prolongs it. An instrument that counts by itself has none.
         """
@@ -195,7 +195,7 @@ class Channel:
         Raises
         ------
         SignalFault
-            It is faulty, or nothing has come yet.
+            It is faulty, or there is no sample yet.
         """
         row = self._ring.last()
         if row is None:
@@ -240,7 +240,7 @@ class _FineWindows:
         return torque
 
     def over(self, edges: EdgeBlock) -> bool:
-        """Return whether nobody has requested longer than a ring keeps."""
+        """Return whether the last request is longer ago than the ring's duration."""
         self._remaining_s -= (edges.stop_tick - edges.start_tick) / edges.timebase_hz
         return self._remaining_s < 0.0
 

@@ -39,8 +39,8 @@ class BenchClock:
     Parameters
     ----------
     fast : bool
-        Advance only as far as somebody sleeps (simulated benches). Otherwise whoever acquires
-        is expected to be paced by the wall or by hardware.
+        Advance only as far as threads sleep (simulated benches). Otherwise acquisition is paced by
+        the wall clock or by hardware.
 
     Examples
     --------
@@ -71,7 +71,7 @@ class BenchClock:
         return self._now_s
 
     def present(self) -> float:
-        """Bench time of this moment, s, by the counter or the block that came soonest.
+        """Present bench time, s, by the counter or the block with the smallest delay.
 
         What was acquired last ends before it: a block takes its time, more on a busy computer.
         """
@@ -82,7 +82,7 @@ class BenchClock:
 
     @property
     def sleeping(self) -> bool:
-        """Whether somebody waits for the bench."""
+        """Whether anything waits for the bench."""
         return bool(self._sleepers)
 
     # -- sleeping ---------------------------------------------------------------------------
@@ -90,7 +90,7 @@ class BenchClock:
     def new_event_loop(self) -> asyncio.AbstractEventLoop:
         """Make an event loop whose thinking takes no simulated time.
 
-        Sleepers on other loops and on threads only watch: time may go on while they think.
+        Sleepers on other loops and on threads only observe: time may advance while they compute.
         """
         loop, activity = new_watched_loop()
         activity.on_idle = self._notify
@@ -109,7 +109,7 @@ class BenchClock:
         Raises
         ------
         TorquebenchError
-            The bench stopped or went to its safe state meanwhile; the cause itself is raised.
+            The bench stopped or went to its safe state; the cause itself is raised.
         """
         await self.sleep_until(self._now_s + duration_s)
 
@@ -169,7 +169,7 @@ class BenchClock:
             raise outcome[0]
 
     def require(self, time_s: float) -> None:
-        """Let a fast bench go on until a bench time although nobody sleeps, or a loop hangs."""
+        """Let a fast bench advance to a bench time even if nothing sleeps or a loop hangs."""
         with self._condition:
             self._required_s = max(self._required_s, time_s)
             self._condition.notify_all()
@@ -216,20 +216,20 @@ class BenchClock:
         return bool(self._sleepers) and not thinking
 
     def wakes(self, time_s: float) -> bool:
-        """Whether advancing to a bench time ends somebody's sleep, or nobody sleeps."""
+        """Whether advancing to a bench time ends a sleep, or nothing sleeps."""
         with self._condition:
             first_s = min((each.until_s for each in self._sleepers), default=-math.inf)
         return first_s <= time_s + _TICK_S
 
     def advance_to(self, time_s: float, behind_s: float | None = None) -> None:
-        """Set bench time and wake everybody whose time has come.
+        """Set bench time and wake all sleepers whose deadline has passed.
 
         Parameters
         ----------
         time_s : float
         behind_s : float, optional
-            How far bench time is behind the wall's (`time.monotonic`), s, where the counter has
-            told; else by this block. What was least counts.
+            Delay of bench time to the wall clock (`time.monotonic`), s, if the counter states it;
+            otherwise estimated from this block. What was least counts.
         """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)

@@ -263,13 +263,13 @@ class StandardDescription(_Section):
 class SafetyDescription(_Section):
     """How the supervisor watches and acts.
 
-    `look_s` is how often it looks at the signals between two blocks in real time. A warning
-    comes at `warning_percent` of a limit, and a level is left `hysteresis_percent` of the limit
-    below it. With `presence_s` a drive has power only while somebody has confirmed within that
-    time to be at the bench; 0 asks for nobody. `procedure_s` is how long a procedure may send
-    nothing without waiting for the bench or for a person. A module and the standard on its side
-    may differ by `disagreement_percent` while a drive has power. What a drive does may differ from
-    what it was told up to `following_s` before by `following_percent`; 0 compares nothing.
+    `look_s` is the interval of the signals' fast checks in real time. A warning is raised at
+    `warning_percent` of a limit, and a level ends `hysteresis_percent` of the limit below it. With
+    `presence_s` a drive has power only if the operator's presence was confirmed within that time; 0
+    requires no confirmation. `procedure_s` is the longest time between two messages of a procedure
+    that doesn't wait for the bench or for a person. A module and the standard on its side may
+    differ by `disagreement_percent` while a drive has power. A drive may deviate from its commands
+    of the last `following_s` by `following_percent`; 0 switches the comparison off.
     """
 
     look_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
@@ -289,7 +289,7 @@ class SafetyDescription(_Section):
 
 
 class RecordingDescription(_Section):
-    """What a run keeps beside its samples: with `edges` every edge of every channel.
+    """Recorded data beside a run's samples: with `edges` every edge of every channel.
 
     An hour of four transducers with 60 kHz takes about 0.3 GB.
     """

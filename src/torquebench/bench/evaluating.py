@@ -37,7 +37,7 @@ ANGLE_RATE_HZ = 1000.0
 
 
 class BlockEvaluator:
-    """Evaluates blocks in order, with what standard and probes state beside the counter.
+    """Evaluates blocks in order, with the values of standard and probes.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ __all__ = ["LoopActivity", "new_watched_loop"]
 
 
 class LoopActivity:
-    """Whether a loop thinks: it runs callbacks, or has been woken and not run them yet."""
+    """Whether a loop is busy: it runs callbacks, or was woken and hasn't run them yet."""
 
     def __init__(self) -> None:
         self._waiting = False
@@ -86,6 +86,6 @@ class _WatchedSelector(selectors.BaseSelector):
 
 
 def new_watched_loop() -> tuple[asyncio.AbstractEventLoop, LoopActivity]:
-    """Make an event loop together with what tells whether it thinks."""
+    """Create an event loop and the object that states whether it is busy."""
     activity = LoopActivity()
     return asyncio.SelectorEventLoop(_WatchedSelector(activity)), activity

@@ -18,8 +18,8 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
     ----------
     description : BenchDescription
     identities : iterable of Identity
-        What the instruments say of themselves. Roles that the description doesn't name by a
-        serial number of their own (a read-out) aren't compared.
+        What the instruments say of themselves. Roles without a serial number in the description (a
+        read-out) aren't compared.
 
     Raises
     ------

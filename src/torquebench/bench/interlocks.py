@@ -119,7 +119,7 @@ def _always_on() -> bool:
 
 
 class PresentState:
-    """The bench as it is now: what its drivers say, and what it was last told."""
+    """The present bench: the state stated by its drivers, and the last commands."""
 
     def __init__(
         self,
@@ -197,7 +197,7 @@ def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
 
 
 def check_enable(state: BenchState, side: Side) -> None:
-    """Refuse to enable a drive with an alarm latched, nobody there, or no torque signal."""
+    """Refuse to enable a drive with a latched alarm, or without presence or torque signal."""
     _check_no_alarm(state, f"enable the {side} drive")
     if not state.supplied():
         raise InterlockError(

@@ -18,7 +18,7 @@ COAXIALITY_LIMIT_MM = 0.03
 
 
 class MountingRecord(BaseModel):
-    """Result at a mounting; what isn't known is left out.
+    """Measurements at a mounting; unknown ones are left out.
 
     Attributes
     ----------
@@ -33,7 +33,7 @@ class MountingRecord(BaseModel):
     lubricant_amount_g, lubricant_hours : float or None
         How much was filled in, g, and for how long it has run since, h.
     by : str
-        Who found it, where that is somebody else than who measures.
+        The person who measured it, if different from the operator of the run.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class MountingRecord(BaseModel):
 
     @classmethod
     def of_run(cls, metadata: Mapping[str, Any]) -> MountingRecord | None:
-        """Return the record that a run kept; None if nobody entered one."""
+        """Return the record that a run kept; None if none was entered."""
         found = metadata.get(MOUNTED)
         return None if not found else cls.model_validate(found)
 
@@ -116,6 +116,6 @@ _WORDS: Mapping[str, str] = {
 
 
 def mounting_facts(record: MountingRecord | None) -> tuple[tuple[str, str], ...]:
-    """Return what a report says of a mounting: nothing if nothing was entered."""
+    """Return the report's lines about a mounting; empty if nothing was entered."""
     stated = {} if record is None else record.stated()
     return tuple((_WORDS[key], value) for key, value in stated.items())

@@ -17,7 +17,7 @@ __all__ = ["Prompt", "PromptQueue", "QueuedOperator"]
 
 @dataclass(frozen=True)
 class Prompt:
-    """One thing that a person is asked to do.
+    """One request to a person.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ OnPrompt = Callable[[Prompt], None]
 
 
 class PromptQueue:
-    """Where a question waits until somebody answers it; the first answer counts.
+    """Questions that wait for an answer; the first answer counts.
 
     Examples
     --------
@@ -59,7 +59,7 @@ class PromptQueue:
 
     @contextmanager
     def watching(self, on_prompt: OnPrompt) -> Iterator[None]:
-        """Have a function called with every question, on a thread of its own, until the end.
+        """Register a function that is called with every question, on a separate thread.
 
         A question that waits already is passed on at once.
         """
@@ -75,7 +75,7 @@ class PromptQueue:
                 self._watchers.remove(on_prompt)
 
     def ask(self, text: str) -> str:
-        """Put a question and wait until it is answered; return who has done it.
+        """Ask a question and wait for the answer; return the person who answered.
 
         Raises
         ------
@@ -124,14 +124,14 @@ def _tell(watcher: OnPrompt, prompt: Prompt) -> None:
 
 
 class QueuedOperator:
-    """The operator of a real bench, asked at a prompts; see `drivers.base.OperatorPrompts`.
+    """The operator of a real bench, asked through prompts; see `drivers.base.OperatorPrompts`.
 
     Parameters
     ----------
     prompts : PromptQueue
         Where the questions wait.
     mounted : str
-        What is between the flanges to begin with, as far as anybody has said.
+        Initial mounting between the flanges, as far as known.
     """
 
     def __init__(self, prompts: PromptQueue, mounted: Mounting = "nothing") -> None:

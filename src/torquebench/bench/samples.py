@@ -86,9 +86,9 @@ class AcquiredBlock:
     edges : mapping of channel name to EdgeBlock
         The raw edges.
     fine : mapping of channel name to TorqueSamples
-        Shorter windows of the channels that somebody has counted finely.
+        Shorter windows of the finely counted channels.
     accelerations : mapping of side to Acceleration
-        Over the block; a side is missing as long as its encoder tells too little.
+        Over the block; a side without sufficient encoder data is missing.
     compensated : mapping of side to Torque
         Only sides with an active measuring chain: torque and uncertainty of the windows of its
         channel, NaN where the reading has a fault or lies outside the calibrated range. Empty as
@@ -130,7 +130,7 @@ class AcquiredBlock:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretch:
-    """Blocks of the same signals one behind the other, and the compensated torque of all of them.
+    """Consecutive blocks of the same signals, and their compensated torque.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ class Stretch:
         return np.repeat(np.asarray(values, dtype=np.float64), counts)
 
     def each(self) -> Iterator[AcquiredBlock]:
-        """Give the blocks, each with its own compensated torque."""
+        """Yield the blocks, each with its compensated torque."""
         if len(self.blocks) == 1:  # in real time every block is
             yield replace(self.blocks[0], compensated=self.compensated)
             return
@@ -264,7 +264,7 @@ class SampleRing:
 
 @dataclass(eq=False)
 class Viewer:
-    """A watcher's queue of blocks: bounded, it forgets the oldest and counts what it forgot.
+    """A watcher's bounded queue of blocks: it drops the oldest and counts the dropped ones.
 
     Never critical: acquisition neither waits for a viewer nor fails with it.
     """

@@ -15,7 +15,7 @@ __all__ = ["joined", "slices_of"]
 
 
 def slices_of(block_s: float, look_s: float) -> int:
-    """Return how many looks of about `look_s` make a block, at least 1.
+    """Return the number of slices of about `look_s` in a block, at least 1.
 
     Examples
     --------
@@ -28,7 +28,8 @@ def slices_of(block_s: float, look_s: float) -> int:
 def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
     """Put slices that follow each other together to one block.
 
-    Channels that were selected or left in the meantime aren't in it: the next block has them whole.
+    Channels that were selected or deselected meanwhile aren't in it: the next block has them
+    completely.
 
     Raises
     ------

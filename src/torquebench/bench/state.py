@@ -16,7 +16,7 @@ Quantity = Literal["torque", "speed"]
 
 @dataclass(frozen=True)
 class SetPoint:
-    """Where a drive was asked to go, and how it may go there.
+    """A drive's commanded set point, and its ramp.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class SetPoint:
     within_s : float
         The ramp takes no less, s of bench time.
     asked_s, told_s : float
-        Bench time before and after the drive was told; infinity while it isn't yet.
+        Bench time before and after the command; infinity until it was given.
     """
 
     quantity: Quantity = "torque"
@@ -41,7 +41,7 @@ class SetPoint:
 
     @property
     def uncertain_s(self) -> float:
-        """How long the way back takes where the drive may have been told or not, s; else 0."""
+        """Ramp time to zero if it is unknown whether the drive got the command, s; else 0."""
         return 0.0 if math.isfinite(self.told_s) else abs(self.value) / self.rate
 
 
@@ -58,11 +58,11 @@ class SideCommands:
     changed_s : float
         Bench time of the last change of a set point.
     enabled_wall_s : float
-        Monotonic wall time at which the drive was enabled: what it said before doesn't count.
+        Monotonic wall time at which the drive was enabled: earlier states don't count.
     switching : bool
         Whether the drive is being switched on: it may have power already.
     set_point : SetPoint
-        The last one, from the moment at which the drive is asked for it.
+        The last one, from the time of its command on.
     """
 
     enabled: bool = False
@@ -74,11 +74,11 @@ class SideCommands:
     set_point: SetPoint = field(default_factory=SetPoint)
 
     def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> None:
-        """Note that the drive is about to be told."""
+        """Record that the command is about to be given."""
         self.set_point = SetPoint(quantity, value, rate, asked_s=time_s, told_s=math.inf)
 
     def told(self, quantity: Quantity, value: float, time_s: float) -> None:
-        """Note that the drive has been told."""
+        """Record that the command was given."""
         if quantity == "torque":
             self.torque_nm = value
         else:
@@ -102,7 +102,7 @@ class SideCommands:
         return self.set_point
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
-        """Note that the drive has been told, unless it was requested something else since."""
+        """Record that the command was given, unless another one followed."""
         if self.set_point is asked:
             self.set_point = replace(asked, told_s=time_s)
 

@@ -77,7 +77,7 @@ class Proposed:
     Parameters
     ----------
     target_nm : array of float, shape (k,)
-        In N·m; empty where nothing more is to be measured.
+        In N·m; empty if the placement is complete.
     branch : array of int8, shape (k,)
         +1 on the way up, -1 on the way down.
     now_percent : float
@@ -114,8 +114,8 @@ class Placement:
     model : str
         Kind of model that placed them.
     even : int or None
-        Points of the coarse series; None where the first round follows it, which isn't so after
-        an interruption that came later.
+        Points of the coarse series; None if the first round follows it, which isn't the case after
+        a later interruption.
     """
 
     rounds: tuple[AdaptiveRound, ...]
@@ -245,9 +245,9 @@ def extension_steps(
 ) -> list[Step]:
     """Return the steps that load proposed points on their branches.
 
-    Every direction is loaded to full scale and unloaded again, even without points, so that a
-    falling point lies on the loop of the coarse series, and the other direction begins after a full
-    load, as in the coarse series. The reversal isn't recorded.
+    Every direction is loaded to full scale and unloaded again, even without points. A falling point
+    is then on the loop of the coarse series, and the other direction begins after a full load, as
+    there. The reversal isn't recorded.
 
     Parameters
     ----------

@@ -70,7 +70,7 @@ class CalibrationData:
     zero_temperature_c : array of float, shape (n,), optional
         Temperature of the transducer when the zero that each reading counts from was taken.
     true_torque_nm : array of float, shape (n,), optional
-        The true torque, which only a simulated bench knows, in N·m.
+        The true torque in N·m; simulated bench only.
     simulated : bool
         Whether the points come from a simulated bench; always true with a true torque.
 
@@ -213,8 +213,8 @@ class CalibrationData:
     def readings(self) -> Readings:
         """Return the points as readings of a measuring chain.
 
-        Every series begins with a zero: its first point tells when, and how warm it was where the
-        table doesn't.
+        Every series begins with a zero: its first point gives the time, and the temperature if the
+        table has none.
         """
         begin = self.first_of_series
         age, zeroed, warm = self.time_s, self.zero_temperature_c, self.temperature_c
@@ -249,7 +249,7 @@ class CalibrationData:
         Raises
         ------
         InputError
-            Where a column is asked for that these data don't have.
+            If these data don't have the column.
 
         Examples
         --------
@@ -282,7 +282,7 @@ class CalibrationData:
         Raises
         ------
         InputError
-            Where nothing is left.
+            If no point is left.
         """
         where = np.asarray(index)
         changes = {
@@ -426,7 +426,7 @@ class CalibrationData:
     def loading_direction(self) -> NDArray[np.int8]:
         """Return the direction of the load; unloaded points have that of the removed load.
 
-        An unloaded point at the beginning of a series takes that of the load to come.
+        An unloaded point at the beginning of a series takes the direction of the following load.
         """
         direction = self.direction.copy()
         for number in np.unique(self.series):

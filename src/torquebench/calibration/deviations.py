@@ -40,14 +40,14 @@ _KEYS = {1: "clockwise", -1: "counter_clockwise", 0: "both_directions"}
 
 @dataclass(frozen=True)
 class ReferenceStandard:
-    """The standard that a chain was calibrated against, as its own certificate states it.
+    """The reference standard of a calibration, as stated in its certificate.
 
     Parameters
     ----------
     serial, certificate_number : str
         Of the standard and of its certificate.
     due : datetime.date or None
-        Last day on which its certificate counts; None where nobody has stated one.
+        Last day on which its certificate counts; None if none was stated.
     """
 
     serial: str = ""
@@ -96,7 +96,7 @@ class Deviation:
     consequence : {"refuse", "state"}
         Whether a certificate is refused or states the deviation.
     key : str
-        Which sentence `found` is, for who says it in another language.
+        Key of the sentence `found`, for translations.
     values : mapping of str to str or number
         What that sentence is filled with.
     """
@@ -233,9 +233,9 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
 
 
 def ladder_points(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
-    """Return which points belong to series of the profile's own steps, shape (n,).
+    """Return which points belong to series with the profile's steps, shape (n,).
 
-    All of them, except in an adaptive calibration, whose later series have steps of their own.
+    All of them, except for later series of an adaptive calibration.
     """
     if profile.adaptive is None or data.nominal_nm is None:
         return np.ones(len(data), dtype=np.bool_)

@@ -81,7 +81,7 @@ class Trend:
     per_year, per_year_standard_error : float
         Slope of the line of least squares, in units of the value per year.
     significant : bool
-        Whether the p-value lies below the level that was asked for.
+        Whether the p-value is below the requested level.
     """
 
     tau: float
@@ -108,7 +108,7 @@ class DriftPrediction:
     level : float
         Of the prediction interval of a single further value.
     horizon : datetime
-        How far was looked.
+        End of the prediction.
     """
 
     earliest: datetime | None
@@ -264,7 +264,7 @@ def predict_drift(
     level : float
         Of the prediction interval.
     horizon_years : float
-        How far to look after the last value.
+        Length of the prediction after the last value, years.
 
     Raises
     ------

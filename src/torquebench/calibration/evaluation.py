@@ -239,13 +239,13 @@ def evaluate_static(
 ) -> StaticEvaluation:
     """Evaluate a calibration in steps.
 
-    The increasing series of different positions give mean and reproducibility; a second one in
-    the first position gives the repeatability and enters nothing else.
+    The increasing series of different positions give mean and reproducibility; a second one in the
+    first position gives the repeatability only.
 
     Parameters
     ----------
     torque_nm : array of float, shape (m,)
-        Rising steps above 0, in N·m. The deflections belong to exactly these.
+        Rising steps above 0, in N·m. Those of the evaluated deflections.
     series : sequence of LoadingSeries
         In the order in which they were measured.
     resolution : float

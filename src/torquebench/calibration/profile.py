@@ -62,7 +62,7 @@ class Zero(_Settings):
 class Preload(_Settings):
     """How often a preload is applied and removed before the first series of a position.
 
-    `percent` is its torque in % of full scale, which it is if nothing else is said.
+    `percent` is its torque in % of full scale, by default 100.
     """
 
     cycles: Annotated[int, Field(ge=0, le=100)] = 0
@@ -148,7 +148,7 @@ class Reference(_Settings):
 class Deviations(_Settings):
     """What a certificate does with a deviation from the profile, by its kind.
 
-    A record that was changed after the fact is always refused: nobody knows what it said.
+    A record that was changed later is always refused: its original content is unknown.
     """
 
     missing_series: Consequence = "refuse"
@@ -175,9 +175,9 @@ class Profile(_Settings):
     """A calibration profile: a sequence of steps as data, not as code.
 
     Own profiles are TOML files of the same form as those in ``calibration/profiles``. The flag
-    `verified` is false until somebody has checked the profile against the licensed text of the
-    standard that it follows; certificates print it beside the name and the hash. A calibration
-    is due again after `valid_days` at the latest.
+    `verified` is false until the profile has been checked against the licensed text of its
+    standard; certificates print it beside the name and the hash. A calibration is due again after
+    `valid_days` at the latest.
 
     Examples
     --------
@@ -407,7 +407,7 @@ class Profile(_Settings):
         Returns
         -------
         list of Step
-            Zeros, preloads, turns and points; `Step.recorded` tells the points.
+            Zeros, preloads, turns and points; `Step.recorded` marks the points.
 
         Raises
         ------
@@ -567,7 +567,7 @@ class _Staircase:
 
 
 def available_profiles() -> tuple[str, ...]:
-    """Return the names of the profiles that come with torquebench.
+    """Return the names of the packaged profiles.
 
     Examples
     --------

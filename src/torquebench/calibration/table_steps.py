@@ -23,8 +23,8 @@ class EvaluablePoints:
     Parameters
     ----------
     data : CalibrationData or None
-        With nominal torques, each of which every series of its direction has; None where nothing
-        can be evaluated.
+        With nominal torques, each of which every series of its direction has; None if it can't be
+        evaluated.
     of_profile : bool
         Whether those are the profile's steps; otherwise the table's own.
     remarks : tuple of str
@@ -60,7 +60,7 @@ def evaluable_points(
 
 
 def own_steps(data: CalibrationData) -> EvaluablePoints:
-    """Return the points by the table's own steps; those that a series lacks are left out.
+    """Return the points by the table's own steps; incomplete steps are left out.
 
     Reference torques within 0.5 % of their neighbour are one step, at their mean.
 

@@ -327,8 +327,8 @@ class _Places:
         """Find the places: the points' number in their group where the groups agree, else cells.
 
         Groups of a verification draw their points cell by cell, so that the k-th points of all
-        groups lie at about the same torque, on the same branch and in the same direction. Tables
-        from another source, whose groups differ in length or order, fall into cells of the range.
+        groups have about the same torque, branch and direction. Tables from another source, whose
+        groups differ in length or order, fall into cells of the range.
         """
         groups = [np.flatnonzero(data.series == number) for number in np.unique(data.series)]
         size = groups[0].size

@@ -61,7 +61,7 @@ class CalibrationStep:
     ----------
     reading_nm : float
     branch : int
-        +1 rising, -1 falling, 0 where neither model tells branches apart.
+        +1 rising, -1 falling, 0 if neither model has branches.
     before_nm, after_nm : float
         Additional torque by each, N·m.
     change_nm, expanded_uncertainty_nm : float
@@ -100,7 +100,7 @@ class CalibrationComparison:
         Torques that both cover.
     steps : tuple of CalibrationStep
     remarks : tuple of str
-        What differs beside the torque: ranges, standards, counters, adjustments.
+        Differences other than torque: ranges, standards, counters, adjustments.
     """
 
     before: ComparedCalibration

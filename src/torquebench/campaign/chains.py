@@ -25,7 +25,7 @@ __all__ = ["bench_effects", "mounting_effect", "reference_effect", "stated_effec
 def reference_effect(
     percent: float | None, range_nm: float, record: str = "stated with the fit"
 ) -> tuple[Effect, ...]:
-    """Return the effect of a reference standard; nothing if nothing is stated.
+    """Return the effect of a reference standard; none if none is stated.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ def stated_effects(
     range_nm : float
         Full scale, N·m.
     reference_percent, span_percent_per_10k, zero_percent_per_10k, drift_percent_per_year
-        As on the command line; None leaves the chain's own.
+        As on the command line; None keeps the chain's.
     zero_nm : float, optional
         Standard uncertainty of the zero, N·m.
     """
@@ -90,7 +90,7 @@ def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:
-    """Return what a calibration in several mounting positions says of mounting; else nothing.
+    """Return the reproducibility of mounting from several mounting positions; none without them.
 
     The span of each position is the slope of standard over reading through zero.
     """

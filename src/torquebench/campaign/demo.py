@@ -43,9 +43,9 @@ class DemoSettings:
         By default the rapid calibration in place (50 points per direction, up and down) and ten
         groups of 50 fresh points.
     friction : FrictionSettings or None
-        By default 20 to 1200 rpm with three repeats; None leaves the reducer out.
+        By default 20 to 1200 rpm with three repeats; None omits the reducer.
     models : tuple of ModelChoice
-        What is fitted beside the recommended model.
+        Models fitted in addition to the recommended one.
     seed : int
         Draws the points of the verification.
     """

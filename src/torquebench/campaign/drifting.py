@@ -70,7 +70,7 @@ class DriftSeries:
     simulated: bool
 
     def remark(self, row: int) -> str:
-        """Return what the control chart says of one value."""
+        """Return the control chart's statement about one value."""
         if self.chart is None:
             return ""
         found = []

@@ -51,7 +51,7 @@ class IdentifiedDynamics:
     inertia : Inertia or None
         Where an empty run with ramps was given.
     simulated : bool
-        Whether a table says that it is.
+        Whether a table states that.
     sha256 : dict of str to str
         Of every table, by its name.
     """
@@ -92,8 +92,8 @@ def identify_dynamics(
         Table of an empty run with ramps: time_s, reading_nm, speed_rpm and, if there is one,
         acceleration_rad_s2.
     model : pathlib.Path, optional
-        Model file of the chain: readings are compensated by its static curve first. Small torques
-        of ramps lie where a chain's reversal bends its curve most.
+        Model file of the chain: readings are compensated by its static curve first. Ramps with
+        small torques are in the range where a chain's reversal curves most.
     window_s : float, optional
         Length of the counter's window; the sample interval where not given.
     bandwidth_hz : float, optional

@@ -37,7 +37,7 @@ KIND = "calibration-table"
 
 @dataclass(frozen=True)
 class ExternalCalibration:
-    """Circumstances of a calibration that nobody here has watched.
+    """Circumstances of an external calibration.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ def register_table(
 ) -> RegisteredTable:
     """Enter a table with its equipment; certificates and exports then work as for a run.
 
-    The table itself is kept, byte by byte, in a sealed folder beside those of the runs.
+    The table itself is stored unchanged in a sealed folder beside the runs.
 
     Parameters
     ----------

@@ -126,7 +126,7 @@ def finish_calibration(
     choices : sequence of ModelChoice
     active : str or None
         Name of the one that the module compensates with from now on, unless its calibration
-        contradicts itself; None leaves that open.
+        contradicts itself; None if undecided.
     progress : Progress
     title : str
         Of the stage of fitting.
@@ -192,7 +192,7 @@ def finish_run(
     Raises
     ------
     InputError
-        It is an interrupted calibration, which has to be gone on with on its bench.
+        It is an interrupted calibration, which must be resumed on its bench.
     RecordError
         Its folder was changed, or the registry can't take it.
     """
@@ -217,7 +217,7 @@ def finish_run(
 
 
 def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str) -> None:
-    """Enter that nothing comes of an unfinished run; what it measured stays in its folder.
+    """Discard an unfinished run; its measured data stay in its folder.
 
     Raises
     ------

@@ -162,7 +162,7 @@ class FittedModel:
     contradictions : tuple of Contradiction
         Why it isn't to be put into use: what the points contradict. Empty for a plausible one.
     choice : ModelChoice or None
-        What was asked for.
+        The request.
     """
 
     name: str
@@ -181,9 +181,9 @@ class FittedModel:
 
 
 def feature_columns(model: CompensationModel) -> int:
-    """Return how many leading columns of `FEATURES` a kind of model looks at.
+    """Return the number of leading columns of `FEATURES` that a kind of model uses.
 
-    A model is fitted to no more of them, so that it never asks for a column that it doesn't use.
+    A model is fitted to these only, so that it requires no unused column.
 
     Examples
     --------
@@ -269,8 +269,8 @@ def fit_models(
 def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
     """Return the model in use of the chain that was calibrated, to compare a new one with.
 
-    None if there is none, or where the transducer was adjusted since its calibration. A model
-    whose file is missing or was changed says nothing of the chain; the bench refuses it.
+    None if there is none, or where the transducer was adjusted since its calibration. A model whose
+    file is missing or was changed is ignored; the bench refuses it.
     """
     try:
         entry = registry.active_model(data.transducer_serial, data.counter_identity)
@@ -320,7 +320,7 @@ def fit_table(
     limits: Plausibility | None = None,
     parameters: Mapping[str, Any] | None = None,
 ) -> FitResult:
-    """Fit a model to a table, beside a comparison of all kinds if one is requested.
+    """Fit a model to a table, with a comparison of all kinds if requested.
 
     Parameters
     ----------
@@ -429,7 +429,7 @@ def described_model(
 ) -> StoredModel:
     """Return a model with what is known of the chain, its points and the software.
 
-    What the calibration contradicts, and who uses the model nevertheless, stands in it.
+    It states contradictions of the calibration, and who uses the model nevertheless.
     """
     return StoredModel(
         model,

@@ -56,7 +56,7 @@ class RunAbortedError(BenchError):
     Attributes
     ----------
     record : RunRecord
-        What is left of the run.
+        The recorded run.
     """
 
     def __init__(self, record: RunRecord) -> None:
@@ -114,7 +114,7 @@ def measure_calibration(
     RunAbortedError
         Somebody ended the run.
     SignalFault, BenchError
-        Something failed meanwhile; the bench is without torque.
+        The run failed; the bench is without torque.
     """
     return _measure(
         station,
@@ -230,7 +230,7 @@ def mounted_as(record: MountingRecord | None) -> Iterator[None]:
 
 
 def operator_name() -> str:
-    """Return who works here: whom `acting_as` names, `$TORQUEBENCH_OPERATOR`, or the account."""
+    """Return the operator: from `acting_as`, `$TORQUEBENCH_OPERATOR`, or the account."""
     named = _acting.get() or os.environ.get("TORQUEBENCH_OPERATOR")
     if named:
         return named
@@ -273,7 +273,7 @@ def measure(
     progress: Progress,
     on_pause: OnPause | None,
 ) -> Measured[Result]:
-    """Rehearse a plan and run it as a run of its own.
+    """Rehearse a plan and execute it as a separate run.
 
     `rehearsed` makes the plan without what can't be done with a rehearsal's recordings.
     """

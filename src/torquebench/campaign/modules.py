@@ -91,7 +91,7 @@ def register_calibration(
         Models of it.
     active : str or None
         Name of the one that the module compensates with from now on, unless the calibration
-        contradicts itself; None leaves that open.
+        contradicts itself; None if undecided.
     """
     result, run_id, folder = measured.result, measured.record.run_id, measured.record.folder
     performed = datetime.fromisoformat(RunFolder(folder).manifest["sealed"])
@@ -178,7 +178,7 @@ def register_verification(
     result: VerificationResult,
     record: RunRecord,
 ) -> None:
-    """Register what a verification found, for each model beside the raw reading.
+    """Register the results of a verification, for each model and the raw reading.
 
     In one transaction; what is registered of the run already stays as it is.
     """

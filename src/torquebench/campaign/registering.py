@@ -20,7 +20,7 @@ def registered_patiently(
     register: Callable[[], Result],
     progress: Progress = NO_PROGRESS,
 ) -> Result:
-    """Register the result of a run; the progress says where that must be tried again.
+    """Register the result of a run; progress reports repeated attempts.
 
     Parameters
     ----------

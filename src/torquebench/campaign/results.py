@@ -143,7 +143,7 @@ class FitResult:
     data : CalibrationData
         Its points.
     comparison : Comparison or None
-        All candidates by cross-validation, where that was asked for.
+        All candidates by cross-validation, if requested.
     noise : NoiseFloor or None
         Scatter of repeated points; None where no step was repeated.
     name, title : str
@@ -172,7 +172,7 @@ class FitResult:
 
     @property
     def cross_validated(self) -> dict[str, float]:
-        """Errors of the model at points left out, names with their unit; empty if not compared."""
+        """Errors of the model at held-out points, names with their unit; empty if not compared."""
         if self.comparison is None:
             return {}
         score = self.comparison.score(self.name)

@@ -38,12 +38,12 @@ INTERRUPTED = ("interrupted", "aborted", "failed")
 
 @dataclass(frozen=True)
 class InterruptedCalibration:
-    """What the record of an interrupted calibration says.
+    """The record of an interrupted calibration.
 
     Parameters
     ----------
     run_ids : tuple of str
-        The interrupted run last; before it those that it went on with itself.
+        The interrupted run last; before it the runs that it had resumed.
     side : {"input", "output"}
     profile : Profile
         As the record has it, options included.
@@ -59,7 +59,7 @@ class InterruptedCalibration:
     interrupted : datetime.datetime
         When the last point was taken, or the run begun where it has none.
     lost_at_end : int
-        Documents after the last point of which damage has left nothing but that they were there.
+        Number of documents lost by damage after the last point.
     """
 
     run_ids: tuple[str, ...]
@@ -76,10 +76,10 @@ class InterruptedCalibration:
     def series(self) -> int:
         """The series that the calibration continues with, by the profile's clause.
 
-        Placed points of an adaptive calibration are known one by one: each lies on a branch that
-        was gone through up to it, and none depends on the points after it. So it continues with a
-        new series of points that are placed by all points so far. Where every point was taken
-        it is a series behind the last one.
+        Points placed by an adaptive calibration are complete one by one: each is on a branch
+        measured up to it, and none depends on later points. So it continues with a new series of
+        points that are placed by all points so far. If every point was measured, it is one after
+        the last series.
         """
         every = sorted({step.series for step in self.steps if step.recorded})
         rest = self._rest(every)
@@ -127,9 +127,8 @@ class InterruptedCalibration:
     def remaining(self) -> tuple[Step, ...]:
         """Steps of the profile that are still to be loaded.
 
-        Those that lead to damaged points; then preloads and zero again, and what is left of the
-        profile. Only what prepares the bench if nothing of it is left, as before placing
-        points.
+        Those that lead to damaged points; then preloads, zero, and the rest of the profile. Only
+        the preparation of the bench if the profile is complete, as before placing points.
         """
         first = self.series
         again = steps_again(self.steps, {(step.series, step.index) for step in self.damaged})
@@ -154,8 +153,8 @@ class InterruptedCalibration:
 def find_interrupted(registry: Registry, name: str) -> RunSummary:
     """Return a run by its id, the beginning of it, or "latest" for the newest unfinished one.
 
-    The newest calibration that isn't finished is one that was interrupted and can be gone on
-    with, or one that is measured and not registered: see `campaign.finishing`.
+    The newest unfinished calibration was interrupted and can be resumed, or is measured but not
+    registered: see `campaign.finishing`.
 
     Raises
     ------
@@ -182,7 +181,7 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
     Raises
     ------
     InputError
-        The run isn't an interrupted calibration, or its profile doesn't let it go on.
+        The run isn't an interrupted calibration, or its profile doesn't allow resuming.
     RecordError
         Its record was changed after it was sealed.
     """
@@ -264,7 +263,7 @@ def resume_calibration(
     on_pause: OnPause | None = None,
     now: datetime | None = None,
 ) -> Measured[StaircaseResult]:
-    """Redo preload and zero, and continue with the interrupted series, in a run of its own.
+    """Repeat preload and zero, and continue with the interrupted series, in a new run.
 
     The result holds the points of both runs; the new run's record names the old one.
 

@@ -34,7 +34,7 @@ SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
 
 @dataclass(frozen=True)
 class StandardReducer:
-    """What is mounted, and what its certificate says.
+    """The mounted standard reducer, and its certificate.
 
     Attributes
     ----------
@@ -161,7 +161,7 @@ def check_standard_reducer(
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> StandardReducerCheck:
-    """Sweep the mounted standard reducer and set what is read beside its certificate.
+    """Sweep the mounted standard reducer and compare the readings with its certificate.
 
     Parameters
     ----------
@@ -172,7 +172,7 @@ def check_standard_reducer(
     tolerance_percent : float
         Largest error and difference between repeats, % FS of the input module.
     compensation : str
-        By what the input module is compensated, in words.
+        Compensation of the input module, in words.
     metadata : mapping, optional
         What else the run's record is to know.
     progress, on_pause

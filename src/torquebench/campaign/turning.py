@@ -46,9 +46,9 @@ class TurningChain:
 def identify_turning(
     points: CalibrationData, runs: Sequence[EmptyRun], progress: Progress = NO_PROGRESS
 ) -> TurningChain:
-    """Identify temperature, rotation and inertia, as far as points and empty runs tell them.
+    """Identify temperature, rotation and inertia, as far as points and empty runs allow.
 
-    Without an empty run points at several temperatures or speeds tell what they can.
+    Without an empty run, points at several temperatures or speeds are used.
 
     Parameters
     ----------
@@ -61,7 +61,7 @@ def identify_turning(
     Raises
     ------
     InputError
-        Runs that say nothing, or that can't be put together with the points.
+        Runs without information, or incompatible with the points.
     """
     if not runs and not _circumstances(points):
         return TurningChain(points, (), ())
@@ -100,7 +100,7 @@ def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
     Raises
     ------
     InputError
-        Tables of different chains, or one without a temperature beside others that have it.
+        Tables of different chains, or of which only some have a temperature.
     """
     silent = [name for name, table in tables.items() if table.temperature_c is None]
     if 0 < len(silent) < len(tables):
@@ -133,7 +133,7 @@ def recorded_readings(points: CalibrationData, zero_temperature_c: float | None)
     ----------
     points : CalibrationData
     zero_temperature_c : float or None
-        Temperature at which the record's own zero was taken, where its table doesn't say it.
+        Temperature at which the record's zero was measured, if its table doesn't state it.
     """
     zeroed = points.zero_temperature_c if zero_temperature_c is None else zero_temperature_c
     readings = replace(points.readings(), zero_temperature_c=zeroed)

@@ -212,7 +212,7 @@ def read_begun(
     Raises
     ------
     InputError
-        Where the file is of another profile, side or transducer, or has nothing left to do.
+        Where the file is of another profile, side or transducer, or is complete.
     """
     table = read_csv(path)
     wanted = {

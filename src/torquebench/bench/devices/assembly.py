@@ -58,8 +58,8 @@ class BenchDevices(Device):
     recorder : Recorder
         Angles and torques of both sides at the same times.
     interruptions : int
-        How often a run was paused, which takes the load off: a plan that sees it grow has to
-        approach its point again.
+        Number of pauses, each of which removes the load: after one, a plan must approach its point
+        again.
 
     Examples
     --------

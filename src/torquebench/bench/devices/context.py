@@ -54,15 +54,15 @@ class BenchContext:
         *args: Arguments.args,
         **kwargs: Arguments.kwargs,
     ) -> None:
-        """Have a drive do something; one that fails at it is an alarm: nobody knows its state.
+        """Command a drive; a failure is an alarm, as the drive's state is then unknown.
 
         Parameters
         ----------
         side : {"input", "output"}
         what : str
-            What it is told, after "told to".
+            The command, worded after "told to".
         order : callable
-            The drive's method, with its arguments behind.
+            The drive's method, followed by its arguments.
 
         Raises
         ------

@@ -32,7 +32,7 @@ class Point:
     branch : int
         +1 where |torque| grows, −1 where it falls, 0 where that has no meaning.
     target_nm : float
-        The torque that the step asks for, N·m.
+        Nominal torque of the step, N·m.
     position_deg : float
         Rotation of the standard in its seat, degrees.
     group : int

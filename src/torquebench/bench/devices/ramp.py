@@ -31,7 +31,7 @@ async def go_to(
 ) -> None:
     """Bring a drive to a torque or speed; done when its ramp has had its time.
 
-    It is noted before the drive is told, if it has power, and after.
+    It is recorded before and after the drive is commanded, if it has power.
 
     Parameters
     ----------

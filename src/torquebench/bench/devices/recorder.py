@@ -56,7 +56,7 @@ class SynchronousRecording:
     input_uncertainty_nm, output_uncertainty_nm : float64[n]
         Standard uncertainty by the whole measuring chain, N·m; NaN without an active one.
     input_curve_nm, output_curve_nm : float64[n]
-        The part of it that the static curve and its hysteresis leave, N·m; NaN likewise.
+        The part of it due to the static curve and its hysteresis, N·m; NaN likewise.
     input_angle_rad, output_angle_rad : float64[n]
         Mean angles of the same windows, unwrapped, rad.
     """
@@ -114,11 +114,11 @@ class ModuleRecording:
 class Recorder(Device, AsyncReadable, Triggerable):
     """Records torques and angles of the bench from a mark on.
 
-    `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its
-    samples, and the next stretch begins. `set("fine")` does the same, but torques are counted
-    in windows of `FINE_WINDOW_S`, which begin with the next block: have it a while before they
-    matter. An instrument that counts by itself has no other windows than its own. The event
-    keeps only from when to when it was: every sample is in the run's raw stream.
+    `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its samples,
+    and the next stretch begins. `set("fine")` does the same, but torques are counted in windows of
+    `FINE_WINDOW_S`, which begin with the next block: have it a while before they matter. An
+    instrument with its own counter has fixed windows. The event keeps only from when to when it
+    was: every sample is in the run's raw stream.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:
@@ -158,7 +158,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         SignalFault
             A torque has a fault, an encoder jumped, or the stretch is older than what is kept.
         InputError
-            A reading lies outside of what was calibrated.
+            A reading lies outside the calibrated range.
         """
         self._context.supervisor.raise_if_latched()
         start_s, self._stop_s = self._start_s, self._context.clock.now()
@@ -293,7 +293,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
 
 def refuse_outside(side: Side, curve: StaticCurve, reading_nm: FloatArray) -> None:
-    """Refuse readings of which the measuring chain in use knows nothing.
+    """Refuse readings outside the calibrated range of the active measuring chain.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Zero(StandardReadable):
         Raises
         ------
         SignalFault
-            It lies too far from the nominal zero to be one.
+            It deviates too much from the nominal zero.
         """
         self._context.acquisition.set_zero(self._channel, value)
 

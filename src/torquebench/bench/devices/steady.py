@@ -52,8 +52,8 @@ class SteadySettings:
     Parameters
     ----------
     settle_s : float
-        Time that the step is left to settle, counted from the last torque or speed command to
-        this side, s. A step of a rapid staircase lasts `settle_s + window_s`.
+        Settling time of the step, counted from the last torque or speed command to this side, s. A
+        step of a rapid staircase lasts `settle_s + window_s`.
     window_s : float
         Length of the averaging window, s.
     limit_s : float
@@ -97,7 +97,7 @@ class _Evaluated:
 class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
     """Mean torque of one side over a settled window, with its standard error and drift.
 
-    `prepare(SteadySettings(...))` says how, `trigger()` waits in bench time and evaluates,
+    `prepare(SteadySettings(...))` sets the settings, `trigger()` waits in bench time and evaluates,
     `read()` returns the fields (data key by `key(field)`):
 
     ===========================  ======  =====================================================

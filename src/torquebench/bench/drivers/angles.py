@@ -33,7 +33,7 @@ class AngleSource(Protocol):
 
 @dataclass
 class CounterWithAngles:
-    """A counter without encoder inputs, and where the angles come from instead.
+    """A counter without encoder inputs, and the source of the angles.
 
     A block is read in `POLLS` parts and the position polled at the end of each: its time is known
     as well as the poll is quick, some milliseconds. That is enough for standstill, speed limits

@@ -68,7 +68,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Identity:
-    """What an instrument says of itself, for the record and for `doctor`."""
+    """Identity stated by an instrument, for the record and for `doctor`."""
 
     role: str
     manufacturer: str
@@ -115,9 +115,8 @@ class CounterBlock:
 
     A channel that is selected but silent is present with no edges: silence is a fault that the
     signal path names, never a missing key. An instrument that counts by itself delivers
-    `frequencies` instead of `edges`, one sample a window and without gaps. `waiting_s` is how much
-    more the counter had timed already, s: so far the computer is behind. None where it doesn't
-    tell.
+    `frequencies` instead of `edges`, one sample a window and without gaps. `waiting_s` is the time
+    that the counter had timed beyond the block, s: the computer's delay. None if unknown.
     """
 
     start_s: float
@@ -193,7 +192,7 @@ class DriveState:
 
 @runtime_checkable
 class Drive(Protocol):
-    """The motor of one module with its servo drive. The drive ramps; the watchdog is its own."""
+    """The motor of one module with its servo drive. The drive ramps and has its own watchdog."""
 
     def identity(self) -> Identity:
         """Read the identity of the drive."""
@@ -228,7 +227,7 @@ class Drive(Protocol):
 
 @dataclass(frozen=True)
 class ReferenceSamples:
-    """Torque as a standard with its own read-out states it, N·m at bench times in s."""
+    """Torque stated by a standard with its own read-out, N·m at bench times in s."""
 
     time_s: NDArray[np.float64]
     torque_nm: NDArray[np.float64]
@@ -246,13 +245,13 @@ class ReferenceReadout(Protocol):
         """It states a torque so often, s; 0 where that isn't known yet."""
 
     def identity(self) -> Identity:
-        """Ask the read-out who it is."""
+        """Read the identity of the read-out."""
 
     def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
         """Return the samples since the last call up to bench time `until_s`, none later.
 
         A sample whose time isn't known yet may come with a later call. `timed_s` is the bench time
-        that has passed at least: later than `until_s` where the computer is behind the counter.
+        that has passed at least: later than `until_s` if the computer lags behind the counter.
         """
 
     def close(self) -> None:
@@ -334,7 +333,7 @@ class OperatorPrompts(Protocol):
         """
 
     def cancel(self) -> None:
-        """Give up waiting for a confirmation: the person who waits gets an `InterlockError`."""
+        """Stop waiting for a confirmation: the waiting caller gets an `InterlockError`."""
 
 
 @runtime_checkable
@@ -391,7 +390,7 @@ class DriverSet:
     """Other resources that are closed with the instruments."""
 
     def identities(self) -> list[Identity]:
-        """Ask every instrument who it is."""
+        """Read the identity of every instrument."""
         drives = self.drives.values()
         parts: list[object] = [self.counter, *drives, self.reference]
         parts += [self.modes, self.clamp, self.temperature, self.rail, self.supply]

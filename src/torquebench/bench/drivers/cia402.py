@@ -104,7 +104,7 @@ def load_dictionary() -> Any:
 
 
 class CanopenLink(Link[Any]):
-    """One node on a CANopen bus, asked by SDO.
+    """One node on a CANopen bus, accessed by SDO.
 
     Parameters
     ----------
@@ -355,7 +355,7 @@ class Cia402Drive:
         self._set_mode(PROFILE_VELOCITY)
 
     def quick_stop(self) -> None:
-        """Have the drive stop by its own quick-stop ramp and stay in quick stop."""
+        """Stop the drive with its quick-stop ramp; it stays in quick stop."""
         self._link.write(CONTROLWORD, QUICK_STOP)
 
     def ramp_to_zero(self, duration_s: float) -> None:

@@ -67,7 +67,7 @@ class DescribedCounter:
 
 
 class LibraryCounter(DescribedCounter):
-    """A counter behind a library of its own, whose errors become this project's.
+    """A counter with a vendor's library, whose errors become torquebench errors.
 
     Parameters
     ----------

@@ -177,7 +177,7 @@ class DaqmxCounter(LibraryCounter):
         return text
 
     def identity(self) -> Identity:
-        """Ask the device who it is; its serial number as in NI MAX, eight hexadecimal digits."""
+        """Read the device's identity; its serial number as in NI MAX, eight hexadecimal digits."""
 
         def question() -> tuple[str, int]:
             device = self._nidaqmx.system.Device(

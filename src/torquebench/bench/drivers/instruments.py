@@ -59,8 +59,8 @@ class SimulationOptions(BaseModel):
     """Section `[driver.simulation]`: the instruments are simulators, and what they simulate.
 
     `time` is "on-demand" where bench time continues as the counter is read, as fast as everything
-    computes, or "real" where it follows the wall. The person who opens the bench asks the
-    simulators which of the two they were started with.
+    computes, or "real" where it follows the wall. On opening, the simulators state which of the two
+    they were started with.
     """
 
     model_config = ConfigDict(extra="forbid", frozen=True)

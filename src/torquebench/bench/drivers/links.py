@@ -65,7 +65,7 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
 
 
 class WireError(Exception):
-    """The wire failed or brought nonsense: the same question may be asked once more."""
+    """The connection failed or returned invalid data: the same request may be repeated."""
 
 
 def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
@@ -85,9 +85,9 @@ def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
 class Link(ABC, Generic[Connection]):
     """A connection shared by every caller of one instrument.
 
-    After an error of the wire the connection is closed and opened again, since what still comes
-    over the old one may answer an older question; then the question is asked once more. Every
-    question of this project's drivers may be asked twice: commands state absolute values.
+    After an error the connection is closed and opened again, since late data of the old one may
+    answer an earlier request; then the request is repeated. Every request of torquebench's drivers
+    may be repeated: commands state absolute values.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ class Link(ABC, Generic[Connection]):
     timeout_s : float
         How long one answer may take, s.
     attempts : int
-        How often a question is asked before it counts as unanswered.
+        Number of attempts before a request counts as unanswered.
     """
 
     def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
@@ -154,7 +154,7 @@ class Link(ABC, Generic[Connection]):
 
     @contextlib.contextmanager
     def kept(self) -> Iterator[Self]:
-        """Close the link where the block fails: nobody else will."""
+        """Close the link if the block fails."""
         try:
             yield self
         except BaseException:

@@ -48,7 +48,7 @@ class DriveOptions(ModbusOptions):
 
 
 class ModbusDrive:
-    """A servo drive on Modbus TCP with torque and speed control, own ramps and own watchdog.
+    """A servo drive on Modbus TCP with torque and speed control, ramps and watchdog.
 
     Parameters
     ----------

@@ -30,7 +30,7 @@ Base = Annotated[int, Field(ge=0, le=60000)]
 
 
 class ModbusOptions(Options):
-    """Where an instrument is: address, unit behind it, first register."""
+    """Location of an instrument: address, unit identifier, first register."""
 
     address: Address
     unit: Unit = 1

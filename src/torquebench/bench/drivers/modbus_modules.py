@@ -42,7 +42,7 @@ class TemperatureOptions(ModbusOptions):
 
 
 class ModbusTemperature:
-    """Temperature probes behind a Modbus module, asked every `interval_s`.
+    """Temperature probes on a Modbus module, read every `interval_s`.
 
     A probe that is broken or doesn't answer is missing from the answer, which the supervisor
     judges: it is never an old value.
@@ -108,7 +108,7 @@ class ModbusReadout:
         return max((clock.period_s for clock in self._clocks.values()), default=0.0)
 
     def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
-        """Return the samples since the last call, those that the ring has lost left out."""
+        """Return the samples since the last call, except those lost by the ring buffer."""
         base = SIDES.index(side) * registers.READOUT_STRIDE
         length = registers.READOUT_HEADER + 2 * registers.READOUT_SAMPLES
         words = self._link.input_registers(base, length)
@@ -233,7 +233,7 @@ class ModbusClamp:
         Raises
         ------
         BenchError
-            It says that it is open and closed at once.
+            It states open and closed at the same time.
         """
         closed, pressure, opened = self._link.contacts(Contact.CLAMP_CLOSED, 3)
         if closed and opened:
@@ -273,7 +273,7 @@ class ModbusRail:
         Raises
         ------
         BenchError
-            It says that it is at both ends at once.
+            It states both end positions at the same time.
         """
         at_end, away = self._link.contacts(Contact.RAIL_END, 2)
         if at_end and away:
@@ -321,7 +321,7 @@ class AnglesOptions(ModbusOptions):
 
 
 class ModbusAngles:
-    """Encoder positions behind a Modbus module or the drives' gateway."""
+    """Encoder positions on a Modbus module or the drives' gateway."""
 
     def __init__(
         self, link: ModbusLink, options: AnglesOptions, per_revolution: Mapping[Side, int]

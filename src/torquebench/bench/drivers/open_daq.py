@@ -37,7 +37,7 @@ HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 class SignalOptions(Options):
     """One signal of the device: the end of its path, and what its values are in Hz.
 
-    Without `scale_hz` the signal's own unit says it, which then must be Hz, kHz or MHz.
+    Without `scale_hz` the signal's own unit is used, which must be Hz, kHz or MHz.
     """
 
     signal: Annotated[str, Field(min_length=1)]
@@ -157,7 +157,7 @@ class OpenDaqCounter(LibraryCounter):
         return self._counting.block_s
 
     def identity(self) -> Identity:
-        """Tell what the device said of itself when it was connected."""
+        """Return the identity that the device stated on connection."""
         details = {"address": self._options.address, "sample rate": f"{self._rate_hz:g} Hz"}
         return Identity("counter", *self._plate, self._serial, self._firmware, details)
 
@@ -167,12 +167,12 @@ class OpenDaqCounter(LibraryCounter):
         self._selected = channels
 
     def read_block(self, duration_s: float) -> CounterBlock:
-        """Return the next windows of every channel, waiting until they have come.
+        """Wait for the next windows of every channel and return them.
 
         Raises
         ------
         BenchError
-            They don't come, or samples between them and those before are missing.
+            They don't arrive, or samples between them and the previous ones are missing.
         """
         windows = max(1, round(duration_s / self._counting.window_s))
         if self._reader is None:

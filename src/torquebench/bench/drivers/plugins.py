@@ -51,14 +51,14 @@ _BUILT_IN = {
 
 
 class Options(BaseModel):
-    """Keys of one instrument's section: checked, and none that nobody knows."""
+    """Keys of one instrument's section: checked, without unknown ones."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
 @dataclass(frozen=True)
 class InstrumentRequest:
-    """One instrument that a bench description asks for.
+    """One instrument of a bench description.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class InstrumentRequest:
     section : str
         Where its keys are, such as `driver.input_drive`.
     options : mapping
-        The keys, `protocol` left out.
+        The keys except `protocol`.
     description : BenchDescription
     side : {"input", "output"} or None
         Of a drive.
@@ -93,11 +93,12 @@ class DriverPlugin:
     Parameters
     ----------
     name : str
-        What `protocol = ` says in a bench description.
+        The value of `protocol = ` in a bench description.
     openers : mapping of role to callable
-        Each takes an `InstrumentRequest` and returns what `bench.drivers.base` asks of the role.
+        Each takes an `InstrumentRequest` and returns an object with the role's interface in
+        `bench.drivers.base`.
     bench : callable, optional
-        Opens a whole bench of its own kind, for `bench.driver = name`.
+        Opens a whole bench, for `bench.driver = name`.
     """
 
     name: str
@@ -160,7 +161,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
 
 
 def require_library(module: str, extra: str) -> ModuleType:
-    """Import the library of a protocol, whose own log stays silent unless somebody listens.
+    """Import the library of a protocol and silence its log unless a handler is set.
 
     Raises
     ------

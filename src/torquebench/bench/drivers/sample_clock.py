@@ -24,13 +24,12 @@ FORGOTTEN_S = 1.0
 class SampleClock:
     """Spreads samples evenly, a period apart, by the quickest answer that there was.
 
-    A question is asked when the counter's block has come, so an answer is never older than the
-    block's end, nor than what the counter had timed then; on a busy computer it is younger by as
-    much as the computer is behind. The answer that was least behind tells best how the two clocks
-    lie, and holds until they may have drifted.
-    While answers still become quicker, as when a computer catches up after a start, nobody knows
-    the times yet: samples are kept until they are known. A sample that is later than the block
-    is kept for the block that it belongs to.
+    A request is sent after the counter's block has arrived, so an answer is never older than the
+    block's end, nor than the counter's time then; on a busy computer it is later by the computer's
+    delay. The answer with the smallest delay gives the best offset of the two clocks, and is valid
+    until they may have drifted. While delays still decrease, as when a computer catches up after a
+    start, the times are unknown: samples are kept until they are known. A sample that is later than
+    the block is kept for the block that it belongs to.
 
     Parameters
     ----------
@@ -71,13 +70,13 @@ class SampleClock:
         Parameters
         ----------
         torque_nm : float64 array of shape (n,)
-            What came, the newest last.
+            Samples, the newest last.
         until_s : float
-            End of the block for which they were asked, bench time.
+            End of the block for which they were requested, bench time.
         timed_s : float
-            What the counter had timed when they were asked, bench time.
+            The counter's time at the request, bench time.
         lost : int
-            How many the instrument has lost before them, where it tells.
+            Number of samples lost by the instrument before them, if it states that.
         """
         if until_s - self._until_s > FORGOTTEN_S:
             self._begin()

@@ -89,7 +89,7 @@ class ScpiCounter(DescribedCounter):
         return self._counting.block_s
 
     def identity(self) -> Identity:
-        """Ask the counters who they are; the first one speaks for all."""
+        """Read the identity of the first counter, for all."""
         first, *others = [link.identity("counter") for link in self._links.values()]
         details = dict(first.details) | {
             f"serial of {name}": other.serial

@@ -160,7 +160,7 @@ class ScpiLink(Link[_Connection]):
         Raises
         ------
         BenchError
-            It answers with an error of its own.
+            The instrument reports an error.
         """
 
         def exchange(connection: _Connection) -> str:

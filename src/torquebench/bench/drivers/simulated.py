@@ -117,7 +117,7 @@ class _Ramp:
 
 
 class DriveEvent(NamedTuple):
-    """A line of a simulated drive's own log: what happened, and its set points just before."""
+    """A line of a simulated drive's log: the event, and the set points before it."""
 
     time_s: float
     event: str
@@ -417,10 +417,10 @@ class SimulatedBench:
         return self._mounted
 
     def hold(self, reducer: ReducerDescription | None, serial: str = "") -> None:
-        """Hold a reducer of this type, to be mounted next; None holds what the bench came with.
+        """Hold a reducer of this type, to be mounted next; None mounts the bench's own reducer.
 
-        Another serial number is another specimen. A type that doesn't come with the software is
-        made after the packaged one of the closest rated torque, with its own ratio.
+        Another serial number is another specimen. A type that isn't packaged is derived from the
+        packaged one of the closest rated torque, with its own ratio.
         """
         options = self.options
         if reducer is not None:
@@ -530,11 +530,12 @@ class SimulatedDrive:
     Attributes
     ----------
     watchdog_s : float
-        Unfed for so long it goes off by itself; as described, or as a simulator on a wire was told.
+        Time without feeding after which it switches off; from the description, or as a client has
+        set it.
     log : deque of DriveEvent
-        What it was told and did, the newest last.
+        Commands and reactions, the newest last.
     unguarded : callable
-        Whether its own watchdog doesn't act.
+        Whether its watchdog is disabled.
     """
 
     def __init__(self, bench: SimulatedBench, side: Side) -> None:

@@ -15,7 +15,7 @@ __all__ = ["SimulatedReadout"]
 
 
 class SimulatedReadout:
-    """A standard with its own counter: it states torque and keeps its edges to itself.
+    """A standard with its own counter: it states torque, not edges.
 
     Parameters
     ----------

@@ -109,7 +109,7 @@ class SimulatedTruth:
 def simulated_certificates(
     control: SimulationControl,
 ) -> dict[Mounting, dict[Side, ReferenceCertificate]]:
-    """Ask for the certificates that come with the simulated standards."""
+    """Request the certificates of the simulated standards."""
     answer = control.ask("certificates")
     return {
         mounting: {
@@ -123,7 +123,7 @@ def simulated_certificates(
 
 
 def simulated_encoder_certificates(control: SimulationControl) -> dict[Side, EncoderCertificate]:
-    """Ask for the certificates that come with the simulated encoders."""
+    """Request the certificates of the simulated encoders."""
     answer = control.ask("encoder_certificates")
     return {side: EncoderCertificate(**_arrays(answer[side])) for side in SIDES if side in answer}
 
@@ -139,7 +139,7 @@ def _arrays(columns: Mapping[str, list[float]]) -> dict[str, NDArray[np.float64]
 
 
 class SimulatedOperator:
-    """The person at a bench of simulators: does at once what is asked.
+    """The operator of a bench of simulators, who confirms every request at once.
 
     Parameters
     ----------

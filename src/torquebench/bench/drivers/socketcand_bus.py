@@ -117,7 +117,7 @@ class SocketcandBus(can.BusABC):
         )
 
     def send(self, msg: can.Message, timeout: float | None = None) -> None:
-        """Send a frame; raises `can.CanOperationError` where the server has gone."""
+        """Send a frame; raises `can.CanOperationError` if the server has closed."""
         del timeout
         identifier = (
             f"{msg.arbitration_id:08X}" if msg.is_extended_id else (f"{msg.arbitration_id:03X}")

@@ -54,7 +54,7 @@ class AlarmKind(Enum):
 
 
 class AlarmLevel(IntEnum):
-    """How bad it is: a warning is only said, a critical alarm stops the bench and latches."""
+    """Severity: a warning is only displayed, a critical alarm stops the bench and latches."""
 
     WARNING = 1
     CRITICAL = 2
@@ -197,7 +197,7 @@ class Alarm:
     number : int
         Counts the alarms of an open bench from 1.
     raised : datetime.datetime
-        When it came, UTC.
+        Time of the event, UTC.
     """
 
     kind: AlarmKind
@@ -229,9 +229,9 @@ class StandingAlarm:
     ----------
     alarm : Alarm
     cleared : datetime.datetime or None
-        When a warning's cause went away by itself, UTC; None while it stands.
+        When a warning's cause went away by itself, UTC; None while it is active.
     acknowledged_by : str
-        Who has acknowledged it; empty while nobody has.
+        The person who has acknowledged it; empty before that.
     acknowledged : datetime.datetime or None
         When, UTC.
     """
@@ -253,7 +253,7 @@ class AlarmBook:
     """Every alarm since the bench was opened; safe to use from any thread.
 
     Listeners are called with each new alarm and again when it is cleared or acknowledged, in the
-    thread that notes it; one that raises is left out silently, since the bench comes first.
+    calling thread; a listener's error is ignored, since the bench has priority.
     """
 
     def __init__(self) -> None:
@@ -270,7 +270,7 @@ class AlarmBook:
     def latched(self) -> Alarm | None:
         """The critical alarm that stopped the bench, None when there is none.
 
-        One that says that the bench isn't safe takes the place of what it began with.
+        An alarm that the bench isn't safe replaces the original message.
         """
         return self._latched
 
@@ -292,7 +292,7 @@ class AlarmBook:
     def add(self, alarm: Alarm) -> Alarm:
         """Note an alarm under its number; the first critical one is the one that latches.
 
-        Listeners hear of it by `announce`: the bench is stopped before anybody is told.
+        Listeners are called by `announce`, after the bench has been stopped.
         """
         with self._lock:
             numbered = replace(alarm, number=len(self._entries) + 1)
@@ -316,7 +316,7 @@ class AlarmBook:
         self._tell([self._entries[number - 1] for number in numbers])
 
     def clear(self, number: int) -> None:
-        """Note that a warning's cause has gone."""
+        """Clear a warning whose cause is gone."""
         with self._lock:
             entry = self._entries[number - 1]
             if not entry.stands:
@@ -325,12 +325,12 @@ class AlarmBook:
         self._tell([entry])
 
     def acknowledge(self, who: str, seen: Collection[int] | None = None) -> tuple[int, ...]:
-        """Acknowledge alarms that stand; return their numbers, for `announce`.
+        """Acknowledge active alarms; return their numbers, for `announce`.
 
         Raises
         ------
         InterlockError
-            A critical one isn't among those that were seen.
+            A critical alarm isn't among the seen ones.
         """
         with self._lock:
             for entry in self.standing:

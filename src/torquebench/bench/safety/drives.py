@@ -34,20 +34,20 @@ class DriveWorker:
     side : {"input", "output"}
     drive : Drive
     threaded : bool
-        Do it on a thread of its own, since the drive may block. Otherwise on the caller's.
+        Use a separate thread, since the drive may block. Otherwise on the caller's.
     patience_s : float
-        How long a caller waits for that thread, s of wall time: simulated time, which stands
-        meanwhile, must neither run away from a drive that answers nor stand still for one that
-        doesn't, since that one's own watchdog needs it.
+        How long a caller waits for that thread, s of wall time: simulated time stands meanwhile. It
+        must not run ahead of a drive that answers, nor stop for one that doesn't, whose watchdog
+        needs it to pass.
 
     Attributes
     ----------
     state : DriveState or None
         As last answered; None before the first answer.
     asked : float
-        When it was asked for that, in `time.monotonic` seconds.
+        Time of the last request, in `time.monotonic` seconds.
     failure : str
-        What the drive failed with when it was last asked, empty when it answered.
+        Error of the last request; empty if the drive answered.
     """
 
     def __init__(
@@ -75,7 +75,7 @@ class DriveWorker:
             self._thread.start()
 
     def close(self) -> None:
-        """End the thread; one that hangs in its drive is left alone."""
+        """End the thread, unless it hangs in its drive."""
         if self._thread is not None and self._thread.is_alive():
             self._orders.put(None)
             self._thread.join(ENDING_S)
@@ -109,7 +109,7 @@ class DriveWorker:
     def silent_s(self, since: float) -> float:
         """Return how long a question waits for its answer, s of wall time; 0 if none waits.
 
-        Time in which nobody has asked, as this computer was busy, isn't the drive's silence.
+        Time without requests, because this computer was busy, doesn't count.
 
         Parameters
         ----------
@@ -120,14 +120,14 @@ class DriveWorker:
         return 0.0 if self._idle.is_set() else time.monotonic() - max(put, since)
 
     def found_wrong(self, since: float, enabled: float, watchdog_s: float) -> str:
-        """Return what is wrong with a drive that has power; empty if nothing is known to be.
+        """Return the defect of a drive that has power; empty if none is known.
 
         Parameters
         ----------
         since : float
-            When it was first seen with power, in `time.monotonic` seconds.
+            Time at which it was first read with power, in `time.monotonic` seconds.
         enabled : float
-            When it was switched on: what it said before says nothing of now.
+            Time at which it was switched on: earlier states don't count.
         watchdog_s : float
             How long it may be silent, s.
         """
@@ -140,7 +140,7 @@ class DriveWorker:
         return state.fault or ("" if state.enabled else "lost its enable")
 
     def wait_asked(self, patience_s: float | None = None) -> None:
-        """Wait until the drive has been asked, as long as patience lasts."""
+        """Wait for the answer of the drive, at most for `patience_s`."""
         patience_s = self._patience_s if patience_s is None else patience_s
         if self._thread is not None and patience_s:
             self._idle.wait(patience_s)
@@ -150,7 +150,7 @@ class DriveWorker:
         self._order(lambda: self._ramp(duration_s))
 
     def disable(self, done: Answer) -> None:
-        """Take the power off, then call `done` with whether the drive could be told."""
+        """Take the power off, then call `done` with whether the command succeeded."""
 
         def disable() -> None:
             try:

@@ -72,11 +72,11 @@ class _Course:
 
 
 class FollowingJudge:
-    """Holds what a drive was told against what the bench reads; called by acquisition's thread.
+    """Compares a drive's commands with the bench's readings; called by acquisition's thread.
 
-    With a standard mounted the flanges are held, so the whole commanded torque must be there.
-    With a reducer, which may turn, the torque is between nothing and what was commanded; the same
-    holds for the speed of a drive that controls speed.
+    With a standard mounted the flanges are held, so the whole commanded torque must be there. With
+    a reducer, which may turn, the torque is between zero and the command; the same applies to the
+    speed of a drive in speed control.
 
     Parameters
     ----------
@@ -96,7 +96,7 @@ class FollowingJudge:
         self._courses.clear()
 
     def judge(self, block: AcquiredBlock) -> Violation | None:
-        """Take a block; return what a drive does that it wasn't told."""
+        """Check a block; return a drive's deviation from its commands."""
         for side in SIDES:
             commands = self._commands.side(side)
             if not (self._share and commands.enabled):

@@ -23,15 +23,15 @@ class _Heartbeat:
 
 
 class Heartbeats:
-    """Signs of life, each with its own patience; safe to use from any thread.
+    """Heartbeats, each with its own time-out; thread-safe.
 
     Parameters
     ----------
     now : callable
         Bench time, s.
     presence_s : float
-        How long a confirmation of the operator's presence counts, s of wall time; 0 where nobody
-        is asked.
+        Validity of a confirmation of the operator's presence, s of wall time; 0 if none is
+        required.
     """
 
     def __init__(self, now: Callable[[], float], presence_s: float) -> None:
@@ -59,7 +59,7 @@ class Heartbeats:
             self._beats.pop(name, None)
 
     def confirm_presence(self, who: str) -> None:
-        """Note that somebody is at the bench."""
+        """Confirm the operator's presence."""
         self.present = who
         self._present_until = time.monotonic() + self._presence_s
 
@@ -68,7 +68,7 @@ class Heartbeats:
         return max(0.0, self._present_until - time.monotonic())
 
     def absent_s(self) -> float:
-        """How long nobody has confirmed to be there beyond what is allowed, wall s; 0 if fine."""
+        """Time since the last confirmation of presence beyond the limit, wall s; 0 within it."""
         if self._presence_s <= 0.0:
             return 0.0
         return max(0.0, time.monotonic() - self._present_until)
@@ -99,7 +99,7 @@ class Heartbeats:
         return None
 
     def ask(self) -> None:
-        """Ask those for a beat who can be asked."""
+        """Ask all sources with a callback for a heartbeat."""
         with self._lock:
             pings = [each.ping for each in self._beats.values() if each.ping is not None]
         for ping in pings:

@@ -18,7 +18,7 @@ __all__ = ["LimitBook", "SideLimits", "StepLimits", "Watch", "tightened"]
 
 @dataclass(frozen=True)
 class StepLimits:
-    """What one step of a procedure allows on one side; None leaves the bench's own limit.
+    """What one step of a procedure allows on one side; None keeps the bench's limit.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class StepLimits:
     torque_nm, speed_rpm, temperature_c : float, optional
         Magnitudes.
     angle_deg : float, optional
-        How far the side may turn from where it stands when the step begins, degrees.
+        Largest angle from the position at the beginning of the step, degrees.
     torque_rate_nm_per_s, speed_rate_rpm_per_s : float, optional
         How fast torque and speed may change.
     """
@@ -42,7 +42,7 @@ class StepLimits:
 
 @dataclass(frozen=True)
 class SideLimits:
-    """Limits in force on one side; infinity if nothing is watched. Fields as `StepLimits`."""
+    """Limits in force on one side; infinity without a limit. Fields as `StepLimits`."""
 
     torque_nm: float
     speed_rpm: float
@@ -137,7 +137,7 @@ class Watch:
     Parameters
     ----------
     level : AlarmLevel or None
-        None while nothing is wrong.
+        None within the limits.
     number : int
         Of the warning in the book of alarms, 0 without one.
     """
@@ -148,8 +148,8 @@ class Watch:
     def judge(self, value: float, limit: float, warning: float, hysteresis: float) -> bool:
         """Take a new value; True when the level changed.
 
-        The level falls only when the value is a hysteresis below what had raised it, and a value
-        that isn't a number leaves it as it is: a missing signal is evaluated elsewhere.
+        The level falls only when the value is below its threshold by the hysteresis. NaN doesn't
+        change it: a missing signal is checked elsewhere.
 
         Examples
         --------

@@ -67,7 +67,7 @@ def prefer_this_thread() -> Priority:
 
 
 def available_priority() -> Priority:
-    """Try what the system would grant, on a thread of its own.
+    """Test on a separate thread which priority the system grants.
 
     Raises
     ------

@@ -60,7 +60,7 @@ class FastCheck(Protocol):
 
 @dataclass(frozen=True)
 class Change:
-    """A level that was reached or left again (`violation` is None then)."""
+    """A level that was reached, or ended (`violation` is then None)."""
 
     watch: Watch
     violation: Violation | None
@@ -94,7 +94,7 @@ class SignalJudge:
     limits : LimitBook
     commands : CommandState
     readout : ReferenceReadout, optional
-        Of a standard that states torque itself, by a clock of its own.
+        Read-out of a standard that states torque itself, with its own clock.
     """
 
     def __init__(
@@ -155,14 +155,14 @@ class SignalJudge:
     def check_edges(
         self, raw: CounterBlock, channels: Mapping[str, FastCheck]
     ) -> tuple[Violation | None, list[Change]]:
-        """Judge a few milliseconds of bare edges and encoder counts.
+        """Check a few milliseconds of bare edges and encoder counts.
 
         Returns
         -------
         violation : Violation or None
             The first that must stop the bench.
         changes : list of Change
-            Warnings that came or went.
+            Warnings that began or ended.
         """
         self._begin()
         for name in self._read_until_s.keys() - raw.edges.keys():

@@ -30,7 +30,7 @@ NO_SET_POINT = 1e-3
 
 
 class Stage(Enum):
-    """How far the way to the safe state has been gone."""
+    """Stages of the way to the safe state."""
 
     SAFE = "safe"
     RAMPING = "ramping to zero"
@@ -39,7 +39,7 @@ class Stage(Enum):
 
 
 class Deadline:
-    """A time-out in bench time; where bench time stands still, in wall time.
+    """A time-out in bench time; in wall time while bench time stands.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class Remaining:
     power : bool or None
         None where the drive doesn't say.
     torque_nm : float
-        NaN where it can't be read, 0 where it is gone or was never there.
+        NaN if it can't be read, 0 if there is none.
     """
 
     side: Side
@@ -80,12 +80,12 @@ class Remaining:
 
     @property
     def known(self) -> bool:
-        """Whether something is known to be there, or power isn't known to be gone."""
+        """Whether torque or power remains, or the power state is unknown."""
         return self.power is not False or abs(self.torque_nm) > 0.0
 
     @property
     def gone(self) -> bool:
-        """Whether power and torque were read back as gone."""
+        """Whether power and torque were read back as zero."""
         return self.power is False and self.torque_nm == 0.0
 
     @property
@@ -117,7 +117,7 @@ class ReadBack:
         self._torque: dict[Side, tuple[float, float]] = {}
 
     def take(self, block: AcquiredBlock) -> None:
-        """Take the newest torque of each side: its own, or else the mounted standard's."""
+        """Store the newest torque of each side: its own, otherwise the mounted standard's."""
         for side in SIDES:
             for name in (torque_channel(side), reference_channel(side)):
                 samples = block.channels.get(name)
@@ -190,5 +190,5 @@ class ReadBack:
 
 
 def said(remaining: Iterable[Remaining]) -> str:
-    """Say what is left, the sides if nothing is left out."""
+    """Describe remaining torque and power of the sides."""
     return "; ".join(each.words for each in remaining if not each.gone)

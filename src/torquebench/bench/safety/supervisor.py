@@ -153,7 +153,7 @@ class SafetySupervisor:
 
     @property
     def alarms(self) -> tuple[StandingAlarm, ...]:
-        """Alarms that stand, the worst first: what is latched, its later causes, warnings."""
+        """Active alarms, the worst first: the latched alarm, its later causes, warnings."""
         return self._book.standing
 
     @property
@@ -169,12 +169,12 @@ class SafetySupervisor:
 
     @property
     def safe(self) -> bool:
-        """Whether no way to the safe state is being gone: after an alarm it was read back."""
+        """Whether the bench is at rest: after an alarm, the safe state was read back."""
         return self._stage is Stage.SAFE
 
     @property
     def unsafe(self) -> Alarm | None:
-        """The alarm that says what is still on after a stop; None if nothing is known to be."""
+        """The alarm about remaining power or torque after a stop; None if none is known."""
         latched = self._book.latched
         if latched is None or latched.kind is not AlarmKind.NOT_SAFE or self.safe:
             return None
@@ -182,7 +182,7 @@ class SafetySupervisor:
 
     @property
     def unconfirmed(self) -> bool:
-        """Whether drives had power, and nobody has read back since that it is gone."""
+        """Whether drives had power that wasn't read back as off since."""
         return self._powered
 
     def raise_if_latched(self) -> None:
@@ -197,7 +197,7 @@ class SafetySupervisor:
         return self.safe
 
     def still_on(self) -> Sequence[Remaining]:
-        """Return what power and torque there still are, as read back, or aren't known to be gone.
+        """Return power and torque that remain by reading back, or may remain.
 
         Nothing while drives are meant to have power.
         """
@@ -218,12 +218,12 @@ class SafetySupervisor:
         who : str
             The person who has removed the cause.
         seen : collection of int, optional
-            Numbers of the alarms that the person has looked at; by default all.
+            Numbers of the alarms that the person has seen; by default all.
 
         Raises
         ------
         InterlockError
-            The bench isn't in its safe state yet, nobody is named, or a critical alarm has come
+            The bench isn't in its safe state yet, no person is named, or there is a critical alarm
             that the person hasn't seen.
         """
         with self._lock:
@@ -260,7 +260,7 @@ class SafetySupervisor:
         self._book.subscribe(listener)
 
     def warn(self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str) -> Alarm:
-        """Note a warning, which stops nothing and stands until it is acknowledged or cleared."""
+        """Raise a warning, which doesn't stop the bench and lasts until acknowledged or cleared."""
         alarm = self._book.add(
             Alarm(kind, source, found, allowed, remedy, self._clock.now(), AlarmLevel.WARNING)
         )
@@ -268,7 +268,7 @@ class SafetySupervisor:
         return alarm
 
     def clear_warning(self, number: int) -> None:
-        """Note that the cause of a warning has gone."""
+        """Clear a warning whose cause is gone."""
         self._book.clear(number)
 
     # -- limits of a step, heartbeats, presence ---------------------------------------------
@@ -293,7 +293,7 @@ class SafetySupervisor:
         self.heartbeats.release(name)
 
     def confirm_presence(self, who: str) -> None:
-        """Note that somebody is at the bench; counts for `safety.presence_s`."""
+        """Confirm the operator's presence for `safety.presence_s`."""
         self.heartbeats.confirm_presence(who)
 
     # -- what acquisition calls -------------------------------------------------------------
@@ -308,7 +308,7 @@ class SafetySupervisor:
             self._busy_since = None
 
     def check_edges(self, raw: CounterBlock, channels: Mapping[str, FastCheck]) -> None:
-        """Judge the bare edges of a few milliseconds, before they become samples."""
+        """Check the bare edges of a few milliseconds, before they become samples."""
         self._busy_since = time.monotonic()  # part of a block arrived, so acquisition doesn't stall
         self._act(*self._signals.check_edges(raw, channels))
 
@@ -559,7 +559,7 @@ class SafetySupervisor:
         return share * self._description.module(side).range_nm
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
-        """Bring drives to zero torque and speed at their own rates, as no alarm demands haste.
+        """Bring drives to zero torque and speed at their usual rates, without an alarm.
 
         Returns
         -------
@@ -590,8 +590,8 @@ class SafetySupervisor:
     def disable(self) -> None:
         """Take the power off both drives at the end of something; watch that it goes.
 
-        With an alarm latched the supervisor does so by itself, after the ramp. A drive that can't
-        be told is an alarm.
+        With an alarm latched the supervisor does so by itself, after the ramp. A drive that doesn't
+        take the command causes an alarm.
         """
         with self._lock:
             if self._book.latched is not None and self._stage is not Stage.SAFE:
@@ -613,9 +613,9 @@ class SafetySupervisor:
         Parameters
         ----------
         sides : sequence of {"input", "output"}
-            Drives that were told to go off.
+            Drives that were switched off.
         torque : bool
-            Whether the torque must be gone, too.
+            Whether the torque must be zero, too.
         """
         if self._book.latched is not None:
             self.wait_safe(GOING_OFF_S)
@@ -644,7 +644,7 @@ class SafetySupervisor:
     # -- the supervisor's own thread --------------------------------------------------------
 
     def start(self) -> None:
-        """Start the supervisor's own thread."""
+        """Start the supervisor's thread."""
         if not self._clock.fast:
             self._lifted = lift_process()
         for worker in self._workers.values():

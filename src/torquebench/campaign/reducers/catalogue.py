@@ -41,9 +41,9 @@ class ReducerTest:
     work : callable
         Imports and returns its settings, plan, evaluation and figures.
     loads_output : bool
-        Whether it loads the output as far as its plan says.
+        Whether it loads the output.
     bench_twist : bool
-        Whether the bench has to measure its own twist before.
+        Whether the bench's own twist must be measured before.
     empty_run : tuple of side
         Sides of which it has to know what their shafts read by themselves.
     """

@@ -30,7 +30,7 @@ class SpecimenQuantity:
     title : str
     estimate : Budget
     limit, verdict : str
-        Of the data sheet; empty where nothing was judged.
+        Of the data sheet; empty without a limit.
     """
 
     title: str

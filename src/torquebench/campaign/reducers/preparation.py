@@ -24,7 +24,7 @@ __all__ = ["Known", "Preparation", "preparations"]
 
 @dataclass
 class Known:
-    """What the bench knows of itself.
+    """Known properties of the bench.
 
     Parameters
     ----------

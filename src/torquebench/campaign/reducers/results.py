@@ -43,7 +43,7 @@ class ReducerTestQuantity:
     unit : str
         Of both, and of the limit.
     limit : str
-        What the data sheet demands, in words with its unit; empty where it demands nothing.
+        The data sheet's limit, in words with its unit; empty without a limit.
     verdict : str
         Guard-banded verdict against that limit; empty without one.
     rule : str
@@ -73,7 +73,7 @@ class ReducerTestOutcome:
     quantities : tuple of ReducerTestQuantity
         What it found.
     verdict : str
-        The worst verdict of its quantities; empty where nothing was judged.
+        The worst verdict of its quantities; empty without limits.
     remarks : tuple of str
         What a reader has to know: nominal uncertainties, points that didn't settle.
     findings : tuple of Finding
@@ -85,8 +85,8 @@ class ReducerTestOutcome:
     run : RunRecord
         The run and its folder; its ``results.json`` holds the quantities.
     short : bool
-        Whether it is a first look: what wasn't sampled is in the uncertainties, and no limit is
-        kept without condition.
+        Whether it is a short test: the reduced sampling is in the uncertainties, and no limit is
+        met unconditionally.
     """
 
     name: TestName
@@ -117,7 +117,7 @@ class ReducerTestFailure:
     message : str
         What went wrong, what is allowed, what to do.
     remedy : str
-        More to do about it; empty where the message says it.
+        Additional remedy; empty if the message has it.
     """
 
     name: str
@@ -133,7 +133,7 @@ class ReducerTestRecord:
     Attributes
     ----------
     name : str
-        What was asked for; ``"full"`` has several outcomes.
+        The requested test; ``"full"`` has several outcomes.
     reducer_name, serial : str
         Type and specimen.
     reducer : mapping
@@ -197,7 +197,7 @@ class ReducerTestRehearsal:
     points : int
         Points that would be recorded.
     largest_torque_nm, largest_speed_rpm : mapping of side to float
-        What each side is asked for at most.
+        Largest commanded value of each side.
     modes : mapping of side to tuple of str
         Modes that each side is in, in order.
     """

@@ -59,7 +59,7 @@ class Unsampled:
 
 
 def few_positions(positions: int) -> tuple[Unsampled, ...]:
-    """Return what too few output positions leave open; nothing from `LEAST_POSITIONS` on.
+    """Return the influence of too few output positions; none from `LEAST_POSITIONS` on.
 
     Examples
     --------

@@ -44,10 +44,9 @@ class ReducerTestSettings:
     tare_always : bool
         Whether that is done although the measuring chains correct what turning does to them.
     twist_arcmin_per_nm : float or None
-        The bench's own twist where it is known already, arcmin/(N·m); then it isn't measured.
+        The bench's own twist if known, arcmin/(N·m); it isn't measured then.
     is_short : bool
-        Whether this is a first look: results are marked short, and no limit counts as kept
-        without condition.
+        Whether the test is short: results are marked short, and no limit is met unconditionally.
     """
 
     plans: Mapping[str, Any] = field(
@@ -105,7 +104,7 @@ class ReducerTestSettings:
 
     @classmethod
     def short(cls) -> Self:
-        """Return settings for a first look: few points, no warming up, no empty run."""
+        """Return settings of a short test: few points, no warming up, no empty run."""
         return cls(
             plans={test.name: test.work().short for test in PARTS},
             bench_twist=BenchTwistSettings(cycles=1),

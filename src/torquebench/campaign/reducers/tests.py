@@ -39,7 +39,8 @@ def rehearse_reducer_test(
     """Go through the plans of a test without moving anything.
 
     What the bench measures of itself before (its twist, an empty run) comes first. A test that
-    repeats until its means are known is gone through with the fewest repeats and with the most.
+    repeats until its means are known is rehearsed with the smallest and the largest number of
+    repeats.
 
     Raises
     ------
@@ -139,7 +140,7 @@ def run_reducer_test(
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> ReducerTestRecord:
-    """Put the reducer to a test; every part is a run of its own, named ``test-NAME``.
+    """Test the reducer; every part is a separate run, named ``test-NAME``.
 
     All parts are rehearsed before the first of them moves anything. A part of the full test that
     fails is kept as a failure, and the others go on.
@@ -166,7 +167,7 @@ def run_reducer_test(
     RunAbortedError
         Somebody ended the run.
     SignalFault, BenchError
-        Something failed meanwhile; the bench is without torque.
+        The test failed; the bench is without torque.
     """
     settings, started, began_s = (
         settings or ReducerTestSettings(),

@@ -22,10 +22,10 @@ TWIST_LEVELS = 40
 
 @dataclass(frozen=True)
 class TwistCompliance:
-    """How far the bench itself twists between an encoder and the flange beside it.
+    """Twist of the bench between an encoder and the flange beside it.
 
-    The twist is that of what the transducer feels, while the torque counts what bearings and
-    splines take beside it: over the torque it is no straight line.
+    The twist follows the torque in the transducer, while the torque also includes the part taken by
+    bearings and splines: the twist is nonlinear over the torque.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class TwistCompliance:
     source : str
         Where it comes from, for the record.
     level_nm, bend_rad : tuple of float
-        Torques, increasing, and the twist beside the straight line there; none where only a
+        Torques, increasing, and the twist's deviation from the straight line there; none if only a
         slope is known.
 
     Examples
@@ -72,16 +72,16 @@ def twist_compliances(recording: BenchTwistRecording) -> dict[Side, TwistComplia
 def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) -> TwistCompliance:
     """Return a side's twist from cycles 0 → +T → −T → 0 against the held calibrator.
 
-    The slope of angle over torque by least squares, and the mean beside it at levels of torque;
-    rising and falling legs count alike, so that what the shaft holds back by its own hysteresis
-    cancels. The uncertainty is half of what the legs differ by, in slope and level by level.
+    The slope of angle over torque by least squares, and the mean deviation from it at levels of
+    torque. Rising and falling legs have equal weights, so that the shaft's hysteresis cancels. The
+    uncertainty is half of what the legs differ by, in slope and level by level.
 
     Parameters
     ----------
     torque_nm, angle_rad : array of float, shape (n,)
         In the order of measurement.
     source : str
-        Where they come from.
+        Source of the values.
     """
     slope, offset = (float(each) for each in np.polyfit(torque_nm, angle_rad, 1))
     largest = float(np.max(np.abs(torque_nm)))

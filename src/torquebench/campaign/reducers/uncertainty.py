@@ -51,9 +51,9 @@ class Bench:
     ----------
     description : BenchDescription
     twists : mapping of side to TwistCompliance
-        Between each encoder and its flange; nothing where it isn't known.
+        Between each encoder and its flange; missing if unknown.
     tares : mapping of side to Tare
-        Of an empty run; nothing without one.
+        Of an empty run; missing without one.
     """
 
     description: BenchDescription
@@ -93,7 +93,7 @@ def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
 
 
 def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
-    """Say whether an empty run was subtracted, or what stands in its place."""
+    """State whether an empty run was subtracted, or what replaces it."""
     corrected = {
         side: stated
         for side, stated in running.stated.items()
@@ -129,7 +129,7 @@ def drift_remarks(running: RunningRecording) -> list[str]:
 
 
 def root_mean_square(values: FloatArray) -> float:
-    """Return the root of the mean square; 0 of nothing."""
+    """Return the root mean square; 0 for an empty array."""
     return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0
 
 
@@ -179,7 +179,7 @@ def without_tare(
 
 
 def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
-    """Return what is known of a side's torque beside what the test's repeats show.
+    """Return the uncertainty of a side's torque beyond the scatter of the test's repeats.
 
     It is what the measuring chain stated of the points, by how its components behave in a test:
     what grows with the torque, what the zeros keep, what turns its sign with the speed.

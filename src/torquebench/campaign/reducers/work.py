@@ -33,7 +33,7 @@ class RepeatedSettings(Protocol):
 
 @dataclass(frozen=True)
 class Evaluated:
-    """A result, and what a reader has to know beside it."""
+    """A result, and remarks for its reader."""
 
     result: ReducerResult
     remarks: tuple[str, ...]
@@ -46,7 +46,7 @@ class TestWork:
     Parameters
     ----------
     settings, short : object
-        Settings of its plan: for a full test, and for a first look.
+        Settings of its plan: for a full test, and for a short one.
     plan : callable
         Makes its plan from the devices, the reducer's limits and the settings.
     evaluate : callable
