@@ -93,7 +93,7 @@ def rotation(
         Span over speed and its u, running-in and its u.
     loads : float64 array of shape (2, speeds, torques)
         Drag by the load and its u; no torques where it wasn't identified.
-    limits_rpm : lowest and highest speed, and up to which speed a shaft stands still
+    limits_rpm : lowest and highest speed, and the largest speed of a standing shaft
     """
     found = np.zeros((6, speed_rpm.size))
     value = np.empty(4)

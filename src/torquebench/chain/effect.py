@@ -52,14 +52,14 @@ class Effect(ABC):
     title : str
         What it is, in words.
     needs : tuple of str
-        Fields of `Readings` that it looks at. One that isn't measured enters as an uncertainty over
-        the range that the effect states for it.
+        Fields of `Readings` that it uses. One that isn't measured enters as an uncertainty over the
+        range that the effect states for it.
     corrects_reading : bool
-        Whether it comes before the static curve, which then sees the corrected reading.
+        Whether it is applied before the static curve, to the reading.
     influence : str
         Kind of the effect whose limits it replaces, because it was measured; "" for none.
     record : str
-        Where its numbers come from: a certificate, a data sheet, a calibration.
+        Source of its numbers: a certificate, a data sheet, a calibration.
     """
 
     kind: ClassVar[str] = ""
@@ -76,7 +76,7 @@ class Effect(ABC):
         Parameters
         ----------
         readings : Readings
-            The next ones of the stream, or rows that have nothing to do with each other.
+            The next ones of the stream, or independent rows.
         torque_nm : float64[n]
             Torque by all effects before this one, N·m.
         """

@@ -17,14 +17,14 @@ Table = tuple[Numbers, ...]
 
 
 class Place(NamedTuple):
-    """Where values lie between nodes: the node below, and the share of the way to the next."""
+    """Positions of values between nodes: the node below, and the share of the way to the next."""
 
     node: NDArray[np.intp]
     share: FloatArray
 
 
 def located(nodes: FloatArray, values: FloatArray) -> Place:
-    """Return where values lie; those outside are treated as the nearest node."""
+    """Return the positions of values; those outside are treated as the nearest node."""
     if nodes.size == 1:
         return Place(np.zeros(np.shape(values), dtype=np.intp), np.zeros(np.shape(values)))
     node = np.clip(np.searchsorted(nodes, values, side="right") - 1, 0, nodes.size - 2)

@@ -79,7 +79,7 @@ class MeasuringChain:
     def effects(self) -> tuple[Effect, ...]:
         """All effects in the order in which they add to a reading.
 
-        Limits of an influence that was measured are left out.
+        Limits of a measured influence are left out.
         """
         widening = student_widening(float(self.model.degrees_of_freedom_))
         scatter = Scatter("residuals of the calibration", widening * float(self.model.scatter_nm))
@@ -218,8 +218,8 @@ class MeasuringChain:
 class ChainStream:
     """Compensates a stream: consecutive blocks of readings in time order.
 
-    After the start, a gap or a fault the past is unknown, and the uncertainty says so until the
-    readings have turned round often enough. The result doesn't depend on how the stream is cut.
+    After the start, a gap or a fault the past is unknown: the uncertainty is larger until the
+    readings have reversed often enough. The result doesn't depend on how the stream is cut.
 
     Parameters
     ----------

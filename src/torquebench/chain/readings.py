@@ -41,7 +41,8 @@ class Readings:
     calibration_age_h : float or None
         Time since the calibration.
     of_bench : bool
-        Whether `time_s` counts from the opening of the bench: it then tells nothing of running-in.
+        Whether `time_s` counts from the opening of the bench: it then has no relation to
+        running-in.
     loadings : float
         How many separate loadings each reading is the mean of.
     """

@@ -42,7 +42,7 @@ class EffectState:
     record : str
         Source of its values.
     contribution_nm : float or None
-        What it adds to the torque, N·m; None where it corrects nothing, or has no number.
+        What it adds to the torque, N·m; None without a correction, or if it has no number.
     uncertainty_nm : float
         Its standard uncertainty, N·m.
     state : {"holds", "outside", "unmeasured", "off"}

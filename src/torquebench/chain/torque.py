@@ -54,8 +54,8 @@ class Component:
     value_nm : float64[n] or float
         What was added to the torque, N·m.
     place : float64[n, m] or None
-        Where a reading lies, in lengths over which the error changes: readings farther apart than
-        1 share nothing of it. None where one error shifts all of them.
+        Position of a reading, in correlation lengths: errors of readings farther apart than 1 are
+        independent. None where one error shifts all of them.
     distribution : Distribution
     """
 
@@ -68,7 +68,7 @@ class Component:
 
 
 def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
-    """Return a component that adds nothing: its error may be as large as what it would add.
+    """Return a component without correction: its error may be as large as the omitted correction.
 
     Parameters
     ----------
@@ -212,8 +212,8 @@ class Torque:
         weights : array_like of shape (n,)
         mounting, zeroing, loading : array_like of shape (n,), optional
             Number of the mounting, the zeroing and the loading of each torque: equal numbers share
-            their errors. One mounting and one zeroing, and every torque a loading of its own,
-            where not given.
+            their errors. By default one mounting and one zeroing, and a separate loading for every
+            torque.
 
         Returns
         -------
@@ -254,7 +254,7 @@ class Torque:
         shift_nm : float
             Steady value less mean, N·m.
         standard_error_nm : float
-            Standard error of the steady value, N·m: it contains what counting leaves.
+            Standard error of the steady value, N·m: it contains the counting error.
         """
         parts = tuple(
             each

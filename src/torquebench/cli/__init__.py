@@ -149,7 +149,7 @@ def _run(arguments: list[str]) -> int:
 
 
 def main() -> None:
-    """Run the command line and leave with 0 (done), 1 (a check failed) or 2 (bad input)."""
+    """Run the command line and exit with 0 (done), 1 (a check failed) or 2 (bad input)."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
     code = guarded(lambda: _run(sys.argv[1:]), debug=lambda: _debug)
     gc.freeze()  # a normal exit would finalise every object of every library

@@ -70,7 +70,7 @@ class Deviation(TypedDict):
 
 
 class Finding(TypedDict):
-    """What the data of a reducer test show besides its quantities."""
+    """Findings of a reducer test besides its quantities."""
 
     name: str
     message: str
@@ -359,7 +359,7 @@ class MeasuredLine(TypedDict):
 
 
 class Measured(TypedDict):
-    """Models in use; the measured lines come before, one JSON object each."""
+    """Models in use; the measured lines precede it, one JSON object each."""
 
     simulated: bool
     compensation: dict[str, str]
@@ -396,7 +396,7 @@ class Papers(TypedDict):
 
 
 class InPlace(TypedDict):
-    """Worst error of fresh readings in the chain, by the calibration that is used."""
+    """Worst error of fresh readings in the chain, for each calibration."""
 
     side: str
     range_nm: float
@@ -754,7 +754,7 @@ class EquipmentShown(TypedDict):
 
 
 class FinishedRuns(TypedDict):
-    """Runs that were finished, and calibrations that came of them."""
+    """Finished runs, and their calibrations."""
 
     finished: list[str]
     unfinished: NotRequired[list[str]]
@@ -891,7 +891,7 @@ class PlantWithdrawn(TypedDict):
 
 
 class PlantVerifiedBench(TypedDict):
-    """One bench's chain as it lies in the plant."""
+    """One bench's hash chain in the plant."""
 
     bench: str
     entries: int

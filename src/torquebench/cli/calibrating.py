@@ -94,7 +94,7 @@ def _write_reports(
 
 
 def report_calibration(finished: FinishedCalibration) -> None:
-    """Print what the calibration found, on its own points: that is no verification."""
+    """Print the calibration's results on its own points, which aren't a verification."""
     from torquebench.calibration import summarise_errors
     from torquebench.campaign.fitting import feature_columns
     from torquebench.cli.staircase import placement_table

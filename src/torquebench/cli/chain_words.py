@@ -13,7 +13,7 @@ __all__ = ["tell_missing"]
 
 
 def tell_missing(chain: MeasuringChain) -> None:
-    """Say which influences U doesn't contain, because nothing is recorded of them."""
+    """List the influences that U doesn't contain, because nothing is recorded of them."""
     missing = chain.missing()
     if missing:
         say("not in U, because no record exists: " + ", ".join(missing))

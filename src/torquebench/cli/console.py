@@ -83,7 +83,7 @@ def is_quiet() -> bool:
 def answer(**facts: Any) -> None:
     """Add facts to what `--json` prints; `cli.answers` lists those of every command.
 
-    A fact that is a list extends what was said before under its name.
+    A fact that is a list extends the earlier list of its name.
     """
     for name, value in facts.items():
         before = _output.answer.get(name)

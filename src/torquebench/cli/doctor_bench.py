@@ -50,7 +50,7 @@ class Finding:
     ----------
     what : str
     state : {"ok", "note", "problem"}
-        A note needs nothing to be done before working.
+        A note requires no action.
     found : str
     remedy : str
         What to do, where something is to be done.
@@ -71,7 +71,7 @@ def _problem(what: str, error: TorquebenchError) -> Finding:
 
 
 def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Reach every instrument by itself and ask who it is; one that fails hides no other."""
+    """Connect to each instrument and read its identity; a failure doesn't affect the others."""
     if description.bench.driver != "instruments":
         with _opened(description, data) as drivers:
             for identity in drivers.identities():
@@ -327,7 +327,7 @@ def _compensations(station: Station) -> Iterator[Finding]:
 
 
 def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Power each drive at zero torque and see that it stops when told, and when nobody feeds it.
+    """Power each drive at zero torque and check that it stops on command, and without feeding.
 
     Every command, and what was found, goes into the audit log of the data directory.
     """

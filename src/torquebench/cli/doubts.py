@@ -19,7 +19,7 @@ VERIFICATION_STANDARD = "verification standard"
 
 
 def tell_doubts(station: Station, *standards: str) -> None:
-    """Warn of a clock behind the newest record, and of expired standards, before they are used.
+    """Warn of a clock earlier than the newest record, and of expired standards, before use.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def tell_doubts(station: Station, *standards: str) -> None:
 def expired_standards(
     registry: Registry, description: BenchDescription, *standards: str
 ) -> Iterator[str]:
-    """Yield what is to be said of standards of a bench none of whose certificates counts today."""
+    """Yield warnings about standards of a bench without a valid certificate."""
     from torquebench.records.time_check import expired_standard
 
     for what in standards:

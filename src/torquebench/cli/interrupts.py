@@ -26,24 +26,24 @@ __all__ = ["BenchInterrupts"]
 class BenchInterrupts:
     """What signals do while a plan runs on a station.
 
-    At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks;
-    a second one aborts at once. Without a terminal there is nobody to ask: Ctrl-C aborts. A
-    request to terminate and a closed terminal abort always. The bench is without torque before
-    the process ends.
+    At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks; a
+    second one aborts at once. Without a terminal no question can be asked: Ctrl-C aborts. A request
+    to terminate and a closed terminal abort always. The bench is without torque before the process
+    ends.
 
     Parameters
     ----------
     station : Station
         Its Ctrl-C action is set.
     progress : TerminalProgress
-        Its bars stand still while a question is asked.
+        Its bars pause during a question.
     may_pause : bool
-        False where nothing is lost by starting again: then Ctrl-C aborts at a terminal too.
+        False if starting again loses nothing: Ctrl-C then aborts at a terminal, too.
 
     Attributes
     ----------
     signal : signal.Signals or None
-        The last signal that came.
+        The last signal received.
     """
 
     def __init__(
@@ -56,7 +56,7 @@ class BenchInterrupts:
 
     @property
     def interactive(self) -> bool:
-        """Whether somebody is there to answer."""
+        """Whether a person can answer."""
         return sys.stdin.isatty() and sys.stderr.isatty()
 
     @contextlib.contextmanager
@@ -90,7 +90,7 @@ class BenchInterrupts:
             self._progress.resume(answered=bool(answer))
 
     def reported(self, aborted: RunAbortedError) -> typer.Exit:
-        """Say what is left of an aborted run, and return the end of the command."""
+        """Report the state of an aborted run, and return the exception that ends the command."""
         warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
         note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
         return typer.Exit(INTERRUPTED if self.signal == signal.SIGINT else CHECK_FAILED)

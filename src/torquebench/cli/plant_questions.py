@@ -309,8 +309,8 @@ def reevaluate(
 ) -> None:
     """Refit and evaluate every recorded run with this version, and show the changes.
 
-    The results are stored beside the old ones. After an interruption, the command continues where
-    it stopped. The results don't depend on the scheduler. Exit code 1 if runs couldn't be
+    The results are stored in addition to the old ones. After an interruption, the command continues
+    where it stopped. The results don't depend on the scheduler. Exit code 1 if runs couldn't be
     evaluated.
     """
     from torquebench import __version__

@@ -32,18 +32,18 @@ REMINDER = 1.0 / 3.0
 
 @contextlib.contextmanager
 def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
-    """Take keys for the operator's presence until the block ends, where the bench asks for it.
+    """Read keys for the operator's presence until the block ends, if the bench requires it.
 
     Parameters
     ----------
     station : Station
     progress : TerminalProgress
-        Its bars tell when a question is asked, to which the keys belong then.
+        Its bars state when a question is asked, which then gets the keys.
 
     Raises
     ------
     InputError
-        The bench asks for it, and there is no terminal.
+        The bench requires it, and there is no terminal.
     """
     period_s = station.description.safety.presence_s
     if period_s <= 0.0:
@@ -174,7 +174,7 @@ else:
             self._before: Any = None
 
         def take(self) -> None:
-            """Have keys come at once."""
+            """Read keys without waiting for the end of a line."""
             if self._before is None:
                 self._before = termios.tcgetattr(self._file)
                 changed = termios.tcgetattr(self._file)

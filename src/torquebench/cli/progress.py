@@ -24,7 +24,7 @@ TITLE_COLUMNS = 38
 
 
 class Attendance(Protocol):
-    """The person who takes keys while no question is asked; see `cli.presence`."""
+    """Reader of keys while no question is asked; see `cli.presence`."""
 
     def pause(self) -> None:
         """Leave the keys to a question."""
@@ -76,7 +76,7 @@ class TerminalProgress:
         self._bars.stop()
 
     def start(self, title: str, total: int | None = None) -> None:
-        """Begin a stage of `total` steps (None if nobody can tell); ends the stage before."""
+        """Begin a stage of `total` steps (None if unknown); ends the previous stage."""
         self.finish()
         self._title, self._total, self._since = title, total, time.monotonic()
         if self._drawn:
@@ -91,7 +91,7 @@ class TerminalProgress:
             self._bars.update(self._task, completed=done, description=title[:TITLE_COLUMNS])
 
     def finish(self, detail: str = "") -> None:
-        """End the stage, with what came out of it in a few words."""
+        """End the stage, with its result in a few words."""
         if not self._title:
             return
         title = f"{self._title}: {detail}" if detail else self._title
@@ -110,13 +110,13 @@ class TerminalProgress:
         self._console.print(text, style="dim")
 
     def pause(self) -> None:
-        """Stop redrawing and leave the keys alone, so that a question can be asked."""
+        """Stop redrawing and reading keys, so that a question can be asked."""
         if self.attendance is not None:
             self.attendance.pause()
         self._bars.stop()
 
     def resume(self, *, answered: bool = False) -> None:
-        """Go on redrawing; say whether somebody has answered at this terminal."""
+        """Continue redrawing; state whether the answer was given at this terminal."""
         self._bars.start()
         if self.attendance is not None:
             self.attendance.resume(answered=answered)

@@ -26,7 +26,7 @@ def answering(prompts: PromptQueue, progress: TerminalProgress, *, yes: bool) ->
     ----------
     prompts : PromptQueue
     progress : TerminalProgress
-        Its bars stand still while a question is asked.
+        Its bars pause during a question.
     yes : bool
         Confirm everything without asking.
     """

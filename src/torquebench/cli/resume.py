@@ -27,7 +27,7 @@ def resume_run(
     real_time: bool,
     yes: bool,
 ) -> None:
-    """Recover what was left open, read the run back and continue with it.
+    """Recover unfinished runs, read the run back and continue with it.
 
     A run that is measured already is fitted and registered; its bench isn't opened.
 

@@ -115,7 +115,7 @@ def _changed(description: BenchDescription, **changes: Any) -> BenchDescription:
 
 @contextlib.contextmanager
 def simulators_running(description: BenchDescription, bench: Path | None) -> Iterator[bool]:
-    """Have the simulators of a description running: those that run already, or own ones.
+    """Ensure that the simulators of a description run: use running ones, or start them.
 
     Yields whether they were started here; those end with the block.
 

@@ -51,7 +51,7 @@ def _thread_pools() -> ThreadpoolController:
 def single_blas_thread() -> AbstractContextManager[object]:
     """Keep linear algebra on one thread: for matrices of some hundred rows more threads only wait.
 
-    On two busy cores a fit to 600 points took 2.0 s with BLAS's own choice and 0.09 s with one.
+    On two busy cores a fit to 600 points took 2.0 s with BLAS's default and 0.09 s with one.
     Results don't depend on the number of cores either.
     """
     limit: AbstractContextManager[object] = _thread_pools().limit(limits=1, user_api="blas")
@@ -84,8 +84,8 @@ class CompensationModel(Estimator, ABC):
     range_margin : float, default 0.02
         Share of the calibrated range by which a reading may lie outside it.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
-        What happens to an outlier: it is named in an `OutlierWarning` and its standard deviation
-        taken as large as its deviation, or named in an `InputError`, or not looked for.
+        Treatment of outliers: a warning (`OutlierWarning`) and a standard deviation as large as the
+        deviation, an `InputError`, or no search.
 
     Attributes
     ----------
@@ -106,11 +106,11 @@ class CompensationModel(Estimator, ABC):
 
     Notes
     -----
-    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve. By itself
-    an estimator knows what the data leave open, and nothing of what its form can't follow: that
-    adds a `DiscrepancyUncertainty` round it, as `make_model` does. The scatter of the single
-    reading that is compensated isn't in it; its estimate is `scatter_nm`, and
-    `single_reading_std` adds both.
+    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve. An
+    estimator's own uncertainty contains the data's scatter, but not the error of its form: a
+    `DiscrepancyUncertainty` around it adds that, as in `make_model`. The scatter of the single
+    reading that is compensated isn't in it; its estimate is `scatter_nm`, and `single_reading_std`
+    adds both.
     """
 
     range_nm: float | None
@@ -299,10 +299,10 @@ class CompensationModel(Estimator, ABC):
         return np.asarray(torque - np.asarray(by_names(X), dtype=np.float64)[:, 0])
 
     def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
-        """Return the coefficient of determination R², as scikit-learn's validation asks for it.
+        """Return the coefficient of determination R², for scikit-learn's validation.
 
-        Folds that leave out the ends of the range ask for torques that `predict` refuses. Here,
-        and only here, the additional torque at the end of the range is held beyond it.
+        Folds without the ends of the range would need torques that `predict` refuses. Here, and
+        only here, the additional torque at the end of the range is held beyond it.
 
         Parameters
         ----------
@@ -343,7 +343,7 @@ class CompensationModel(Estimator, ABC):
         return float(self.noise_nm_)
 
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
-        """Explain errors at points left out; empty if the kind of model can't."""
+        """Explain errors at held-out points; empty if the kind of model can't."""
         return ""
 
     @property

@@ -160,7 +160,7 @@ def train_member(
 
     Minimises Σ w e²/σ² + Σ_g α_g‖w_g‖² and sets α_g = γ_g/‖w_g‖², σ² = Σ w e²/(n − Σγ_g) after
     every accepted step (MacKay's rules in the Gauss-Newton form of Foresee and Hagan), with a
-    precision of its own for each group of weights.
+    separate precision for each group of weights.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ class BayesianNetworkModel(CompensationModel):
     Attributes
     ----------
     members_ : list of NetworkMember
-        The trained networks; starts whose evidence is negligible beside the best aren't kept.
+        The trained networks; starts with negligible evidence relative to the best are dropped.
     shares_ : float64 array
         Share of each member, in proportion to its evidence.
     log_evidence_ : float

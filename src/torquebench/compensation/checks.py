@@ -54,7 +54,7 @@ class PointsReducedWarning(UserWarning):
 @storable
 @dataclass(frozen=True)
 class Outlier:
-    """A calibration point that lies far from all its neighbours.
+    """A calibration point far from all its neighbours.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Outlier:
 
 @dataclass(frozen=True)
 class CalibrationPoints:
-    """Checked points with the rows that they came from.
+    """Checked points with their rows of origin.
 
     Attributes
     ----------
@@ -208,13 +208,13 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
 
 
 def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
-    """Find points that lie far outside the values of all their neighbours.
+    """Find points far outside the values of all their neighbours.
 
-    A robust quadratic per direction with branch terms takes the trend away. What is left of a
-    point is compared with its three neighbours in reading on either side, over all series and
-    branches. An outlier lies beyond every neighbour by six times the local scatter (more with few
-    points) and by 0.05 % of the largest torque; a step at torque reversal or an engagement bump,
-    which neighbours share, is none.
+    A robust quadratic per direction with branch terms takes the trend away. A point's residual is
+    compared with its three neighbours in reading on either side, over all series and branches. An
+    outlier is beyond every neighbour by six times the local scatter (more with few points) and by
+    0.05 % of the largest torque. A step at torque reversal or an engagement bump isn't an outlier,
+    as neighbours have it, too.
 
     Parameters
     ----------
@@ -261,10 +261,10 @@ def reduce_points(
 ) -> tuple[CalibrationPoints, FloatArray]:
     """Average neighbouring readings when there are more points than a model can use.
 
-    Groups hold equally many points, so that steps which stand close together, where a chain changes
-    fast, stay apart, and none is wide, so that few points among many elsewhere stay apart, too.
-    Points of different branch or series, or at different speed or temperature (eighths of their
-    span), are never averaged with each other where the model looks at that column.
+    Groups have equal numbers of points, so that close steps, where a chain changes fast, stay
+    separate. No group is wide, so that single points in sparse regions stay separate, too. Points
+    of different branch or series, or at different speed or temperature (eighths of their span), are
+    never averaged with each other if the model uses that column.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ def reduce_points(
     maximum : int or None
         Largest number of points that the model takes; None for any number.
     used_features : tuple of str
-        Columns that the model looks at.
+        Columns that the model uses.
 
     Returns
     -------
@@ -389,7 +389,7 @@ def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
     Returns
     -------
     residual : float64 array of shape (n,)
-        What is left, in N·m.
+        Residuals in N·m.
     """
     reading = X[:, 0]
     u = reading / np.max(np.abs(reading))

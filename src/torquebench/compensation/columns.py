@@ -148,8 +148,7 @@ def features(
     Returns
     -------
     X : float64 array of shape (n, k)
-        The columns of `FEATURES` up to the last one that is given; a column that isn't given
-        but stands before one that is holds 0.
+        The columns of `FEATURES` up to the last given one; columns missing before it hold 0.
 
     Raises
     ------
@@ -216,7 +215,7 @@ def feature_column(X: FloatArray, name: str) -> FloatArray:
 
 
 def explain_rejection(problem: ValueError, X: ArrayLike, y: ArrayLike | None = None) -> InputError:
-    """Say where NaN or infinity stands, or else what scikit-learn found."""
+    """Report the place of NaN or infinity, otherwise scikit-learn's message."""
     names = [*FEATURES, "standard"]
     if any(word in str(problem) for word in ("NaN", "infinity")):
         columns = list(np.asarray(X, dtype=np.float64).T[: len(FEATURES)])

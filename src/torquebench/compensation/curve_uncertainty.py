@@ -45,7 +45,7 @@ class CurveUncertainty:
         Standard uncertainty there, as fractions of full scale; straight in between.
     scatter : float
         Standard deviation of single readings about the truth by the same posterior, as a fraction
-        of full scale; NaN where the model's own noise stands.
+        of full scale; NaN where the model's own noise is used.
     """
 
     nodes: FloatArray

@@ -55,9 +55,9 @@ class DiscrepancyUncertainty(CompensationModel):
     estimator : CompensationModel
         Any kind, not fitted.
     posterior : CompensationModel
-        A kind whose ``predict(X, return_std=True)`` is mean and standard deviation of the truth.
-        Not fitted, a copy is fitted to the same points; fitted, it stands for the points that it
-        was fitted to, and serves several estimators of the same points.
+        A kind whose ``predict(X, return_std=True)`` is mean and standard deviation of the truth. If
+        it isn't fitted, a copy is fitted to the same points; a fitted one may serve several
+        estimators of its points.
 
     Attributes
     ----------
@@ -179,9 +179,8 @@ class DiscrepancyUncertainty(CompensationModel):
     def scatter_nm(self) -> float:
         """Standard deviation of a single reading in N·m.
 
-        About a curve that can't follow the chain, points scatter by more than a reading does. What
-        the form misses is in the curve's uncertainty already, so that the posterior's noise stands
-        here.
+        About a curve that can't follow the chain, points scatter by more than a reading does. The
+        form's error is in the curve's uncertainty already, so this is the posterior's noise.
         """
         if self.uncertainty_ is None:
             return self.estimator_.scatter_nm
@@ -228,7 +227,7 @@ def fit_posterior(
     Parameters
     ----------
     posterior, estimator : CompensationModel
-        As of `DiscrepancyUncertainty`; the estimator's parameters are looked at.
+        As for `DiscrepancyUncertainty`; the estimator's parameters are used.
     X, y
         As for `CompensationModel.fit`.
 
@@ -305,8 +304,8 @@ def discrepancy(
     branch_aware : bool
         Whether the model's values depend on the branch.
     branches : frozenset of float
-        Branches that the calibration recorded, of +1 and −1: with one of them or none, nothing is
-        said of another, and a loop counts as noise.
+        Branches that the calibration recorded, of +1 and −1: with one of them or none, the others
+        are unknown, and a loop counts as noise.
 
     Returns
     -------

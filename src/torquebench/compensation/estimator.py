@@ -169,7 +169,7 @@ class Estimator:
         )
 
     def get_metadata_routing(self) -> Any:
-        """Return what scikit-learn's pipelines hand on to a model: nothing."""
+        """Return the metadata routing for scikit-learn's pipelines: none."""
         from sklearn.utils.metadata_routing import MetadataRequest
 
         return MetadataRequest(owner=self)

@@ -63,7 +63,7 @@ def export_table(
     table : CompensationTable
         Compiled model.
     provenance : Provenance
-        Where the model came from; written into the file.
+        Origin of the model, written into the file.
     decimal_comma : bool, default False
         Whether numbers of a CSV have a comma, and semicolons between them.
 

@@ -56,9 +56,9 @@ def export_csv(
 
     Notes
     -----
-    Lines that start with ``#`` come first; the first one says how many there are. Then one line of
-    column names and the rows, readings strictly ascending. Numbers are written in full. Between the
-    rows, linear interpolation holds the bound that the comments state.
+    The header lines start with ``#``; the first one states their number. Then one line of column
+    names and the rows, readings strictly ascending. Numbers are written in full. Between the rows,
+    linear interpolation holds the bound that the comments state.
     """
     nodes, added = table_nodes(table)
     columns: dict[str, FloatArray] = {"reading_nm": nodes}
@@ -97,7 +97,7 @@ def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
     reading_nm : float64 array of shape (n,)
         Strictly ascending, from the lowest to the highest accepted reading.
     added_nm : float
-        What linear interpolation adds to the table's own bound.
+        Error that linear interpolation adds to the table's bound.
 
     Raises
     ------

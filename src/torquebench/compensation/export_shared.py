@@ -13,7 +13,7 @@ __all__ = ["provenance_lines"]
 
 
 def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[str]:
-    """Say in plain lines what a table is, in which units, how exact, and where it came from.
+    """Describe a table in lines of text: content, units, accuracy and origin.
 
     Parameters
     ----------

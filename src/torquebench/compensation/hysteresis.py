@@ -329,10 +329,10 @@ class LiveTorque:
     coordinate : float64 array of shape (n,)
         Place in the calibrated loop: +1 rising curve, -1 falling curve.
     half_width_nm : float64 array of shape (n,)
-        Half the interval of torques that the unknown part of the past allows, with what other
-        weights of the play operators change within the calibrated loop and what may lie beyond it
-        (root sum of squares); 0 on the loop when the past is known. Its standard uncertainty is
-        that of a rectangular distribution.
+        Root sum of squares of half the interval due to the unknown part of the past, the influence
+        of the play operators' weights within the calibrated loop, and the uncertainty beyond it; 0
+        on the loop if the past is known. Its standard uncertainty is that of a rectangular
+        distribution.
     fault : bool array of shape (n,)
         True where the reading is outside the calibrated range.
     standard_uncertainty_nm : float64 array of shape (n,)

@@ -52,7 +52,7 @@ class Provenance:
         What the calibration contradicts: itself, this model or the one before; empty for a
         plausible one.
     accepted : str
-        Who uses it all the same and why, "" where nobody decided so.
+        Person and reason if it is used nevertheless, otherwise "".
     """
 
     range_nm: float
@@ -93,7 +93,7 @@ class StoredModel:
         Parameters
         ----------
         transducer_serial, counter_identity : str, optional
-            What the bench has; None leaves that out.
+            What the bench has; None omits it.
         range_nm : float, optional
             Range that is to be measured in N·m; at most the calibrated one.
 

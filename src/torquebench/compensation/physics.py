@@ -117,7 +117,7 @@ class PhysicsModel(CompensationModel):
     """Physical form of the additional torque, as a Bayesian linear model.
 
     Equation 15 in consistent form per direction, a reversal step and hysteresis; see the module's
-    table. A drift of the zero during the calibration is estimated and left out. The coefficients
+    table. A drift of the zero during the calibration is estimated and excluded. The coefficients
     have wide normal priors and are integrated out; the noise comes from the marginal likelihood by
     fixed-point iteration (MacKay, Neural Computation 4 (1992) 415, eq. 4.10) and the step's width
     is averaged over a grid, weighted by the same likelihood. What the form can't follow is part of

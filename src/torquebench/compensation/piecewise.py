@@ -112,8 +112,8 @@ class PiecewisePolynomial:
     scale : float
         Intervals per N·m.
     zero : float
-        Position of the reading 0 N·m in intervals; half-way between two whole numbers, so that 0
-        lies between two intervals and a step at torque reversal is kept.
+        Position of the reading 0 N·m in intervals; half-way between two whole numbers, so that 0 is
+        the border of two intervals and a step at torque reversal is kept.
     extra : float
         Further intervals per N·m near zero.
     near : float

@@ -223,7 +223,7 @@ class PublishedNetworkModel(CompensationModel):
         self.noise_nm_ *= np.sqrt(mean_weight)  # of one point; bins hold several
 
     def shortcoming(self, left_out_rms_nm: float) -> str:
-        """Tell whether the start or the number of epochs causes errors at points left out."""
+        """State whether the start or the number of epochs causes errors at held-out points."""
         unstated = "the articles state neither start nor epochs"
         training, points = self.training_rms_nm_, self.training_inputs_.size
         if training < 0.5 * left_out_rms_nm:

@@ -123,8 +123,8 @@ class RadialBasisModel(CompensationModel):
     """Gaussian radial-basis network: a swarm places the neurons, Levenberg-Marquardt finishes.
 
     Each particle holds the centres and widths of all neurons and the weight decay of the output
-    layer; the output layer is solved exactly. What the swarm minimises is the error at points left
-    out, not at the points fitted.
+    layer; the output layer is solved exactly. The swarm minimises the error at held-out points, not
+    at the fitted points.
 
     Parameters
     ----------
@@ -145,13 +145,13 @@ class RadialBasisModel(CompensationModel):
     ----------
     network_ : RadialBasis
     left_out_rms_nm_ : float
-        Root mean square error at points left out, in N·m.
+        Root mean square error at held-out points, in N·m.
 
     Notes
     -----
-    After the same group's later article, Computational Intelligence and Neuroscience 2022,
-    8155818 (radial-basis network, particle swarm, Levenberg-Marquardt). The leave-one-out aim and
-    the uncertainty (network linearised at its end) aren't theirs.
+    After the same group's later article, Computational Intelligence and Neuroscience 2022, 8155818
+    (radial-basis network, particle swarm, Levenberg-Marquardt). The leave-one-out criterion and the
+    uncertainty (linearised network) are additions.
 
     Examples
     --------

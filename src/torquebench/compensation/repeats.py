@@ -118,7 +118,7 @@ def spread_folds(step: IntArray, folds: int) -> tuple[IntArray, int]:
     Returns
     -------
     fold : int array of shape (n,)
-        Fold of each point, -1 in the outermost steps, which are never left out.
+        Fold of each point, -1 in the outermost steps, which are never held out.
     count : int
         Number of folds.
 

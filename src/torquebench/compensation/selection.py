@@ -74,14 +74,14 @@ _Model = TypeVar("_Model", bound=CompensationModel)
 
 @dataclass(frozen=True)
 class ModelScore:
-    """Errors of one model at points left out, with its cost.
+    """Errors of one model at held-out points, with its cost.
 
     Attributes
     ----------
     name : str
         Name of the candidate.
     worst_nm, rms_nm : float
-        Largest and root mean square error of single points left out, in N·m.
+        Largest and root mean square error of single held-out points, in N·m.
     worst_averaged_nm : float
         Largest error of the mean of the points of one step, in N·m: less of it is noise.
     worst_percent_fs, rms_percent_fs : float
@@ -98,7 +98,7 @@ class ModelScore:
         Mean square error minus that of the best model, and its standard error over the steps, in
         (N·m)².
     reason : str
-        How it stands beside the best.
+        Comparison with the best.
     """
 
     name: str
@@ -138,7 +138,7 @@ class LeftOut:
 def behind_raw(
     name: str, model: CompensationModel, left_out: LeftOut, raw: LeftOut, full_scale_nm: float
 ) -> str:
-    """Say that a model is worse than the raw reading at points left out, and why.
+    """State that a model is worse than the raw reading at held-out points, and why.
 
     Parameters
     ----------
@@ -213,7 +213,7 @@ def worse_than_raw(
 
 @dataclass(frozen=True, repr=False)
 class Comparison:
-    """Table of models by their errors at points left out.
+    """Table of models by their errors at held-out points.
 
     Attributes
     ----------
@@ -224,7 +224,7 @@ class Comparison:
     models : mapping of str to CompensationModel
         Every candidate, fitted to all points.
     refused : mapping of str to str
-        Candidates that refused the data, with what they said.
+        Candidates that refused the data, with their messages.
     noise : NoiseFloor or None
         Scatter of repeats; None where no step was repeated.
     full_scale_nm : float
@@ -302,7 +302,7 @@ def compare(
 ) -> Comparison:
     """Compare models by cross-validation.
 
-    Points of one step (repeats, both branches) are always left out together. A fold holds every
+    Points of one step (repeats, both branches) are always held out together. A fold holds every
     k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
     scored, because a model never has to extrapolate. What a model chooses for itself
     (regularisation, smoothing) it chooses again in every fold.
@@ -322,8 +322,8 @@ def compare(
     folds : int, default 10
         Number of folds; one for every step where there are fewer than twice as many steps.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"
-        What happens to outliers, as in `CompensationModel`; candidates that are given as models
-        keep their own choice. Kept points are scored like all others.
+        Treatment of outliers, as in `CompensationModel`; candidates given as models keep their own.
+        Kept points are scored like all others.
     progress : callable, optional
         Called with the fraction done and a sentence.
 
@@ -342,7 +342,7 @@ def compare(
     The least error of many is partly luck, so every other candidate's excess is stated in standard
     errors of the difference over the steps. A standard error of few steps is itself uncertain and
     widened by Student's factor. Errors that differ by less than a millionth of full scale count as
-    equal: rounding decides nothing where there is no noise.
+    equal: without noise, rounding must not decide.
 
     Examples
     --------
@@ -453,8 +453,8 @@ class _Tally:
 class StepFolds:
     """Folds for scikit-learn's cross-validation as `compare` makes them.
 
-    All points of a step (repeats, both branches) are left out together, and the outermost steps
-    always stay in: a model never has to extrapolate.
+    All points of a step (repeats, both branches) are held out together, and the outermost steps
+    never are, so that a model doesn't have to extrapolate.
 
     Parameters
     ----------
@@ -481,7 +481,7 @@ class StepFolds:
         y: object = None,  # noqa: ARG002
         groups: object = None,  # noqa: ARG002
     ) -> Iterator[tuple[IntArray, IntArray]]:
-        """Yield rows to fit to and rows left out."""
+        """Yield fitted rows and held-out rows."""
         fold_of_point, count = self._folds(X)
         for fold in range(count):
             here = fold_of_point == fold

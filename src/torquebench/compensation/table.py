@@ -82,7 +82,7 @@ class CompensationTable:
         branch : array_like of shape (n,), optional
             -1, 0 or +1; unknown (0) where not given.
         out : float64 array of shape (n,), optional
-            Where to put the result; may be the readings' own array.
+            Array for the result; may be the readings' own.
 
         Returns
         -------
@@ -91,7 +91,7 @@ class CompensationTable:
         Raises
         ------
         InputError
-            When readings lie outside the range or are not a number: their count and the first.
+            If readings are outside the range or NaN: their number and the first one.
         """
         reading, signs = _reading(reading_nm), _branch(branch)
         # evaluated in place, a refused reading would be overwritten
@@ -193,7 +193,7 @@ class CompensationTable:
     def of_both_curves(
         self, reading: FloatArray
     ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return torques and standard uncertainties on the rising curve, and behind on the falling.
+        """Return torques and standard uncertainties on the rising curve, then on the falling one.
 
         Parameters
         ----------
@@ -245,9 +245,9 @@ def compile_table(
     uncertainty : bool, default True
         Whether to compile the standard uncertainty as well.
     branches : bool, default True
-        Whether to tell branches apart; without, a third of the work and every branch unknown.
+        Whether to compile branches; without them, a third of the work, and every branch is unknown.
     series, speed_rpm, temperature_c : float
-        What the other columns hold, for models that look at them: a table is for one state.
+        Values of the other columns, for models that use them: a table is for one state.
 
     Returns
     -------

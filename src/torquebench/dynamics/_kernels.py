@@ -31,7 +31,7 @@ def convolve_uncertain(
     variances: FloatArray,
     squares: FloatArray,
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Filter values; return them with their variances by the weights and by the values' own.
+    """Filter values; return them with variances due to the weights and to the values.
 
     Parameters
     ----------

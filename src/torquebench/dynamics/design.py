@@ -71,7 +71,7 @@ class InverseFilter:
 
     @property
     def noise_gain(self) -> float:
-        """Standard uncertainty behind the filter over that of white noise before it."""
+        """Standard uncertainty after the filter over the one of white noise before it."""
         return float(np.sqrt(np.sum(np.square(self.filter.numerator))))
 
     @property
@@ -91,9 +91,9 @@ def design_inverse(
     """Design the inverse of a chain, regularised by a low-pass without overshoot.
 
     The filter makes chain and filter together a bell-shaped (Gaussian) low-pass with a delay, by
-    least squares over all frequencies; a penalty on the size of its coefficients limits what it
-    does to noise where the chain passes nothing. Slow torques stay as they are: the sum of the
-    coefficients is 1.
+    least squares over all frequencies; a penalty on the size of its coefficients limits the noise
+    at frequencies that the chain blocks. Slow torques stay as they are: the sum of the coefficients
+    is 1.
 
     Parameters
     ----------
@@ -101,8 +101,8 @@ def design_inverse(
     interval_s : float
         Sample interval of the readings.
     bandwidth_hz : float, optional
-        Where the low-pass is down by 3 dB; 3.3 times the chain's own where not given, as far as
-        the sample rate allows.
+        Frequency at which the low-pass is down by 3 dB; by default 3.3 times the chain's own, as
+        far as the sample rate allows.
 
     Raises
     ------
@@ -190,7 +190,7 @@ def step_response(
     interval_s : float
         Sample interval.
     behind : UncertainFilter, optional
-        Filter behind the chain.
+        Filter after the chain.
     """
     from scipy.signal import residue
 

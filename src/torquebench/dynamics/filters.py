@@ -127,7 +127,7 @@ class UncertainFilter:
         return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
     def behind(self, low_pass: ArrayLike) -> UncertainFilter:
-        """Return this filter behind an exact one without feedback, as one filter.
+        """Return this filter after an exact one without feedback, as one filter.
 
         Raises
         ------

@@ -79,9 +79,9 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     """Identify the transfer function from runs with a known torque.
 
     The parameters minimise the deviation of the measured reading from the one that the transfer
-    function makes of the known torque; gain and offset of each run are free, because they belong
-    to the static calibration. The covariance follows from the deviations that are left, with
-    their correlation in time.
+    function makes of the known torque; gain and offset of each run are free, because they belong to
+    the static calibration. The covariance follows from the residuals, with their correlation in
+    time.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class _Prepared:
     size: int
 
     def deviation(self, transfer: TransferFunction) -> FloatArray:
-        """Return what is left of the reading behind the best gain and offset."""
+        """Return the residuals of the reading after fitting gain and offset."""
         model = np.fft.irfft(self.spectrum * transfer.response(self.frequency_hz), self.size)
         shape = model[: self.reading.size] - np.mean(model[: self.reading.size])
         gain = float(shape @ self.reading) / max(float(shape @ shape), 1e-300)
@@ -250,9 +250,9 @@ def identify_inertia(
 ) -> Inertia:
     """Identify the inertia between transducer and flange from ramps of an empty run.
 
-    Means over blocks of reading and acceleration are compared, beside zero, drift, zero over speed
-    and drag, which must be told apart from the acceleration: ramps of different steepness
-    through the same speeds.
+    Means over blocks of reading and acceleration are fitted, together with zero, drift, zero over
+    speed and drag. To separate these from the acceleration, ramps of different steepness through
+    the same speeds are needed.
 
     Parameters
     ----------
@@ -264,7 +264,7 @@ def identify_inertia(
     Raises
     ------
     InputError
-        Where no acceleration tells the inertia apart from the rest.
+        If no acceleration separates the inertia from the rest.
     """
     time, reading, speed = (
         np.asarray(each, np.float64) for each in (time_s, reading_nm, speed_rpm)

@@ -71,7 +71,7 @@ class Outline:
         return float(sum(np.hypot(*(np.roll(a, -1, axis=0) - a).T).sum() for a in self.loops))
 
     def contains(self, points: FloatArray) -> NDArray[np.bool_]:
-        """Tell which points (n, 2) lie in the material."""
+        """Return which points (n, 2) are in the material."""
         inside = np.zeros(len(points), dtype=np.bool_)
         for loop in self.loops:
             inside ^= _surrounds(loop, points)
@@ -379,7 +379,7 @@ def closed_curve(points_m: ArrayLike, segments: int = _SEGMENTS) -> Outline:
     points_m : array_like (n, 2)
         Points in metres in order, first not repeated, at least 4.
     segments : int
-        Sides of the polygon that stands for the curve.
+        Sides of the polygon that approximates the curve.
 
     Returns
     -------

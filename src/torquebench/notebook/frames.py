@@ -121,7 +121,7 @@ def arrow_table(source: Any) -> Any:
 
 
 def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:
-    """Return a frame of the source's own kind with further columns; others come as Arrow.
+    """Return a frame of the source's own kind with further columns; others as Arrow.
 
     Raises
     ------

@@ -44,8 +44,8 @@ class Store:
     """Certificates of a data directory, in its folder ``opcua``.
 
     ``certificate.der`` and ``key.pem`` are this server's, made on the first start. Certificates of
-    clients lie in ``trusted``; a client that isn't trusted is refused and its certificate put into
-    ``rejected``, from where an administrator moves it.
+    clients lie in ``trusted``; an untrusted client is refused and its certificate stored in
+    ``rejected``, from where an administrator may move it.
     """
 
     def __init__(self, data_dir: Path) -> None:
@@ -115,7 +115,7 @@ class Store:
         return False
 
     def reject(self, certificate: bytes) -> None:
-        """Keep a certificate that isn't trusted, so that somebody can decide about it."""
+        """Store an untrusted certificate, so that an administrator can decide about it."""
         with contextlib.suppress(ValueError, OSError):
             found = x509.load_der_x509_certificate(certificate)
             name = found.fingerprint(hashes.SHA1()).hex()
@@ -133,13 +133,13 @@ def _certificate(content: bytes) -> x509.Certificate:
 
 @dataclass
 class SignedIn(User):
-    """A session's user, with who it is for the service."""
+    """A session's user, with the actor in the service."""
 
     actor: Actor | None = None
 
 
 class Gate:
-    """Looks at certificate, name and password of whoever opens a session."""
+    """Checks certificate, name and password of a new session."""
 
     def __init__(self, service: BenchService, store: Store) -> None:
         self._service = service
@@ -183,7 +183,7 @@ class Gate:
 
 
 class GuardedServer(InternalServer):
-    """Sessions whose methods know who calls them."""
+    """Sessions whose methods know their caller."""
 
     def create_session(
         self, name: str, user: User | None = None, external: bool = False
@@ -240,5 +240,5 @@ def _check_filter(wanted: Any) -> None:
 
 
 def caller() -> Actor | None:
-    """Return who calls the method that runs now."""
+    """Return the caller of the running method."""
     return _caller.get()

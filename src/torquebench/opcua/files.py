@@ -76,7 +76,7 @@ class Transfers:
         return node.nodeid, handle
 
     async def forget(self) -> None:
-        """Remove files that nobody reads any more."""
+        """Remove files that are no longer read."""
         old = time.monotonic() - IDLE_S
         for handle in [each for each, found in self._open.items() if found.used < old]:
             await self._remove(handle)

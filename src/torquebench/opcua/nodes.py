@@ -448,7 +448,7 @@ async def _state_machine(
 async def typed_object(
     parent: Node, identifier: ua.NodeId, name: ua.QualifiedName, kind: ua.NodeId
 ) -> Node:
-    """Add an object of a type without the type's children: whoever adds it adds those it has."""
+    """Add an object of a type without the type's children: the caller adds them."""
     node = await parent.add_object(identifier, name)
     await _retype(node, kind)
     return node

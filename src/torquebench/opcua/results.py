@@ -46,7 +46,7 @@ class ResultRecord:
     evaluation : str
         One of `EVALUATIONS`.
     details : str
-        What the evaluation says, in words.
+        The evaluation's statement, in words.
     file_format : str
         Media type of the file, empty where there is none.
     """
@@ -213,7 +213,7 @@ def _compared(comparison: Callable[[Any, Any], bool], one: Any, other: Any) -> b
 def ordered(
     records: Sequence[ResultRecord], wanted: Condition | None, by: Sequence[str], most: int
 ) -> list[ResultRecord]:
-    """Return results that a filter lets through, in order of metadata fields.
+    """Return results that match a filter, in order of metadata fields.
 
     Raises
     ------

@@ -44,9 +44,9 @@ class Timebase(Effect):
     """Another counter's clock than the calibration's, accepted with an added uncertainty.
 
     Two timebases that differ by a relative d make the same edges differ by d·f in frequency. The
-    torque that this looks like is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts
-    the zero, as long as none was measured with the present counter, and the gain. Nobody knows d
-    but for its limit, so its distribution is rectangular (GUM 4.3.7).
+    apparent torque is d·f/s with the sensitivity s, which is d·(f₀/s + T): it shifts the gain and,
+    unless a zero was measured with the present counter, the zero. Only a limit of d is known, so
+    its distribution is rectangular (GUM 4.3.7).
 
     Parameters
     ----------

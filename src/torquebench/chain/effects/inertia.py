@@ -17,7 +17,7 @@ __all__ = ["Inertia"]
 @register("inertia")
 @dataclass(frozen=True)
 class Inertia(Effect):
-    """Torque that accelerates the flange and the other rotating parts behind the transducer.
+    """Torque that accelerates the flange and the other rotating parts after the transducer.
 
     Parameters
     ----------

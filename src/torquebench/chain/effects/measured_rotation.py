@@ -67,7 +67,7 @@ class MeasuredRotation(Effect):
         Additional drag at time 0 over the speed's nodes, N·m.
     ripple_nm : tuple of float
         Standard deviation of single readings of the empty runs over the speed's nodes, beyond that
-        at standstill: what misalignment and the drive leave within a revolution, N·m.
+        at standstill, caused by misalignment and the drive within a revolution, N·m.
     """
 
     title: ClassVar[str] = "rotation, measured"

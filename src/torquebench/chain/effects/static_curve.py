@@ -60,14 +60,14 @@ class StaticCurve(Effect):
 
     @cached_property
     def branch_aware(self) -> bool:
-        """Whether the model tells branches apart."""
+        """Whether the model has branches."""
         return "branch" in self.model.used_features and self._columns > FEATURES.index("branch")
 
     @cached_property
     def table(self) -> CompensationTable | None:
         """The model, compiled once within 1e-6 of full scale; it compensates every reading.
 
-        None where the model looks at speed or temperature, or jumps: then it is asked itself.
+        None if the model uses speed or temperature, or has jumps: it is then evaluated itself.
         """
         if _STATE.intersection(self.model.used_features):
             return None

@@ -50,5 +50,5 @@ class SwitchedOff(Effect):
         return cls(values["record"], tuple(values["names"]))
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return nothing: the chain omits the named components."""
+        """Return no correction: the chain omits the named components."""
         return ()

@@ -63,7 +63,7 @@ class Normal:
         )
 
     def thinned(self, by: float) -> Normal:
-        """Return those of rows of which only every by-th tells something new."""
+        """Return the share of rows of which only every by-th is independent."""
         return Normal(self.matrix / by, self.vector / by, self.square / by, self.rows / by)
 
 
@@ -137,7 +137,7 @@ def explore(
     start : float64 array, optional
         Where to begin.
     doubtful : bool
-        Whether to look beside the most probable scales as well.
+        Whether to average over scales around the most probable ones.
     """
     from scipy.optimize import minimize  # imported late: only empty runs need it
 

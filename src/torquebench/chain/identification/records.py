@@ -23,7 +23,7 @@ _FEWEST_ROWS = 20
 
 @dataclass(frozen=True, eq=False)
 class EmptyRun:
-    """A run with nothing mounted: the true torque is that of inertia only.
+    """A run with nothing mounted: the true torque is caused by inertia only.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class TurningCalibration:
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:
     """Return numbers of points that rise wherever temperature or speed changed.
 
-    Stretches lie apart in time. A single 1 where neither is known.
+    Stretches are separated in time. A single 1 where neither is known.
 
     Examples
     --------

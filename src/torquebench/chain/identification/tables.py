@@ -86,14 +86,14 @@ def identify(
     calibration : TurningCalibration
         Points at standstill, and optionally at other temperatures and against a turning reference.
     runs : sequence of EmptyRun
-        None at all where the calibration alone tells the temperature's effects.
+        Empty if the calibration alone identifies the temperature's effects.
     range_nm : float
         Full scale, N·m.
 
     Raises
     ------
     InputError
-        Empty runs that say nothing, or that can't be put together with the calibration.
+        Empty runs without information, or incompatible with the calibration.
     """
     data = _Data.of(calibration, of_one_zero(runs), range_nm)
     remarks = list(data.gaps())
@@ -317,7 +317,7 @@ class _Fit:
 
     @classmethod
     def of(cls, data: _Data, used: Sequence[Block]) -> _Fit:
-        """Fit, look for outliers and correlated noise, and fit again."""
+        """Fit, find outliers and correlated noise, and fit again."""
         points = Normal.of(_columns(used, data.points), data.target)
         together = int(np.ceil(max((len(rows) for rows, _ in data.runs), default=1) / _MOST_ROWS))
         runs = [_averaged(used, rows, target, together) for rows, target in data.runs]

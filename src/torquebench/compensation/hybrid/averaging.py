@@ -109,7 +109,7 @@ def average_effects(
     target : float64 array of shape (n,)
         Whitened data.
     kinds : list of Candidates
-        Kinds of effects, in the order in which they are first looked for.
+        Kinds of effects, in the order of the first search.
     sweeps : int, default 30
         Largest number of passes over all effects.
     tolerance : float, default 1e-3

@@ -130,11 +130,11 @@ class Dictionary:
     bump_centres, bump_widths : float64 array of shape (b,)
         Local bumps.
     growing : float64 array
-        1 for each ripple that grows from nothing with the load, 0 for the others; empty for none,
-        as in models stored by earlier versions.
+        1 for each ripple that grows from zero with the load, 0 for the others; empty for none, as
+        in models stored by earlier versions.
     step_shift : float
-        How far from zero a reversal may lie, as a share of the step's width; 0 for just at zero,
-        in one step.
+        Largest distance of a reversal from zero, as a share of the step's width; 0 for one step at
+        zero.
     """
 
     step_widths: FloatArray
@@ -202,7 +202,7 @@ def count_levels(u: FloatArray) -> int:
 
 
 def lies_on_step(torque: FloatArray) -> bool:
-    """Return whether torques (shares of full scale) lie on the slope of a reversal step.
+    """Return whether torques (shares of full scale) are on the slope of a reversal step.
 
     Examples
     --------
@@ -213,7 +213,7 @@ def lies_on_step(torque: FloatArray) -> bool:
 
 
 def smallest_torque(u: FloatArray) -> float:
-    """Return the smallest torque beside zero, as a share of full scale.
+    """Return the smallest torque other than zero, as a share of full scale.
 
     Examples
     --------
@@ -234,20 +234,20 @@ def _step_widths(smallest: float) -> FloatArray:
 
 
 def make_dictionary(levels: int, smallest: float = 1.0, *, on_step: bool = False) -> Dictionary:
-    """Choose candidate shapes that a calibration at so many torques can tell apart.
+    """Choose candidate shapes that a calibration with this number of torques can distinguish.
 
-    Ripple is looked for up to one and a half times the highest frequency that evenly spaced
-    torques resolve: beyond it, at twice that frequency, it would vanish at all of them.
+    Ripple is searched up to one and a half times the highest frequency that evenly spaced torques
+    resolve: at twice that frequency it would be zero at all of them.
 
     Parameters
     ----------
     levels : int
         Number of torques per direction.
     smallest : float
-        Smallest torque beside zero, as a share of full scale: from 0.5 % downwards the reversal
-        step's width is looked for in small steps.
+        Smallest torque other than zero, as a share of full scale: at 0.5 % and below, the reversal
+        step's width is searched in small steps.
     on_step : bool
-        Whether torques lie on the step's slope, which show where it is passed, and in how many.
+        Whether torques are on the step's slope, from which position and number of steps follow.
 
     Returns
     -------

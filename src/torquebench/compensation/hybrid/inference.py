@@ -108,8 +108,8 @@ def main_columns(u: FloatArray) -> FloatArray:
 def deviation_kernel(u: FloatArray, v: FloatArray) -> FloatArray:
     """Return the covariance of the deviation from main form and effects, for unit amplitude.
 
-    A smooth part, one per direction, whose standard deviation is √|u|: without torque there is
-    nothing to deviate; and a smaller rough part for what no effect describes.
+    A smooth part for each direction with standard deviation √|u|, zero without torque, and a
+    smaller rough part for deviations that no effect describes.
 
     Examples
     --------
@@ -170,7 +170,7 @@ class Member:
     log_evidence : float
         Evidence lower bound, with the prior of the setting.
     solved : float64 array of shape (n,)
-        Inverse covariance times what the effects leave.
+        Inverse covariance times the residuals of the effects.
     inverse_diagonal : float64 array of shape (n,)
         Diagonal of the inverse covariance.
     effective : float
@@ -262,7 +262,7 @@ class Problem:
         return problem
 
     def plain(self, form: tuple[float, ...]) -> Problem:
-        """Return the problem of a chain that shows nothing but some columns of the main form."""
+        """Return the problem of a chain with some columns of the main form only."""
         problem = copy.copy(self)
         problem._take_main(self.prior_scale * np.array(form))
         # all plain forms together are as likely as a chain with effects
@@ -320,7 +320,7 @@ class Problem:
         ----------
         setting : Setting
         weights : float64 array of shape (n,), optional
-            Instead of the points' own, without the load's.
+            Replace the points' own weights, without the load's.
 
         Returns
         -------

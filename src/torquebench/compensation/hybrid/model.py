@@ -48,9 +48,9 @@ class HybridModel(CompensationModel):
     Gaussian process per direction for what isn't quadratic, and a sum of structured effects: a step
     at torque reversal, hysteresis, ripple of an unknown period, up to three local bumps. Which
     shapes a chain shows isn't picked but averaged by evidence, as are noise and smoothness
-    (`inference`, `search`, `averaging`). A zero that creeps during the calibration,
-    steadily or relaxing, is a nuisance that is marginalised and left out (`drift`); noise
-    with heavy tails, or noise that grows with the load, is recognised.
+    (`inference`, `search`, `averaging`). Zero drift during the calibration, steady or relaxing, is
+    a nuisance parameter and marginalised (`drift`); noise with heavy tails, or noise that grows
+    with the load, is recognised.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ class _Start:
 
 
 def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]]:
-    """Find the noise of best evidence, then lay a grid of settings round it.
+    """Find the noise of best evidence, then evaluate a grid of settings around it.
 
     Parameters
     ----------
