@@ -79,8 +79,9 @@ def _import_s(environment: Path, statement: str) -> float:
 def _panel_answers(environment: Path, folder: Path) -> float:
     """Start the panel with its simulated bench; return the time until its page answers, s."""
     begin = time.perf_counter()
-    command = [environment / "bin" / "torquebench", "panel", "--port", str(PORT)]
-    with subprocess.Popen([*command, "--data", folder], cwd=folder) as panel:
+    torquebench = str(environment / "bin" / "torquebench")
+    command = [torquebench, "panel", "--port", str(PORT), "--data", str(folder)]
+    with subprocess.Popen(command, cwd=folder) as panel:
         try:
             while time.perf_counter() - begin < STARTING_S:
                 try:

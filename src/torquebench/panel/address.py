@@ -59,8 +59,9 @@ class Address:
     def hosts(self) -> tuple[str, ...]:
         """Names that requests may call this server by, and `ANY_ADDRESS`; none where any may.
 
-        Only its own: a page elsewhere whose name is made to point here gets no answer. An address
-        in figures can't be made to point elsewhere, and with TLS a foreign name fails by itself.
+        Only the server's own names: a foreign name that resolves to this server gets no answer. An
+        address in figures can't be made to point elsewhere, and with TLS a foreign name fails by
+        itself.
         """
         if _is_loopback(self.host):
             named = (each.lower() for each in self.names)

@@ -19,12 +19,12 @@ __all__ = ["EventLoopBridge"]
 
 
 class EventLoopBridge:
-    """An ASGI application that runs another one on an event loop of its own.
+    """An ASGI application that runs another one on a separate event loop.
 
     Parameters
     ----------
     app : ASGIApp
-        Called on a thread of its own, from entering the block until its end.
+        Called on a separate thread, from entering the block until its end.
     loop_factory : callable, optional
         Makes that thread's loop.
     """

@@ -28,7 +28,7 @@ def run_in_process(
     progress: Progress = NO_PROGRESS,
     cancelled: Callable[[], bool] = lambda: False,
 ) -> Result:
-    """Call a function in a process of its own and wait for what it returns.
+    """Call a function in a separate process and wait for its result.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ def run_in_process(
     *arguments
         Values that can be pickled.
     progress : Progress
-        Told here what the function tells its own.
+        Receives the function's progress.
     cancelled : callable
         Asked every 0.2 s; True ends the process.
 

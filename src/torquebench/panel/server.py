@@ -141,7 +141,7 @@ class _Server(uvicorn.Server):
         self._on_exit = on_exit
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:
-        """Begin to end: the bench first, the person who is still connected has a few seconds."""
+        """Begin the shutdown: the bench first; open connections get a few seconds."""
         self._on_exit()
         super().handle_exit(sig, frame)
 

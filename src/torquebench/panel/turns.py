@@ -28,13 +28,13 @@ MOST_WAITING_OF_ALL = 1000
 class Turns:
     """ASGI middleware: requests without a session wait for their turn, one address after another.
 
-    Requests with a valid session or token pass at once. A stop doesn't come through here.
+    Requests with a valid session or token pass at once. A stop bypasses this.
 
     Parameters
     ----------
     app : ASGIApp
     service : BenchService
-        Knows who is signed in.
+        Service with the signed-in users.
     """
 
     def __init__(self, app: ASGIApp, service: BenchService) -> None:

@@ -42,7 +42,7 @@ async def service_of(request: Request) -> BenchService:
 
 
 def caller_of(service: BenchService, token: str, *, touch: bool = True) -> Actor:
-    """Return who a token belongs to.
+    """Return the owner of a token.
 
     Raises
     ------

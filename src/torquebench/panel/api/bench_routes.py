@@ -151,7 +151,7 @@ def finite_list(values: NDArray[np.float64]) -> list[float | None]:
 
 
 def live_document(found: LiveIncrement | LiveTrend) -> dict[str, Any]:
-    """Return the content of `LiveRows` for who sends many: null if there is no number."""
+    """Return the content of `LiveRows` for fast senders: null if there is no number."""
     return {
         "sequence": found.sequence,
         "missed": found.missed if isinstance(found, LiveIncrement) else 0,
@@ -206,7 +206,7 @@ def take_command(service: Service, caller: Caller, body: LeaseBody) -> LeaseStat
 
 @router.delete("/command", status_code=204)
 def give_command_back(service: Service, caller: Caller) -> Response:
-    """Command no longer; does nothing for a session that doesn't."""
+    """Give the command lease back; no effect for a session without it."""
     service.lease.give_back(caller)
     return Response(status_code=204)
 
@@ -225,7 +225,7 @@ async def stop(service: Service, caller: Caller, body: StopBody) -> StopReport:
 
 @router.post("/presence", status_code=204)
 def confirm_presence(service: Service, caller: Caller) -> Response:
-    """Note that the person who commands is at the bench, where its description asks for it."""
+    """Confirm the operator's presence at the bench, if its description requires it."""
     service.confirm_presence(caller)
     return Response(status_code=204)
 
@@ -245,7 +245,7 @@ def acknowledge(
 ) -> AlarmView | None:
     """Clear the latched alarm by name, once its cause is gone; null where there was none.
 
-    With the identifiers of those that were checked, one that came in the meantime stays.
+    With the identifiers of the checked alarms, a later one stays.
     """
     return service.acknowledge(caller, body.alarm_ids)
 

@@ -35,7 +35,7 @@ class TrainingCurve(BaseModel):
 
 
 class FittedModelDetails(BaseModel):
-    """A model that was fitted, and what it leaves at the points that it was fitted to."""
+    """A fitted model, and its errors at the fitted points."""
 
     model_id: int | None
     title: str
@@ -92,7 +92,7 @@ class ComparisonDetails(BaseModel):
 
 
 class VerifiedModelDetails(BaseModel):
-    """How a model, or the raw reading, stands at fresh points."""
+    """Errors of a model, or of the raw reading, at fresh points."""
 
     model_id: int | None
     title: str
@@ -123,7 +123,7 @@ class ZeroOfSide(BaseModel):
 
 
 class RecordingDetails(BaseModel):
-    """Of "record"; `trigger` says in words what began it."""
+    """Of "record"; `trigger` states in words what started it."""
 
     model_config = ConfigDict(extra="forbid")
 
@@ -155,7 +155,7 @@ class CheckDetails(BaseModel):
 
 
 class CertificateDetails(BaseModel):
-    """Of "certificate"; `unreviewed` is what every page says that nobody has confirmed."""
+    """Of "certificate"; `unreviewed` lists the unconfirmed statements of every page."""
 
     files: list[str]
     deviations: list[str]

@@ -55,7 +55,7 @@ _ALARM: TypeAdapter[AlarmView] = TypeAdapter(AlarmView)
 
 
 class EventStream(Response):
-    """An answer that continues until there is nothing more to say, or nobody who listens."""
+    """A streaming answer that lasts until the events end or the listener disconnects."""
 
     media_type = "text/event-stream"
 
@@ -157,7 +157,7 @@ class _Listener:
         return self._job_id is not None and not self._service.jobs.get(self._job_id).open
 
     def news(self) -> str:
-        """Return what is new as text of events; empty if nothing is."""
+        """Return new events as text; empty without any."""
         return "".join((*self._of_alarms(), *self._of_prompts(), *self._of_jobs()))
 
     def _of_jobs(self) -> Iterator[str]:

@@ -43,7 +43,7 @@ def points(
     job_id: JobId,
     since: Annotated[int, Query(ge=0, le=2**53)] = 0,
 ) -> list[JobPoint]:
-    """Return the points of a job after the one with a number, as they have come so far."""
+    """Return the points of a job after a number, up to now."""
     return service.jobs.points(job_id, since)
 
 
@@ -73,7 +73,7 @@ def abort(service: Service, caller: Caller, job_id: JobId, body: AbortBody) -> J
 
 @router.get("/prompt")
 def prompt(service: Watched) -> PendingPrompt | None:
-    """Return what the person at the bench is asked to do, or null."""
+    """Return the pending request to the person at the bench, or null."""
     return service.jobs.prompt
 
 
@@ -84,7 +84,7 @@ def answer(
     number: Annotated[int, Path(ge=1, le=2**53)],
     body: AnswerBody,
 ) -> None:
-    """Answer what the person at the bench was asked."""
+    """Answer the request to the person at the bench."""
     service.jobs.answer(caller, number, done=body.done)
 
 

@@ -77,7 +77,7 @@ class WhoAmI(BaseModel):
 
 
 class PasswordBody(Body):
-    """A person's change of the own password."""
+    """A change of one's own password."""
 
     old: Secret
     new: NewSecret
@@ -120,7 +120,7 @@ Switch = Literal["hysteresis", "temperature", "rotation", "inertia"]
 
 
 class SwitchBody(ReasonBody):
-    """Which corrections are left out; all others are made."""
+    """Corrections that are switched off; all others are applied."""
 
     off: list[Switch] = Field(default=[], max_length=4)
 
@@ -130,7 +130,7 @@ class AbortBody(ReasonBody):
 
 
 class AnswerBody(Body):
-    """Whether the person at the bench has done what was asked."""
+    """Whether the person at the bench has fulfilled the request."""
 
     done: Flag
 

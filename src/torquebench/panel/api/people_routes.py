@@ -45,7 +45,7 @@ def sign_in(service: Service, request: Request, body: SignInBody) -> OpenedSessi
 
 @router.get("/session")
 def who_am_i(service: Service, caller: Caller) -> WhoAmI:
-    """Return who this token belongs to."""
+    """Return the owner of this token."""
     return WhoAmI(
         name=caller.name,
         role=caller.role,
@@ -68,7 +68,7 @@ def sign_out(service: Service, caller: Caller, token: Token) -> Response:
 def change_password(
     service: Service, caller: Caller, request: Request, body: PasswordBody
 ) -> Response:
-    """Change the own password; other sessions of the person end."""
+    """Change one's own password; the person's other sessions end."""
     service.people.change_password(caller, body.old, body.new, address_of(request))
     return Response(status_code=204)
 

@@ -104,13 +104,13 @@ def run(service: Watched, run_id: RunId) -> RunDetail:
 
 @router.get("/unfinished")
 def unfinished(service: Watched) -> list[UnfinishedView]:
-    """Return runs that a kill, a full disk or the database has come between, the oldest first."""
+    """Return unfinished runs, the oldest first."""
     return service.unfinished()
 
 
 @router.get("/runs/{run_id}/columns")
 def run_columns(service: Watched, run_id: RunId) -> list[str]:
-    """Return what the raw stream of a run holds beside the time."""
+    """Return the columns of a run's raw stream other than time."""
     return list(service.records.run_columns(run_id))
 
 
@@ -227,7 +227,7 @@ def errors(
 def sign_off(
     service: Service, caller: Caller, calibration_id: Number, body: SignOffBody
 ) -> Response:
-    """Sign that a calibration was looked over, with the password; not by whoever measured it."""
+    """Sign the review of a calibration with the password; not by the person who measured it."""
     service.sign_off(
         caller, calibration_id, body.password, accepted=body.accepted, remark=body.remark
     )
@@ -323,7 +323,7 @@ def certificate_file(
 
 @router.post("/tables/preview")
 def preview_table(service: Watched, body: TableRequest) -> TableView:
-    """Read a calibration that was measured on another bench and judge it; nothing is kept."""
+    """Read and evaluate a calibration of another bench without storing it."""
     return service.tables.preview(body)
 
 
@@ -355,7 +355,7 @@ def item(service: Watched, section: SectionPath, name: ItemPath) -> SettingsItem
 def preview(
     service: Watched, section: SectionPath, name: ItemPath, body: DocumentBody
 ) -> SettingsChange:
-    """Validate a document and return what it would change; nothing is changed."""
+    """Validate a document and return the changes that it would make."""
     return service.settings.preview(section, name, body.document)
 
 
@@ -373,7 +373,7 @@ def change(
 def delete(
     service: Service, caller: Caller, section: SectionPath, name: ItemPath
 ) -> SettingsChange:
-    """Delete an own profile or reducer; the history keeps it."""
+    """Delete a user's profile or reducer; the history keeps it."""
     return service.settings.change(caller, section, name, None)
 
 

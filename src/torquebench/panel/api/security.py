@@ -40,10 +40,10 @@ class Guard:
     ----------
     app : ASGIApp
     hosts : iterable of str
-        Names that this server answers to, with `ANY_ADDRESS` also to every address in figures;
-        none lets every name pass.
+        Host names of this server; `ANY_ADDRESS` stands for every numeric address, and an empty list
+        accepts every name.
     secure : bool
-        Whether connections are encrypted: browsers are then told to insist on it.
+        Whether connections are encrypted: browsers then get HSTS.
     compiled : iterable of str
         Paths of NiceGUI's pages, which don't work without inline scripts and `eval`.
     """

@@ -44,7 +44,7 @@ class StreamRequest(BaseModel):
 
 @router.websocket("/stream")
 async def stream(websocket: WebSocket) -> None:
-    """Send increments until the watcher leaves or its token counts no longer."""
+    """Send increments until the client disconnects or its token is revoked."""
     service: BenchService = websocket.app.state.service
     await websocket.accept()
     try:

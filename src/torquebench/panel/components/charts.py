@@ -33,9 +33,9 @@ class Line:
     symbol : str
         ECharts' name of the symbol.
     labels : sequence of str
-        Written beside the points; none without.
+        Labels beside the points, if any.
     beside : str
-        On which side of the points: "left", "right", "top" or "bottom".
+        Side of the points: "left", "right", "top" or "bottom".
     """
 
     title: str
@@ -124,12 +124,12 @@ def _number(value: float) -> float | None:
 
 
 class Chart:
-    """A chart with two axes; what it shows is also said in words beside it.
+    """A chart with two axes, and a description in words beside it.
 
     Parameters
     ----------
     label : str
-        What it shows, for those who can't see it.
+        Description for screen readers.
     x_title, y_title : str
         With units.
     lines : sequence of Line

@@ -81,7 +81,7 @@ class Field:
     kind : str
         Type of the HTML input: "text", "password", "number", "search", "date".
     unit, hint : str
-        Shown behind and below.
+        Shown after and below.
     options : mapping of str to str, optional
         Value and words of each option: makes a list to choose from instead.
     lines : bool
@@ -181,7 +181,7 @@ class Choice:
         Value, and words or words with a remark.
     value : str
     several : bool
-        Any number of them; `values` then says which.
+        Any number of them; `values` then has the selected ones.
     on_change : callable, optional
         Called without arguments after a change.
     """

@@ -48,7 +48,7 @@ def _dress(element: Any, classes: str, attributes: Mapping[str, Any]) -> Any:
 
 
 def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
-    """Make an element for others to stand in; `aria_label` becomes `aria-label` and so on."""
+    """Make a container element; `aria_label` becomes `aria-label` and so on."""
     return _dress(ui.element(tag), classes, attributes)
 
 
@@ -69,10 +69,10 @@ def moment(at: datetime, *, seconds: bool = False) -> Any:
 
 
 def on_press(element: Any, action: Callable[[], Any]) -> None:
-    """Do something when a button is pressed, and tell the browser once it is done.
+    """Run an action when a button is pressed, and report its end to the browser.
 
-    The browser shows at once that the press was felt, refuses one while it isn't connected, and
-    says so where the answer never comes (`panel.js`).
+    The browser shows the press at once, refuses presses while disconnected, and reports a missing
+    answer (`panel.js`).
     """
 
     def tell(what: str) -> None:
@@ -100,7 +100,7 @@ def on_press(element: Any, action: Callable[[], Any]) -> None:
 
 
 def icon(name: str) -> Any:
-    """Make a picture that says nothing which the words beside it don't."""
+    """Make a decorative picture beside words with the same meaning."""
     return _dress(ui.icon(name), "", {"aria_hidden": "true"})
 
 
@@ -137,7 +137,7 @@ def note(text: str, kind: str = "", *, title: str = "", live: bool = False) -> A
 
 
 def empty(text: str, picture: str = "inbox") -> Any:
-    """Say that there is nothing here yet, and how something gets here."""
+    """Show that a list is empty, and how to fill it."""
     frame = box("div", "empty")
     with frame:
         icon(picture)
@@ -188,7 +188,7 @@ def table(
     on_row : callable, optional
         Called with the number of a row whose button is pressed.
     open_label : str
-        What that button says.
+        Label of that button.
     selected : iterable of int
         Rows that are chosen.
     """

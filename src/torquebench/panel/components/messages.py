@@ -18,7 +18,7 @@ AT_MOST = 4
 
 
 class Messages:
-    """Where a page says the result of a press of a button."""
+    """Messages of a page about the results of actions."""
 
     def __init__(self, text: Text) -> None:
         self._text = text

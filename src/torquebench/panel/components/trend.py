@@ -73,20 +73,20 @@ class Band:
 
 
 class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI's is skipped
-    """The live chart, its tools and table of values, and the numbers beside it.
+    """The live chart with its tools, its table of values and its numbers.
 
     Parameters
     ----------
     label : str
-        What it shows, for those who can't see it.
+        Description for screen readers.
     said : mapping of str to str
-        What its buttons and headings say.
+        Texts of its buttons and headings.
     name : str
         Of files that are saved.
     places : mapping of signal name to (element, decimals)
         Elements whose text is the newest number.
     region : element
-        What goes grey when no numbers come.
+        Element that turns grey without new data.
     on_view : callable
         Called with the ends (bench time, s) of a span that finer rows are wanted of.
     """

@@ -43,12 +43,12 @@ def head(text: Text, look: str, title: str) -> None:
 
 
 def page_title(title: str) -> str:
-    """Return what the browser's window says."""
+    """Return the title of the browser's window."""
     return f"{title} · torquebench"
 
 
 def head_html(text: Text, look: str) -> str:
-    """Return what every page needs in its head; no script stands in the page itself."""
+    """Return the head of every page; scripts are in separate files."""
     texts = {
         "stopFailed": text("stop.failed"),
         "lost": text("frame.lost"),
@@ -148,7 +148,7 @@ class _Frame:
                         self._count = words("span", "", "count")
 
     def strips(self) -> None:
-        """Make the places for what must not be overlooked, above the page's own content."""
+        """Make the areas for important messages, above the page's content."""
         words("div", "", "note bad", id="stop-result", role="alert", hidden="hidden")
         words("div", "", "note warn", id="press-result", role="alert", hidden="hidden")
         self._notice = words("div", "", id="notice", hidden="hidden")
@@ -270,7 +270,7 @@ def _latched(service: BenchService) -> AlarmView | None:
 
 
 def command_words(text: Text, mine: bool, holder: str | None) -> str:
-    """Say who commands the bench."""
+    """Show who commands the bench."""
     if mine:
         return text("frame.you_command")
     return text("frame.in_command", who=holder) if holder else text("frame.nobody_commands")

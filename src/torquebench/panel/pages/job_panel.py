@@ -61,7 +61,7 @@ def stage_words(text: Text, job: JobView) -> str:
 
 
 class JobControls:
-    """The buttons that pause, end and abort a job, for the person who commands."""
+    """The buttons that pause, end and abort a job, for the holder of the command lease."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text

@@ -154,7 +154,7 @@ class _LivePage:
             self.effects = [EffectsTable(self.visitor, side) for side in reversed(SIDES)]
 
     def push(self) -> None:
-        """Send the rows that came since."""
+        """Send the new rows."""
         self.chart.push(
             {
                 side: (

@@ -90,7 +90,7 @@ class LiveChart:
     visitor : Visitor
     places : mapping of signal name to (element, decimals)
     region : element
-        What goes grey when no numbers come.
+        Element that turns grey without new data.
     """
 
     def __init__(
@@ -240,7 +240,7 @@ class LiveChart:
         self.trend.finer(start_s, stop_s, hub.between(start_s, stop_s, self._names, MOST_POINTS))
 
     def push(self, share: Mapping[Side, tuple[str, float]]) -> None:
-        """Send the rows that came since; `share` says which torque counts, and its range."""
+        """Send the new rows; `share` gives the torque that counts, and its range."""
         hub = self.visitor.service.live
         if hub is not self._hub:  # first call, or the bench was reopened
             self._restart()

@@ -47,7 +47,7 @@ class MountingForm:
                     )
 
     def request(self) -> dict[str, Any]:
-        """Return the field of a job's request; empty if nothing was entered."""
+        """Return the field of a job's request; empty without entries."""
         found: dict[str, Any] = {
             name: float(field.value) if name in NUMBERS else field.value.strip()
             for name, field in self._fields.items()

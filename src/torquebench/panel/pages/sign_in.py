@@ -23,7 +23,7 @@ SHORTEST_PASSWORD = 10
 
 
 def safe_target(target: str) -> str:
-    """Return where to go after signing in: a path of this panel, whatever was asked.
+    """Return the path to open after signing in, always on this panel.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def element(tag: str, *content: str, classes: str = "", **attributes: str | bool
 
 
 def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
-    """Return the page that signs somebody in, or makes the first account."""
+    """Return the page for signing in, or for the first account."""
     text = text_of(request)
     first = service.people.setup_code is not None
     title = text("sign_in.first_title" if first else "sign_in.title")
@@ -101,7 +101,7 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
 
 
 def no_such_page(request: Request) -> HTMLResponse:
-    """Return what is shown where there is nothing."""
+    """Return the page for unknown addresses."""
     text = text_of(request)
     title = text("frame.no_page")
     link = element("a", escape(text("frame.no_page_link")), href="/")

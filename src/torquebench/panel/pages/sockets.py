@@ -25,19 +25,18 @@ _PACKET = re.compile(r"4[0-9]+-?(?:/[^,]*,)?[0-9]*")
 
 
 class PageSockets:
-    """ASGI middleware: who knows a page's number alone neither hears nor moves anything.
+    """ASGI middleware: a page's number alone gives no access to its socket.
 
-    A socket to a page that somebody signed in has opened needs that session's cookie, hears
-    nothing once the session has ended, and speaks for this one page. There is no polling, whose
-    single requests nobody could hold against a page.
+    A socket to a page of a signed-in user needs that session's cookie, gets no data once the
+    session has ended, and may act for this page only. Polling is disabled, as its single requests
+    can't be assigned to a page.
 
     Parameters
     ----------
     app : ASGIApp
     people : People
     pages : mapping of str to str
-        Token of the session that opened each page, by the page's number; who isn't signed in has
-        none.
+        Token of the session that opened each page, by the page's number; empty without a session.
     """
 
     def __init__(self, app: ASGIApp, people: People, pages: MutableMapping[str, str]) -> None:

@@ -15,7 +15,7 @@ __all__ = ["UsersView"]
 
 
 class UsersView:
-    """Accounts, as far as somebody may see them."""
+    """Accounts, as far as the user may see them."""
 
     def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text

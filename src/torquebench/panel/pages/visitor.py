@@ -49,7 +49,7 @@ class Visitor:
     dismissed : Dismissed
         Shared by all pages of the server.
     query : mapping of str to str
-        What stands behind the question mark of the page's address.
+        The query of the page's address.
     shown_jobs : set of str
         Jobs that the page itself shows.
     messages : Messages
@@ -72,7 +72,7 @@ class Visitor:
 
     @property
     def looker(self) -> Actor:
-        """Who looks: a page that repaints itself keeps no session alive."""
+        """The user of the page; repainting doesn't keep the session alive."""
         return self.service.people.actor(self.token, touch=False)
 
     @property
@@ -106,19 +106,19 @@ def session_of(scope: Scope) -> str:
 
 
 def text_of(request: Request) -> Text:
-    """Return the words of the language that somebody or their browser chose."""
+    """Return the texts in the language of the user or the browser."""
     wanted = request.cookies.get(LANGUAGE_COOKIE)
     return Text(choose_language(wanted, request.headers.get("accept-language")))
 
 
 def look_of(request: Request) -> str:
-    """Return the look that somebody chose; empty for the device's own."""
+    """Return the user's theme; empty for the device's."""
     wanted = request.cookies.get(LOOK_COOKIE, "")
     return wanted if wanted in LOOKS else ""
 
 
 def visitor_of(service: BenchService, request: Request, dismissed: Dismissed) -> Visitor | None:
-    """Return who asks for a page; None if nobody is signed in."""
+    """Return the user of a page; None without sign-in."""
     token = request.cookies.get(SESSION_COOKIE, "")
     try:
         service.people.actor(token, touch=False)

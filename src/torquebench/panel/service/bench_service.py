@@ -93,7 +93,7 @@ class BenchService:
     Attributes
     ----------
     station : Station
-        The open bench. Doors must not touch it: it is here for the service's own parts.
+        The open bench. For the service's own parts only; interfaces must not use it.
     live : LiveHub
     people : People
     clients : Clients
@@ -228,7 +228,7 @@ class BenchService:
         Raises
         ------
         PermissionDeniedError, LeaseError
-            An administrator who commands may.
+            Only an administrator with the lease may.
         BusyError
             A job is under way.
         BenchError, InputError
@@ -261,7 +261,7 @@ class BenchService:
         return self._unloading is not None or self._closed.is_set()
 
     def unload_aside(self) -> None:
-        """Begin to end: what is under way ends with zero torque, and nothing new begins."""
+        """Begin the shutdown: a running job ends with zero torque, and no new one starts."""
         if self._unloading is None:
             self._unloading = threading.Thread(target=self.jobs.close, name="torquebench-unload")
             self._unloading.start()
@@ -294,7 +294,7 @@ class BenchService:
 
     @property
     def connection(self) -> tuple[Connection, str]:
-        """Whether samples come, and why not, in words."""
+        """Whether samples arrive, or why not, in words."""
         age_s = self.live.age_s
         if age_s <= STALE_AFTER_S:
             return "live", ""
@@ -347,7 +347,7 @@ class BenchService:
         self.live.wait_beyond(station.clock.now() + 1.5 * station.description.counter.block_s)
 
     def layout(self, actor: Actor) -> LiveLayout:
-        """Return what somebody wants to see on the live page."""
+        """Return a person's layout of the live page."""
         try:
             kept = self._store.preference(actor.name, "live")
             return LiveLayout.model_validate(kept) if kept is not None else DEFAULT_LAYOUT
@@ -355,7 +355,7 @@ class BenchService:
             return DEFAULT_LAYOUT
 
     def keep_layout(self, actor: Actor, layout: LiveLayout) -> None:
-        """Keep what somebody wants to see on the live page."""
+        """Store a person's layout of the live page."""
         self._store.keep_preference(actor.name, "live", layout.model_dump(mode="json"))
 
     # -- actions ----------------------------------------------------------------------------
@@ -381,9 +381,9 @@ class BenchService:
         return marker
 
     def note(self, actor: Actor, what: str, **details: Any) -> None:
-        """Enter what somebody did into the panel's log and into the bench's audit log.
+        """Enter a person's action into the panel's log and the bench's audit log.
 
-        A log that can't be written keeps nobody from acting; it is an alarm.
+        A log that can't be written doesn't prevent the action, but raises an alarm.
         """
         try:
             self._store.note(actor.label, what, **details)
@@ -412,7 +412,7 @@ class BenchService:
         return tuple(dict.fromkeys((*self.people.names(), *named)))
 
     def present(self, actor: Actor) -> Actor | None:
-        """Return somebody with the role that they have now, None where they may no longer."""
+        """Return an actor with its present role; None if it lost its access."""
         if actor.kind == "client":
             return actor if self.clients.lives(actor.session_id) else None
         try:
@@ -523,7 +523,7 @@ class BenchService:
         return interrupted_calibration(self.station.registry, run_id)
 
     def unfinished(self) -> list[UnfinishedView]:
-        """Return runs that something has come between, the oldest first."""
+        """Return unfinished runs, the oldest first."""
         if self.jobs.busy:  # a running job isn't finished either
             return []
         return unfinished(self.station.registry)
@@ -549,7 +549,7 @@ class BenchService:
         accepted: bool = True,
         remark: str = "",
     ) -> None:
-        """Enter that a calibration was looked over, signed with the password.
+        """Enter the review of a calibration, signed with the password.
 
         Raises
         ------
@@ -576,7 +576,7 @@ class BenchService:
         languages: Sequence[str] = ("en",),
         tolerance_percent_fs: float = DEFAULT_TOLERANCE_PERCENT_FS,
     ) -> list[bytes]:
-        """Return the pages of a draft of a certificate as pictures; nothing is kept.
+        """Return the pages of a certificate's draft as pictures, without storing them.
 
         Parameters
         ----------
@@ -630,13 +630,13 @@ class BenchService:
     def acknowledge(
         self, actor: Actor, alarm_ids: Collection[str] | None = None
     ) -> AlarmView | None:
-        """Clear the latched alarm by name, once its cause is gone; return what was cleared.
+        """Clear the latched alarm by name, once its cause is gone; return the cleared alarm.
 
         Parameters
         ----------
         actor : Actor
         alarm_ids : collection of str, optional
-            The alarms that were looked at; by default all that stand.
+            The alarms that were seen; by default all active ones.
 
         Raises
         ------
@@ -659,7 +659,7 @@ class BenchService:
 
     @property
     def presence_wanted(self) -> bool:
-        """Whether the bench asks for somebody beside it while a drive has power."""
+        """Whether the bench requires confirmed presence while a drive has power."""
         return bool(self.station.description.safety.presence_s)
 
     @property
@@ -668,7 +668,7 @@ class BenchService:
         return self.station.supervisor.heartbeats.present_s()
 
     def confirm_presence(self, actor: Actor) -> None:
-        """Note that the person who commands is at the bench; see `[safety] presence_s`.
+        """Confirm the operator's presence at the bench; see `[safety] presence_s`.
 
         Raises
         ------
@@ -679,7 +679,7 @@ class BenchService:
         self.station.supervisor.confirm_presence(actor.label)
 
     def stop(self, actor: Actor, reason: str = "") -> StopReport:
-        """Bring the bench to its safe state at once; anybody signed in may, without the lease.
+        """Bring the bench to its safe state at once; for every signed-in user, without the lease.
 
         This is no emergency stop in the sense of machine safety: that one is a red button.
         """
@@ -694,7 +694,7 @@ class BenchService:
         return StopReport(alarm.number, seconds)
 
     def stop_aside(self, actor: Actor, reason: str = "") -> Future[StopReport]:
-        """Stop on a thread that does nothing else; like `stop`, for who must not wait himself."""
+        """Stop on a dedicated thread; like `stop`, for callers that must not block."""
         return self._stoppers.submit(self.stop, actor, reason)
 
 

@@ -39,7 +39,7 @@ class LockedOutError(SignInError):
 
 
 class PermissionDeniedError(TorquebenchError):
-    """The role of the person who asks doesn't allow it."""
+    """The actor's role doesn't allow it."""
 
 
 class LeaseError(TorquebenchError):

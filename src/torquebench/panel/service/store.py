@@ -128,7 +128,7 @@ changes = Table(
 
 @dataclass(frozen=True)
 class Event:
-    """Something that somebody did.
+    """An action of a person.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class PanelStore:
 
     @contextlib.contextmanager
     def transaction(self, *, reading: bool = False) -> Iterator[Connection]:
-        """Yield a connection in one transaction: all of it is kept, or nothing.
+        """Yield a connection in one transaction, which is stored completely or not at all.
 
         Parameters
         ----------
@@ -221,7 +221,7 @@ class PanelStore:
     # -- actions ----------------------------------------------------------------------------
 
     def note(self, who: str, what: str, **details: Any) -> None:
-        """Enter something that somebody did."""
+        """Enter an action."""
         with self.transaction() as connection:
             note(connection, who, what, **details)
 
@@ -245,7 +245,7 @@ class PanelStore:
     # -- preferences ------------------------------------------------------------------------
 
     def preference(self, who: str, name: str) -> Any:
-        """Return what somebody has kept under a name; None where that is nothing."""
+        """Return a person's preference; None without one."""
         query = select(preferences.c.value).where(
             preferences.c.who == who, preferences.c.name == name
         )
@@ -254,7 +254,7 @@ class PanelStore:
         return None if kept is None else json.loads(kept)
 
     def keep_preference(self, who: str, name: str, value: Any) -> None:
-        """Keep what somebody likes to see, in place of what was kept before."""
+        """Store a person's preference, replacing the earlier one."""
         text = json_text(value)
         kept = sqlite_insert(preferences).values(who=who, name=name, value=text)
         with self.transaction() as connection:
@@ -264,7 +264,7 @@ class PanelStore:
 
 
 def note(connection: Connection, who: str, what: str, **details: Any) -> None:
-    """Enter something that somebody did, in a transaction that is open."""
+    """Enter an action in an open transaction."""
     connection.execute(
         insert(events).values(at=utc_text(), who=who, what=what, details=json_text(details))
     )

@@ -38,7 +38,7 @@ class Subscribed:
 
 @dataclass(frozen=True)
 class Received:
-    """A message has come."""
+    """A message has arrived."""
 
     link: Link
     topic: str
@@ -148,7 +148,7 @@ class Link:
         return self._client.publish(message.topic, message.payload, message.qos, retain=False)
 
     def mark(self) -> int | None:
-        """Ask to be told once the broker has read everything so far; None without connection.
+        """Request an event once the broker has read everything so far; None without connection.
 
         A broker reads in order and answers every UNSUBSCRIBE, also of what wasn't subscribed
         (MQTT 3.1.1, 3.10.4). That is all the confirmation there is for messages with QoS 0.

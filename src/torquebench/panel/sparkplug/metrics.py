@@ -198,7 +198,7 @@ class Readings:
     Parameters
     ----------
     values : mapping of device to mapping of name to Reading
-        The edge node's own are those of `NODE`.
+        The edge node's own are under `NODE`.
     alive : bool
         Whether the devices can be read: the acquisition runs.
     """

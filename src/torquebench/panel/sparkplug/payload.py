@@ -57,7 +57,7 @@ class Metric:
     Parameters
     ----------
     name : str
-        Empty in data, where the alias stands for it.
+        Empty in data, which use the alias.
     alias : int or None
     timestamp : int or None
         When it was measured, ms since 1970, UTC.
@@ -275,7 +275,7 @@ def decode(data: bytes, types: Mapping[int, DataType] | None = None) -> Payload:
     ----------
     data : bytes
     types : mapping of alias to DataType, optional
-        From the birth: tells signed numbers from unsigned ones where a metric has no type.
+        From the birth: distinguishes signed from unsigned numbers of metrics without a type.
 
     Raises
     ------

@@ -66,7 +66,7 @@ class _Sent:
 
 
 class Publisher:
-    """Publishes a bench as an edge node; nothing can be written but `Node Control/Rebirth`.
+    """Publishes a bench as an edge node; only `Node Control/Rebirth` can be written.
 
     Use `of` for an open bench.
 
@@ -128,7 +128,7 @@ class Publisher:
     def of(
         cls, service: BenchService, settings: SparkplugSettings, tell: Callable[[str], None]
     ) -> Self:
-        """Return the publisher of an open bench; what it says is in the panel's log, too."""
+        """Return the publisher of an open bench; its messages are in the panel's log, too."""
 
         def note(text: str) -> None:
             tell(text)

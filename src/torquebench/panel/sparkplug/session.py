@@ -41,7 +41,7 @@ class Topics:
 
     @staticmethod
     def state(host_id: str) -> str:
-        """Return where a host application says whether it is online."""
+        """Return the topic of a host application's online state."""
         return f"spBv1.0/STATE/{host_id}"
 
 
@@ -125,7 +125,7 @@ class Session:
     def data(self, device: str, metrics: Iterable[Metric], now: int) -> Message:
         """Return changed values; their metrics have names, which are sent as aliases.
 
-        Names that no birth states are left out: history may be of another version.
+        Names missing in the birth are left out: history may be of another version.
         """
         self._require(device)
         sent = [

@@ -88,7 +88,7 @@ class SparkplugSettings(BaseModel):
 
     Its topics begin with `spBv1.0/<group_id>/`. `edge_node_id` is the bench's name where it isn't
     given. One broker is connected at a time; with several, the next one is tried when one is lost.
-    With `primary_host`, nothing but history is kept until this host application is online.
+    With `primary_host`, data are stored as history until this host application is online.
     `password_file` contains the password alone, readable by its owner only. Paths are relative to
     this file. `insecure_network` allows `mqtt://` to other computers: password and values in clear.
 

@@ -60,7 +60,7 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> list[tuple[str, str]]:
 
 
 def choose_language(wanted: str | None, accepted: str | None) -> Language:
-    """Return the language somebody chose, else the browser's, else English.
+    """Return the user's language, otherwise the browser's, otherwise English.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Text:
         return found.format(**values) if values else found
 
     def maybe(self, key: str, otherwise: str) -> str:
-        """Return a text, or what the core says where no text has this key."""
+        """Return a text, or the core's own if no text has this key."""
         found = self._words.get(key)
         return self.core(otherwise) if found is None else found
 

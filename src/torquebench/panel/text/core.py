@@ -68,7 +68,7 @@ def _templates(language: str) -> tuple[_Template, ...]:
 
 
 def translated(said: str, language: str) -> str:
-    """Return a sentence of the core in another language; as it is if nobody knows it.
+    """Return a sentence of the core in another language; unchanged if it is unknown.
 
     Examples
     --------

@@ -23,7 +23,7 @@ FIRST = PublishedNetworkModel()
 
 
 class AnotherFit:
-    """A form of its own below the models; a metrologist's."""
+    """A form below the models, for metrologists."""
 
     def __init__(self, page: CalibratePage) -> None:
         self._page, self._text = page, page.text

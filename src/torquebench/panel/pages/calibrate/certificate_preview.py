@@ -26,7 +26,7 @@ class CertificatePreview:
     ----------
     page : CalibratePage
     asked : callable
-        Returns languages, tolerance and model as they are chosen now.
+        Returns the chosen languages, tolerance and model.
     """
 
     def __init__(self, page: CalibratePage, asked: Callable[[], Mapping[str, Any]]) -> None:

@@ -269,7 +269,7 @@ class MeasureStep:
                 self._said = words("p", "", "muted number", role="status")
 
     def refresh(self) -> None:
-        """Draw the points that have come."""
+        """Draw the points measured so far."""
         job = self._page.workflow.calibrate
         if job is None or job.points == self._count:
             return

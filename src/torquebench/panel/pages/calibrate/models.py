@@ -17,7 +17,7 @@ __all__ = ["ModelsStep"]
 
 
 class ModelsStep:
-    """Fitted models beside the raw reading, and all kinds compared by cross-validation."""
+    """Fitted models and the raw reading, and all kinds compared by cross-validation."""
 
     def __init__(self, page: CalibratePage) -> None:
         self._page, self._text = page, page.text
@@ -52,7 +52,7 @@ class ModelsStep:
             AnotherFit(self._page).build()
 
     def refresh(self) -> None:
-        """Nothing grows here: the job's panel says how far it is."""
+        """Nothing to draw here: the job's panel shows the progress."""
 
     def _side_by_side(self) -> None:
         text = self._text

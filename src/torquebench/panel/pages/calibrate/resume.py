@@ -24,7 +24,7 @@ def take_up(visitor: Visitor, calibration_id: int) -> None:
 
 
 def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
-    """Name every run that something has come between, and offer what can be done about it."""
+    """List every unfinished run with the possible actions."""
     text, service = visitor.text, visitor.service
     for run in service.unfinished():
         if measured_only and run.state == "interrupted":

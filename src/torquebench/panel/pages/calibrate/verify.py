@@ -42,7 +42,7 @@ class VerifyStep:
             self._found(verify.result.details)
 
     def refresh(self) -> None:
-        """Draw the points that have come."""
+        """Draw the points measured so far."""
         verify = self._page.workflow.verify
         if self._growing is None or verify is None or verify.points == self._count:
             return

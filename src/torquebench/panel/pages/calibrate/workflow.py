@@ -20,7 +20,7 @@ MEASURING = ("calibrate", "resume-calibration")
 
 @dataclass
 class Dismissed:
-    """Calibrations that somebody has put aside to begin another one."""
+    """Calibrations that were closed to begin another one."""
 
     job_ids: set[str] = field(default_factory=set)
 
@@ -65,8 +65,8 @@ class CalibrationWorkflow:
     def models(self) -> dict[str, dict[str, Any]]:
         """Every fitted model by its name, with its registry number as `model_id`.
 
-        A kind that is fitted again, such as the network with other parameters, gets that number
-        behind its name.
+        A kind that is fitted again, such as the network with other parameters, gets a number after
+        its name.
         """
         found: dict[str, dict[str, Any]] = {}
         for job in (self.calibrate, *reversed(self.fits)):
@@ -98,7 +98,7 @@ class CalibrationWorkflow:
 
     @property
     def verified_best(self) -> str:
-        """Name of the model that left the least error in the verification; empty before it."""
+        """Name of the model with the smallest error in the verification; empty before it."""
         if self.verify is None or self.verify.result is None:
             return ""
         number = self.verify.result.model_ids.get(str(self.verify.result.details["best"]))

@@ -8,7 +8,7 @@ __all__ = ["reducer_titles"]
 
 
 def reducer_titles(visitor: Visitor) -> dict[str, str]:
-    """Return what each type is called, own ones with the name that they are kept under."""
+    """Return the title of each type; a user's types with the name under which they are stored."""
     titles = {}
     for item in visitor.service.settings.items("reducers"):
         title = visitor.text.core(str(item.document.get("name", item.name)))

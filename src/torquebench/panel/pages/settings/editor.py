@@ -24,7 +24,7 @@ OPEN_GROUPS = ("input.limits", "output.limits")
 
 
 def shown(value: Any) -> str:
-    """Return a value as it stands in a field.
+    """Return a value as the text of a field.
 
     Examples
     --------
@@ -37,9 +37,9 @@ def shown(value: Any) -> str:
 
 
 def parsed(text: str, before: Any) -> Any:
-    """Return the value that a field's text says; the kind of value is that from before.
+    """Return the value of a field's text, in the type of the previous value.
 
-    Text that can't be read so is returned as it is: the document's own check says what is wrong.
+    Text of another type is returned unchanged: the document's check reports the error.
 
     Examples
     --------

@@ -44,7 +44,7 @@ def unit_of(key: str) -> str:
 
 
 def setting_title(text: Text, key: str) -> str:
-    """Return what a setting is called; the key's own last word if nobody has named it.
+    """Return the label of a setting; without one, the last word of its key.
 
     Examples
     --------

@@ -16,7 +16,7 @@ ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
 
 @dataclass(frozen=True)
 class Actor:
-    """Who asks.
+    """The caller of an operation.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def allows(role: Role, wanted: Role) -> bool:
 
 
 def require(actor: Actor, role: Role) -> None:
-    """Refuse the person who hasn't the role.
+    """Refuse an actor without the role.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class LeaseState:
     Parameters
     ----------
     holder : str or None
-        Name of whoever commands; None while nobody does.
+        Name of the holder; None without one.
     session_id : str or None
         By which session: compare it with an actor's to know whether it is "you".
     since_s, idle_s : float
@@ -88,7 +88,7 @@ class CommandLease:
         self._since = self._used = 0.0
 
     def state(self) -> LeaseState:
-        """Return who commands."""
+        """Return the state of the lease."""
         with self._lock:
             holder = self._current()
             if holder is None:
@@ -151,7 +151,7 @@ class CommandLease:
             self._note(actor, taken)
 
     def give_back(self, actor: Actor) -> None:
-        """Command no longer; does nothing for a session that doesn't."""
+        """Give the lease back; no effect for a session without it."""
         with self._lock:
             if not self.holds(actor):
                 return
@@ -164,7 +164,7 @@ class CommandLease:
         Raises
         ------
         LeaseError
-            Another session commands, or nobody does.
+            Another session has the lease, or none has it.
         """
         with self._lock:
             holder = self._current()

@@ -94,9 +94,9 @@ class LoginThrottle:
             )
 
     def release(self, name: str) -> None:
-        """Forget every failure of a person, and of where they came from.
+        """Clear all failures of a person, and of the addresses.
 
-        An administrator has said so.
+        By order of an administrator.
         """
         begin = f"both {name} "
         with self._store.transaction() as connection:

@@ -63,7 +63,7 @@ class People:
     now : callable
         Seconds since 1970.
     later : callable
-        Has something written when there is time: nobody waits for it.
+        Schedules a write without waiting for it.
     """
 
     def __init__(
@@ -151,7 +151,7 @@ class People:
         return row
 
     def actor(self, token: str | None, *, touch: bool = True) -> Actor:
-        """Return who a session belongs to.
+        """Return the owner of a session.
 
         Parameters
         ----------
@@ -181,7 +181,7 @@ class People:
             self._store.note(actor.name, "signed out")
 
     def confirm_password(self, actor: Actor, password: str, address: str = "signing") -> None:
-        """Make sure that who signs is who is signed in.
+        """Check the password of the signed-in person before signing.
 
         Raises
         ------
@@ -195,7 +195,7 @@ class People:
         self._checked(actor.name, password, address)
 
     def identify(self, name: str, password: str, address: str) -> Actor:
-        """Return who a name and a password belong to, for a connection that is its own session.
+        """Return the person with a name and password, for a connection that is its own session.
 
         `signed_in` doesn't know it: ask `user` before what the person does later.
 
@@ -268,7 +268,7 @@ class People:
         NotFoundError
             No such account.
         InputError
-            A rule is broken, or nobody would be administrator any more.
+            A rule is broken, or no administrator would be left.
         """
         require(actor, "administrator")
         row = self._known(name)
@@ -287,7 +287,7 @@ class People:
         return self.user(name)
 
     def change_password(self, actor: Actor, old: str, new: str, address: str = "change") -> None:
-        """Change the own password; other sessions of the person end."""
+        """Change one's own password; the person's other sessions end."""
         self.confirm_password(actor, old, address)
         row = self._known(actor.name)
         check_password_rules(row.name, new)

@@ -31,7 +31,7 @@ TOUCH_S = 60.0
 
 
 def at_once(action: Callable[[], None]) -> None:
-    """Do something now: for the person who has nobody else to do it."""
+    """Run a task at once, in the calling thread."""
     action()
 
 
@@ -58,7 +58,7 @@ class Sessions:
     now : callable
         Seconds since 1970.
     later : callable
-        Has something written when there is time: who looks a session up doesn't wait for a disk.
+        Schedules a write, so that looking up a session doesn't wait for the disk.
     """
 
     def __init__(
@@ -115,7 +115,7 @@ class Sessions:
         return token
 
     def find(self, token: str, *, touch: bool) -> Actor | None:
-        """Return who a token belongs to; None where it has expired or never was."""
+        """Return the owner of a token; None where it has expired or never was."""
         key, now = token_sha256(token), self._now()
         with self._lock:
             found = self._open.get(key)
@@ -169,7 +169,7 @@ class Sessions:
                 connection.execute(delete(sessions).where(sessions.c.token_sha256.in_(keys)))
 
     def oldest(self) -> float:
-        """Sessions not seen since then have expired."""
+        """Sessions not used since then have expired."""
         return self._now() - IDLE_S
 
     @staticmethod

@@ -111,7 +111,7 @@ Percent = Annotated[Number, Field(ge=0.1, le=100.0)]
 
 
 class NetworkParameters(JobRequest):
-    """Parameters of the source papers' network; those left out are the model's own.
+    """Parameters of the source papers' network; missing ones are the model's defaults.
 
     `target_error_nm` ends the training when the RMS of the residuals falls below it.
     """
@@ -137,7 +137,7 @@ NO_PARAMETERS = NetworkParameters()
 class CalibrateRequest(MountedRequest):
     """Calibrate one module against the calibrator and fit models; none is activated.
 
-    `bench_clear` has to be true on a real bench: whoever starts it confirms that it may be loaded.
+    `bench_clear` must be true on a real bench: the caller confirms that it may be loaded.
     """
 
     side: Side
@@ -338,7 +338,7 @@ def calibration_job_result(done: FinishedCalibration) -> JobResult:
 
 
 def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
-    """Compare in a process of its own, so that the bench keeps its time."""
+    """Compare in a separate process, so that the bench's threads aren't delayed."""
     entry, data = calibration_data(context.station, request.calibration_id)
     job = context.job
     job.start("Comparing models", SHARES)
@@ -366,7 +366,7 @@ def check_fit(place: Workplace, request: FitRequest) -> None:
 
 
 def run_fit(context: JobContext, request: FitRequest) -> JobResult:
-    """Fit one model to the points of a calibration and register it beside the others."""
+    """Fit one more model to the points of a calibration and register it."""
     station = context.station
     (choice,) = _choices([request.model], request.network, rising_only=request.rising_only)
     entry, data = calibration_data(station, request.calibration_id)

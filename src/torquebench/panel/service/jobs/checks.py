@@ -52,7 +52,7 @@ class CheckRequest(JobRequest):
 
 
 class CertificateRequest(JobRequest):
-    """Issue the certificate of a calibration; who asks has signed with the password."""
+    """Issue the certificate of a calibration; the caller has signed with the password."""
 
     calibration_id: Identifier
     languages: Annotated[

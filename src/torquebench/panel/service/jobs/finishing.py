@@ -24,14 +24,14 @@ __all__ = ["FINISHING_KINDS", "DiscardRequest", "FinishRequest", "UnfinishedView
 
 @dataclass(frozen=True)
 class UnfinishedView:
-    """A run that something has come between.
+    """An unfinished run.
 
     Parameters
     ----------
     run_id, kind : str
     state : {"left open", "sealed", "measured", "interrupted"}
-        How far it has come: "interrupted" has to be gone on with on its bench, the others can be
-        finished without measuring.
+        Its state: "interrupted" must be resumed on its bench, the others can be finished without
+        measuring.
     found, remedy : str
         What is the matter with it, and what to do at a terminal.
     """
@@ -52,13 +52,13 @@ def unfinished(registry: Registry) -> list[UnfinishedView]:
 
 
 class FinishRequest(JobRequest):
-    """Enter, fit and register a run that was left; nothing is measured again."""
+    """Enter, fit and register an unfinished run; nothing is measured again."""
 
     run_id: RunId
 
 
 class DiscardRequest(JobRequest):
-    """Enter that nothing comes of an unfinished run; its folder stays as it is."""
+    """Discard an unfinished run; its folder stays unchanged."""
 
     run_id: RunId
     reason: Annotated[str, Field(min_length=1, max_length=200)]

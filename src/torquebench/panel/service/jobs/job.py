@@ -26,7 +26,7 @@ MOST_POINTS = 20_000
 
 
 class Points:
-    """Turns a run's documents into points, while they come.
+    """Turns a run's documents into points as they arrive.
 
     Examples
     --------

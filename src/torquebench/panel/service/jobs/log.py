@@ -22,7 +22,7 @@ MOST_TOLD = 3
 
 @dataclass(frozen=True)
 class EndedJob:
-    """A job that has ended and whose result its starter hasn't seen.
+    """A finished job whose result its starter hasn't seen.
 
     Parameters
     ----------
@@ -30,7 +30,7 @@ class EndedJob:
     state : {"done", "failed", "aborted", "interrupted"}
         Interrupted by the end of the server.
     headline : str
-        What came out of it, or why it ended.
+        Its result, or why it ended.
     verdict : str
     started : datetime.datetime
         UTC.
@@ -63,7 +63,7 @@ class JobLog:
             connection.execute(statement)
 
     def began(self, actor: Actor, job: JobView) -> None:
-        """Keep that somebody has started a job."""
+        """Store the start of a job."""
         self._write(
             insert(job_log).values(
                 job_id=job.job_id,
@@ -94,7 +94,7 @@ class JobLog:
         )
 
     def untold(self, who: str) -> list[EndedJob]:
-        """Return what has ended since somebody was last told, the oldest first."""
+        """Return a person's finished jobs that they haven't seen, the oldest first."""
         query = (
             select(job_log)
             .where(job_log.c.who == who, job_log.c.told.is_(False), job_log.c.state != "running")
@@ -117,6 +117,6 @@ class JobLog:
         ]
 
     def told(self, job_id: str) -> None:
-        """Keep that its starter knows how a job ended."""
+        """Store that its starter has seen the result of a job."""
         with self._store.transaction() as connection:
             connection.execute(update(job_log).where(job_log.c.job_id == job_id).values(told=True))

@@ -15,7 +15,7 @@ __all__ = ["confirm_clear", "limits", "staircase_preview"]
 
 
 def confirm_clear(description: BenchDescription, confirmed: bool) -> None:
-    """Refuse to load a real bench that nobody has said to be clear.
+    """Refuse to load a real bench that wasn't confirmed to be clear.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class InterruptedView:
 def interrupted_calibration(registry: Registry, run_id: str = "") -> InterruptedView | None:
     """Return a run that can be resumed; by default the newest calibration, if it is one.
 
-    None if nothing is to be resumed; why not is said by the person who tries.
+    None if there is nothing to resume; an attempt to resume states the reason.
     """
     try:
         if not run_id:

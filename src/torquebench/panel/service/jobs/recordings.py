@@ -52,8 +52,8 @@ class Trigger(JobRequest):
 class RecordRequest(JobRequest):
     """Record all signals; nothing is moved.
 
-    It begins at once, when `trigger` is met, or at the moment `at`, and ends after `duration_s`,
-    or when it is finished (`POST /jobs/{job_id}/finish`). What came up to `before_s` earlier is
+    It begins at once, when `trigger` is met, or at the moment `at`, and ends after `duration_s`, or
+    when it is finished (`POST /jobs/{job_id}/finish`). The `before_s` before the start are
     recorded, too.
     """
 

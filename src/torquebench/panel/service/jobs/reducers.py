@@ -55,8 +55,8 @@ LOOP_ROWS = 400
 class ReducerTestRequest(MountedRequest):
     """Put the mounted reducer to a test, or with "full" to all of them.
 
-    `quick` takes fewer points: a look, no verdict for a data sheet. `repeats` is how often running
-    tests repeat at most, and how often the empty run does.
+    `quick` takes fewer points: an overview without verdicts. `repeats` is how often running tests
+    repeat at most, and how often the empty run does.
     """
 
     test: TestName

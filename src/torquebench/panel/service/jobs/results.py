@@ -40,7 +40,7 @@ def calibration_result(
     fitted: Sequence[FittedModel],
     model_ids: Mapping[str, int],
 ) -> JobResult:
-    """Say what a calibration found, and what each model leaves of it."""
+    """Describe a calibration's errors, before and after each model."""
     best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
     found = ""
     if best is not None:
@@ -60,7 +60,7 @@ def calibration_result(
 
 
 def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
-    """Return the errors that a model leaves at the points it was fitted to."""
+    """Return a model's errors at the points it was fitted to."""
     torque = item.chain.torque(data.readings())
     return summarise_errors(torque.value_nm, data.standard_nm, data.range_nm)
 

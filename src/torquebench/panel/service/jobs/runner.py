@@ -42,7 +42,7 @@ ABORT_LOOK_S = 0.1
 
 
 class JobRequest(BaseModel):
-    """What a job is requested; every kind has its own fields."""
+    """Request of a job; every kind has its own fields."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -95,11 +95,11 @@ class JobKind:
     ----------
     name, title : str
     request : type
-        Pydantic model of what it is asked for.
+        Pydantic model of its request.
     run : callable
         Does it, on the job's thread.
     preview : callable or None
-        Says what it would do; None where it moves nothing.
+        Says what it would do; None if it moves nothing.
     check : callable
         Refuses what can't be done, before anything is started.
     role : str
@@ -108,7 +108,7 @@ class JobKind:
         Whether the bench moves: then no alarm may be latched.
     can_pause : bool
     can_finish : bool
-        Whether it goes on until somebody finishes it.
+        Whether it runs until a user finishes it.
     """
 
     name: str
@@ -139,7 +139,7 @@ class JobRunner:
     note : callable
         Called with an actor, what was done, and details.
     log : JobLog
-        Tells whoever has started a job what became of it.
+        Reports the results of jobs to the users who started them.
     on_done : callable
         Called with its kind, on the job's thread, when one has done its work.
     """
@@ -213,7 +213,7 @@ class JobRunner:
         Parameters
         ----------
         actor : Actor
-            Takes the command lease where nobody has it.
+            Takes the command lease if it is free.
         kind : str
             One of `kinds`.
         request : mapping or JobRequest
@@ -222,7 +222,7 @@ class JobRunner:
         Raises
         ------
         PermissionDeniedError, LeaseError
-            Who asks may not.
+            The actor has no permission.
         InputError
             The request is wrong.
         BusyError
@@ -298,7 +298,7 @@ class JobRunner:
         return validated(kind.request, request, kind.name)
 
     def command(self, actor: Actor) -> None:
-        """Refuse the person who doesn't command; if nobody does, he does from now on."""
+        """Refuse an actor without the lease; a free lease is taken."""
         if self._lease.state().holder is None:
             self._lease.take(actor)
         self._lease.require(actor)
@@ -373,7 +373,7 @@ class JobRunner:
         return [self._view(job) for job in reversed(jobs)]
 
     def points(self, job_id: str, since: int = 0) -> list[JobPoint]:
-        """Return the points of a job after the one with a number, as they have come so far."""
+        """Return the points of a job after a number, up to now."""
         return self._job(job_id).points.since(since)
 
     def _job(self, job_id: str) -> Job:
@@ -390,7 +390,7 @@ class JobRunner:
 
     @property
     def prompt(self) -> PendingPrompt | None:
-        """What a person at the bench is asked to do right now, or None."""
+        """The pending request to the person at the bench, or None."""
         pending = self._prompts.pending
         return None if pending is None else PendingPrompt(pending.number, pending.text)
 
@@ -455,7 +455,7 @@ class JobRunner:
                 self._station.abort(reason)
 
     def answer(self, actor: Actor, number: int, *, done: bool) -> None:
-        """Answer what a person at the bench was asked.
+        """Answer the request to the person at the bench.
 
         Raises
         ------

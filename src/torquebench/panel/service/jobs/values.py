@@ -55,7 +55,7 @@ class Problem:
 
 @dataclass(frozen=True)
 class JobStage:
-    """A part of a job that is over: its title and what came out, in words."""
+    """A finished part of a job: its title and its result, in words."""
 
     title: str
     detail: str
@@ -84,7 +84,7 @@ class JobPoint:
 
 @dataclass(frozen=True)
 class PendingPrompt:
-    """What a person at the bench is asked to do."""
+    """A request to the person at the bench."""
 
     number: int
     text: str
@@ -92,7 +92,7 @@ class PendingPrompt:
 
 @dataclass(frozen=True)
 class JobPreview:
-    """What a job would do, checked against limits and interlocks; nothing has moved.
+    """Preview of a job, checked against limits and interlocks; nothing has moved.
 
     Parameters
     ----------
@@ -101,7 +101,7 @@ class JobPreview:
         Bench time without waiting longer for settling or warming up, s.
     points : int
     largest_torque_nm, limit_torque_nm : mapping of side to float
-        What is asked for at most, and what the bench allows.
+        Largest commanded torque, and the bench's limit.
     largest_speed_rpm, limit_speed_rpm : mapping of side to float
     time_s, target_nm : tuple of float
         The torque commanded to the loaded side over time, for a staircase; empty otherwise.
@@ -129,14 +129,14 @@ class JobPreview:
 
 @dataclass(frozen=True)
 class JobResult:
-    """What came out of a job.
+    """Result of a job.
 
     Parameters
     ----------
     headline : str
         One sentence.
     verdict : str
-        "pass", "conditionalPass", "conditionalFail", "fail", or empty where nothing was judged.
+        "pass", "conditionalPass", "conditionalFail", "fail", or empty without a tolerance.
     simulated : bool
         Whether every figure has to say so.
     run_ids : tuple of str
@@ -166,16 +166,16 @@ class JobView:
     ----------
     job_id, kind, title : str
     request : mapping
-        What was asked for, as JSON.
+        The request, as JSON.
     started_by : str
     state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
     can_pause : bool
     can_finish : bool
-        Whether it goes on until somebody finishes it.
+        Whether it runs until a user finishes it.
     stage : str
         What is at work.
     done, total : int, int or None
-        Steps of the stage; None where nobody can tell.
+        Steps of the stage; None if unknown.
     detail : str
     stages : tuple of JobStage
         What is over.

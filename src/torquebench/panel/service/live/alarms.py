@@ -29,7 +29,7 @@ class AlarmView:
     bench_time_s : float
     raised : datetime.datetime
     stands : bool
-        Whether it still concerns the bench.
+        Whether it is still active.
     cleared : datetime.datetime or None
     acknowledged : datetime.datetime or None
     acknowledged_by : str

@@ -98,7 +98,7 @@ class LiveIncrement:
     sequence : int
         Ask with this one next time.
     missed : int
-        Rows that came since but are forgotten already: the watcher was too slow.
+        Rows that were dropped because the watcher was too slow.
     time_s : float64[n]
         Bench time of each row's end, s.
     values : mapping of signal name to float64[n]
@@ -142,7 +142,7 @@ class LatestValue:
     ----------
     value : float or None
     age_s : float
-        Wall time since it came, s; infinite before the first.
+        Wall time since its arrival, s; infinite before the first.
     fault : str
         Why there is no newer one, in words; empty where there is.
     """
@@ -334,7 +334,7 @@ class LiveHub:
 
     @property
     def dropped(self) -> int:
-        """Blocks that came faster than the hub could take them."""
+        """Blocks that arrived faster than the hub could process them."""
         return self._viewer.dropped
 
     @property
@@ -343,7 +343,7 @@ class LiveHub:
         return time.monotonic() - self._block_at
 
     def wait_beyond(self, time_s: float, timeout_s: float = STALE_AFTER_S) -> bool:
-        """Wait for a row that ends after a bench time; return whether it came in time."""
+        """Wait for a row that ends after a bench time; return whether it arrived in time."""
         with self._lock:
             return self._lock.wait_for(lambda: self._bench_s > time_s, timeout_s)
 

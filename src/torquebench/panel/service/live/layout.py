@@ -42,7 +42,7 @@ class Scale(BaseModel):
 
 
 class BandLayout(BaseModel):
-    """One chart of the page: its signals, and how far its left scale goes."""
+    """One chart of the page: its signals, and the range of its left scale."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -76,7 +76,7 @@ class BandLayout(BaseModel):
 
 
 class LiveLayout(BaseModel):
-    """What a person wants to see.
+    """A person's layout of the live page.
 
     Parameters
     ----------

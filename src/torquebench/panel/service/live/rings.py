@@ -113,7 +113,7 @@ class LevelRing:
 class TrendMemory:
     """Rows at several levels: every coarser level keeps lowest and highest of the finer one.
 
-    A spike of a single window is therefore still seen in a trend of an hour.
+    A spike of a single window is therefore visible in a trend of an hour.
 
     Parameters
     ----------
@@ -159,7 +159,7 @@ class TrendMemory:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis of what is a number; NaN if nothing is.
+    """Mean over the last axis of what is a number; NaN without any.
 
     Examples
     --------
@@ -173,7 +173,7 @@ def nan_mean(values: Array) -> Array:
 
 
 def envelope(rows: Rows, points: int) -> Rows:
-    """Join neighbouring rows until at most `points` are left, keeping every extreme.
+    """Merge neighbouring rows into at most `points`, keeping every extreme.
 
     Parameters
     ----------

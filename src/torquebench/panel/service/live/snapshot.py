@@ -88,21 +88,21 @@ class BenchSnapshot:
     ----------
     bench_name : str
     simulated : bool
-        Every figure then says so.
+        Every figure is then labelled.
     connection : {"live", "stale", "lost"}
     connection_problem : str
         Why it isn't live, in words.
     bench_time_s, age_s : float
-        Bench time of the newest block, and how long ago it came, s.
+        Bench time of the newest block, and its age, s.
     sequence : int
         Of the live hub's newest row.
     mounted : str
         Between the flanges.
     sides : mapping of side to SideSnapshot
     efficiency : LatestValue
-        %; without value where it means nothing.
+        %; without value where it has no meaning.
     alarms : int
-        Alarms that stand.
+        Number of active alarms.
     stopped : bool
         Whether a critical alarm is latched: nothing moves until it is acknowledged.
     job_id : str or None
@@ -131,7 +131,7 @@ class BenchSnapshot:
 
     @property
     def state(self) -> BenchState:
-        """What the bench does; whether its samples come is `connection`."""
+        """Activity of the bench; `connection` states whether samples arrive."""
         if self.stopped:
             return "stopped"
         if self.job_id is None:
@@ -140,7 +140,7 @@ class BenchSnapshot:
 
 
 def compensation_state(registry: Registry, model_id: int, today: date) -> CompensationState:
-    """Return what the registry knows of a model in use."""
+    """Return the registry's data of an active model."""
     model = registry.model(model_id)
     calibration = registry.calibration(model.calibration_id)
     valid = calibration.due is None or today <= calibration.due

@@ -29,7 +29,7 @@ class Spectrum:
     amplitude_nm : float64[n]
         Peak value of a sine of that frequency, N·m.
     resolution_hz : float
-        Sines closer than this aren't told apart.
+        Smallest distance of two resolved sines.
     """
 
     frequency_hz: Array

@@ -173,7 +173,7 @@ class RecordQueries:
             raise NotFoundError(f"no run {run_id}", "an identifier of the list of runs") from None
 
     def run_columns(self, run_id: str) -> tuple[str, ...]:
-        """Return what the raw stream of a run holds beside the time."""
+        """Return the columns of a run's raw stream other than time."""
         raw = RunFolder.open(self._run(run_id).folder).raw()
         return tuple(name for name in raw.columns if name != "time_s")
 
@@ -254,7 +254,7 @@ class RecordQueries:
         return [CalibrationView.of(each, doubts.get(each.calibration_id, ())) for each in found]
 
     def calibration(self, calibration_id: int) -> CalibrationDetail:
-        """Return a calibration with everything that came of it.
+        """Return a calibration with its models, verifications and certificates.
 
         Raises
         ------

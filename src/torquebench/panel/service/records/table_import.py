@@ -132,14 +132,14 @@ class TableDirection:
 
 @dataclass(frozen=True)
 class TableView:
-    """A table as it was read and evaluated; nothing is kept of it.
+    """A table as read and evaluated; it isn't stored.
 
     Parameters
     ----------
     points : int
     range_nm : float
     simulated : bool
-        Whether the table says that its points come from a simulated bench.
+        Whether the table states that its points are simulated.
     profile : str
     standard_nm, error_nm : tuple of float
         Of every point, in measuring order; the error is reading minus standard.
@@ -149,10 +149,9 @@ class TableView:
     deviations : tuple of Deviation
         Where it departs from the profile: the first two hundred.
     certifiable : bool
-        Whether the profile lets it have a certificate.
+        Whether the profile allows a certificate.
     directions : tuple of TableDirection
-        By the profile's steps, or by the table's own where it lacks some of those; empty where
-        it isn't in steps.
+        By the profile's steps, or by the table's own if some are missing; empty if it has no steps.
     """
 
     points: int
@@ -184,7 +183,7 @@ def read_table(content: bytes, name: str = "") -> str:
     ----------
     content : bytes
     name : str, optional
-        Its ending says which format it is; CSV without one.
+        Its ending gives the format; CSV without one.
 
     Raises
     ------
@@ -236,7 +235,7 @@ class TableImport:
         self._note = note
 
     def preview(self, request: Mapping[str, Any] | TableRequest) -> TableView:
-        """Read a table and hold it against its profile; nothing is kept.
+        """Read a table and compare it with its profile, without storing it.
 
         Takes up to a second for a large table: call it beside an event loop.
 

@@ -31,7 +31,7 @@ __all__ = [
 
 @dataclass(frozen=True)
 class RunView:
-    """One line of the list of runs; `doubts` says what is impossible in its times."""
+    """One line of the list of runs; `doubts` lists implausible times."""
 
     run_id: str
     kind: str
@@ -49,7 +49,7 @@ class RunView:
 
     @classmethod
     def of(cls, run: RunSummary, doubts: tuple[str, ...] = ()) -> RunView:
-        """Leave out where the run's files lie."""
+        """Omit the location of the run's files."""
         return cls(
             run_id=run.run_id,
             kind=run.kind,
@@ -69,7 +69,7 @@ class RunView:
 
 @dataclass(frozen=True)
 class RunPage:
-    """A part of the list of runs, and how many there are in all; `doubts` says a clock is wrong."""
+    """A part of the list of runs, and how many there are in all; `doubts` reports a wrong clock."""
 
     runs: tuple[RunView, ...]
     total: int
@@ -104,7 +104,7 @@ class RunDetail:
     metadata : mapping
         What was known when it started.
     results : object
-        What it found, as JSON; None where it found nothing.
+        What it found, as JSON; None without results.
     tables : tuple of RunTable
     calibration_id : int or None
         The calibration that it measured.
@@ -138,7 +138,7 @@ class ModelView:
 
     @classmethod
     def of(cls, model: ModelEntry, *, active: bool) -> ModelView:
-        """Leave out where the model's file lies."""
+        """Omit the location of the model's file."""
         return cls(
             model_id=model.model_id,
             calibration_id=model.calibration_id,
@@ -196,7 +196,7 @@ class CalibrationView:
 
 @dataclass(frozen=True)
 class CalibrationDetail:
-    """A calibration with its models, what verified them, who checked it, its certificates."""
+    """A calibration with its models, verifications, reviews and certificates."""
 
     calibration: CalibrationView
     models: tuple[ModelView, ...]

@@ -53,7 +53,7 @@ def merged(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any
 
 
 def depth(value: Any) -> int:
-    """Return how many levels of tables and lists lie within each other.
+    """Return the nesting depth of tables and lists.
 
     Examples
     --------

@@ -40,7 +40,7 @@ SectionName = Literal["bench", "profiles", "reducers"]
 
 @dataclass(frozen=True)
 class Section:
-    """A kind of settings: what its documents are, and who changes them."""
+    """A section of the settings: its documents, and the role that may change them."""
 
     name: SectionName
     title: str
@@ -148,7 +148,7 @@ def find_section(name: str) -> Section:
 
 
 def builtin_names(section: SectionName) -> tuple[str, ...]:
-    """Return the names of the documents that come with the software."""
+    """Return the names of the packaged documents."""
     if section == "profiles":
         return available_profiles()
     return available_reducers() if section == "reducers" else ()

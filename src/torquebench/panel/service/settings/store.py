@@ -73,7 +73,7 @@ class SettingsStore:
     # -- looking ----------------------------------------------------------------------------
 
     def items(self, section: str) -> list[SettingsItem]:
-        """Return all documents of a section: those that come with the software first."""
+        """Return all documents of a section, the packaged ones first."""
         found = find_section(section)
         if section == BENCH:
             return [self.get(section, BENCH)]
@@ -148,18 +148,18 @@ class SettingsStore:
     def preview(
         self, section: str, name: str, document: Mapping[str, Any] | None
     ) -> SettingsChange:
-        """Validate a document and return what it would change; nothing is changed.
+        """Validate a document and return the changes that it would make.
 
         Parameters
         ----------
         section, name : str
         document : mapping or None
-            The whole document; None deletes an own profile or reducer.
+            The whole document; None deletes a user's profile or reducer.
 
         Raises
         ------
         InputError
-            A wrong value, with key and what is allowed; or nothing that may be changed here.
+            A wrong value, with key and allowed values; or a document that can't be changed here.
         """
         before, after, _ = self._checked(section, name, document)
         return SettingsChange(
@@ -190,17 +190,17 @@ class SettingsStore:
         Parameters
         ----------
         version : int, optional
-            That of the item which was edited: refuses when somebody else was faster. Without it,
-            only who is faster between the check and the writing is.
+            Version of the edited item: refuses if it has changed since. Without it, only a change
+            between the check and the write is refused.
 
         Raises
         ------
         PermissionDeniedError
             The role doesn't allow it.
         InputError
-            As for `preview`, or nothing differs.
+            As for `preview`, or there is no difference.
         BusyError
-            Somebody else has changed it meanwhile.
+            It has been changed meanwhile.
         """
         require(actor, find_section(section).role)
         before, after, seen = self._checked(section, name, document)
