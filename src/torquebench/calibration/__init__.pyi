@@ -88,6 +88,7 @@ from .verification import (
     ModelVerification as ModelVerification,
     Repeatability as Repeatability,
     VerificationResult as VerificationResult,
+    repeatability as repeatability,
     summarise_errors as summarise_errors,
     verify as verify,
 )

@@ -19,6 +19,7 @@ __all__ = [
     "ModelVerification",
     "Repeatability",
     "VerificationResult",
+    "repeatability",
     "summarise_errors",
     "verify",
 ]
@@ -327,24 +328,31 @@ class _Places:
         """Find the places: the points' number in their group where the groups agree, else cells.
 
         Groups of a verification draw their points cell by cell, so that the k-th points of all
-        groups have about the same torque, branch and direction. Tables from another source, whose
-        groups differ in length or order, fall into cells of the range.
+        groups have about the same torque, speed, branch and direction. Tables whose groups differ
+        in length or order fall into cells of range and speed.
         """
+        speed = np.zeros(len(data)) if data.speed_rpm is None else data.speed_rpm
+        top_rpm = float(np.max(np.abs(speed))) or 1.0
         groups = [np.flatnonzero(data.series == number) for number in np.unique(data.series)]
         size = groups[0].size
         if all(group.size == size for group in groups):
             table = np.stack(groups)
             torque, branch = data.standard_nm[table], data.branch[table]
             near = np.ptp(torque, axis=0) <= SAME_PLACE_SHARE * data.range_nm
+            near &= np.ptp(speed[table], axis=0) <= SAME_PLACE_SHARE * top_rpm
             if np.all(near) and np.all(branch == branch[0]):
                 label = np.empty(len(data), dtype=np.intp)
                 label[table] = np.arange(size)
                 rule = "points of the same number in their groups"
                 return cls(label, data.range_nm, rule)
         cell = np.floor(np.abs(data.standard_nm) / (CELL_SHARE * data.range_nm)).astype(np.int64)
-        keys = np.stack([cell, data.branch, np.sign(data.standard_nm).astype(np.int64)], axis=1)
+        turning = np.floor(speed / (CELL_SHARE * top_rpm)).astype(np.int64)
+        sign = np.sign(data.standard_nm).astype(np.int64)
+        keys = np.stack([cell, data.branch, sign, turning], axis=1)
         _, label = np.unique(keys, axis=0, return_inverse=True)
         rule = f"points of one branch and direction in the same {100 * CELL_SHARE:.0f} % of range"
+        if data.speed_rpm is not None:
+            rule += " and of the largest speed"
         return cls(label.reshape(-1), data.range_nm, rule)
 
     def _mean(self, values: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -373,6 +381,22 @@ class _Places:
             places=int(repeated.sum()),
             rule=self.rule,
         )
+
+
+def repeatability(error_nm: NDArray[np.float64], data: CalibrationData) -> Repeatability | None:
+    """Return the spread of an error over the groups of a verification at the same place.
+
+    None for a single group, or if no place was measured twice.
+
+    Parameters
+    ----------
+    error_nm : array of float, shape (n,)
+    data : CalibrationData
+        The points; a series is a group.
+    """
+    if np.unique(data.series).size < 2:
+        return None
+    return _Places.of(data).repeatability(error_nm)
 
 
 def _rms(values: NDArray[np.float64]) -> float:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from torquebench.bench.drivers.base import Side
-from torquebench.calibration import CalibrationData
+from torquebench.calibration import CalibrationData, repeatability
 from torquebench.compensation import PublishedNetworkModel
 from torquebench.figures import Curve
 from torquebench.papers.facts import MOUNTING
@@ -44,7 +44,6 @@ from torquebench.reports.standard_reducer_report import (
 from torquebench.reports.verification_report import (
     Verified,
     before_after_figure,
-    spread_percent,
     verification_tables,
 )
 from torquebench.uncertainty import stated
@@ -554,7 +553,8 @@ def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
             for name in (BP_RESIDUAL, POLYNOMIAL, RECOMMENDED_NAME):
                 error = module.errors_nm(data, name)
                 worst = 100.0 * float(np.max(np.abs(error))) / data.range_nm
-                spread = spread_percent(error, data)
+                repeated = repeatability(error, data)
+                spread = None if repeated is None else repeated.worst_percent_fs
                 cells.append(f"{number(worst)} / {number(spread)}")
                 if name == BP_RESIDUAL:
                     counted += 1

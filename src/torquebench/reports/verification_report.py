@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration import CalibrationData
+from torquebench.calibration import CalibrationData, repeatability
 from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
@@ -17,7 +17,6 @@ from torquebench.reports.page import Facts, Figure, Page, Section, Table
 __all__ = [
     "Verified",
     "before_after_figure",
-    "spread_percent",
     "verification_page",
     "verification_tables",
 ]
@@ -35,17 +34,6 @@ class Verified:
 
     title: str
     torque_nm: NDArray[np.float64]
-
-
-def spread_percent(error_nm: NDArray[np.float64], data: CalibrationData) -> float | None:
-    """Return the largest standard deviation of an error over the groups at one place, % FS.
-
-    None if there is one group only, or groups differ in length.
-    """
-    groups = [error_nm[data.series == each] for each in np.unique(data.series)]
-    if len(groups) < 2 or len({group.size for group in groups}) != 1:
-        return None
-    return float(100.0 * np.max(np.std(np.stack(groups), axis=0, ddof=1)) / data.range_nm)
 
 
 def verification_tables(
@@ -75,19 +63,20 @@ def verification_tables(
         amounts = [np.abs(error[chosen]) for error in errors]
         cells = [f"{number(each.max())} / {number(each.mean())}" for each in amounts]
         rows.append([str(int(group)), *cells])
-    verdicts = []
+    verdicts, rule = [], ""
     for each, error in zip(verified, errors, strict=True):
         worst_nm = float(np.max(np.abs(error)))
-        worst, spread = 100.0 * worst_nm / data.range_nm, spread_percent(error, data)
+        worst, spread = 100.0 * worst_nm / data.range_nm, repeatability(error, data)
+        rule = "" if spread is None else f": {spread.rule}"
         verdicts.append(
             [
                 each.title,
                 number(worst_nm),
                 number(worst),
                 _kept(worst, tolerance_percent),
-                number(None if spread is None else spread * data.range_nm / 100.0),
-                number(spread),
-                "–" if spread is None else _kept(spread, tolerance_percent),
+                number(None if spread is None else spread.worst_nm),
+                number(None if spread is None else spread.worst_percent_fs),
+                "–" if spread is None else _kept(spread.worst_percent_fs, tolerance_percent),
             ]
         )
     limit = f"≤ {tolerance_percent:g} %"
@@ -110,8 +99,8 @@ def verification_tables(
                 f"repeatability {limit}",
             ),
             verdicts,
-            f"{what}: worst single reading of all groups, and the largest standard deviation over "
-            "the groups at one place.",
+            f"{what}: worst single reading of all groups, and the largest standard deviation at "
+            f"one place{rule}.",
         ),
     ]
 

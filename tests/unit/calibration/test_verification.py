@@ -1,9 +1,17 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.calibration import CalibrationData, load_profile, summarise_errors, verify
+from torquebench.calibration import (
+    CalibrationData,
+    load_profile,
+    repeatability,
+    summarise_errors,
+    verify,
+)
 from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 
@@ -144,6 +152,22 @@ def test_groups_of_different_order_fall_into_cells():
     assert repeatability.places == 2
     assert repeatability.rule == "points of one branch and direction in the same 5 % of range"
     assert repeatability.pooled_nm == pytest.approx(0.2 / np.sqrt(2))
+
+
+def test_points_at_other_speeds_are_other_places():
+    """Random speeds and torques repeat nothing: what differs between them is no repeatability."""
+    data = CalibrationData(
+        reading_nm=[51.0, 11.0, 51.5, 11.5],
+        standard_nm=[51.0, 11.0, 51.0, 11.0],
+        series=[1, 1, 2, 2],
+        branch=[1, -1, 1, -1],
+        range_nm=100.0,
+        speed_rpm=[100.0, 100.0, -900.0, -900.0],
+    )
+    error = data.reading_nm - data.standard_nm
+    assert repeatability(error, data) is None
+    still = replace(data, speed_rpm=None)
+    assert repeatability(error, still).worst_nm == pytest.approx(0.5 / np.sqrt(2))
 
 
 def test_the_largest_uncertainty_of_the_chain_is_stated():
