@@ -81,7 +81,7 @@ def _panel_answers(environment: Path, folder: Path) -> float:
     begin = time.perf_counter()
     torquebench = str(environment / "bin" / "torquebench")
     command = [torquebench, "panel", "--port", str(PORT), "--data", str(folder)]
-    with subprocess.Popen(command, cwd=folder) as panel:
+    with subprocess.Popen(command, cwd=environment) as panel:
         try:
             while time.perf_counter() - begin < STARTING_S:
                 try:

@@ -39,7 +39,7 @@ def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, s
     ----------
     station : Station
     mounted : MountingRecord or None
-        What a person entered; a simulated bench knows it by itself.
+        The entered record; a simulated bench has its own.
     """
     description, drivers = station.description, station.drivers
     if mounted is None and drivers.truth is not None:
@@ -107,7 +107,7 @@ def _module(described: ModuleDescription) -> str:
 
 
 def write_facts(folder: Path, facts: Mapping[str, str]) -> Path:
-    """Write the facts beside the tables, two columns."""
+    """Write the facts to the folder of the tables, two columns."""
     return write_rows(folder / FACTS, [("item", "value"), *facts.items()])
 
 

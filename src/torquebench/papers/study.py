@@ -73,7 +73,7 @@ class StudiedChain:
         A key of `FAMILIES`.
     seed : int
     scale_nm : float
-        Factor of the shape, so that the best quadratic leaves 4 N·m.
+        Factor of the shape, so that the best quadratic has an error of 4 N·m.
     shape : callable
         Additional torque by relative torque and branch, before scaling.
     """
@@ -161,7 +161,7 @@ def best_quadratic_nm(chain: StudiedChain) -> float:
 
 
 def studied_chain(family: str, seed: int) -> StudiedChain:
-    """Draw a chain of a family on which the best quadratic leaves 4 N·m.
+    """Draw a chain of a family for which the best quadratic has an error of 4 N·m.
 
     Examples
     --------
@@ -309,7 +309,7 @@ def _errors(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) ->
 
 @dataclass(frozen=True)
 class Row:
-    """What came out for one model over all chains.
+    """Results of one model over all chains.
 
     Attributes
     ----------

@@ -62,7 +62,7 @@ class ModuleTables:
     calibration : CalibrationData
         In place, against the calibrator; rising in each direction, and falling where measured.
     same_points, other_points : CalibrationData or None
-        Groups against the verification standard: all at the same torques, each at its own.
+        Groups against the verification standard: at common torques, and at separate ones.
     alone : CalibrationData or None
         The transducer by itself.
     certificate : ReferenceCertificate or None
@@ -138,7 +138,7 @@ class BenchTables:
     facts : mapping of str to str
         Of `facts.bench_facts`.
     reducer : tuple of ReducerValue
-        What a first look at the mounted reducer found.
+        Results of a short test of the mounted reducer.
     """
 
     name: str
@@ -162,7 +162,7 @@ class PapersSettings:
     seed : int
         Draws the points of the verifications.
     reducer_test : str
-        Which test of `campaign.reducers` takes a first look at the simulated reducer; empty for
+        Test of `campaign.reducers` that is run in short form on the simulated reducer; empty for
         none. On a real bench it is `torquebench test`, with the reducer's description.
     """
 
@@ -177,7 +177,7 @@ class PapersSettings:
 
     @classmethod
     def quick(cls, seed: int = 1) -> PapersSettings:
-        """Return settings for a look: few points, groups and speeds."""
+        """Return settings of a short run: few points, groups and speeds."""
         return cls(
             calibration=load_profile("rapid-in-situ").with_options(step_percent=20.0),
             verification=load_profile("verification").with_options(groups=2, points=8),

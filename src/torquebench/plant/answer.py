@@ -20,7 +20,7 @@ class Answer:
     Parameters
     ----------
     title : str
-        What was asked, in words.
+        The question, in words.
     columns : mapping of str to sequence
         Columns of one length; a name ends with its unit.
     facts : mapping of str to value

@@ -40,7 +40,7 @@ CHUNK = 5000
 
 @dataclass(frozen=True)
 class BenchState:
-    """One bench as the plant knows it.
+    """One bench in the plant's registry.
 
     Parameters
     ----------
@@ -70,13 +70,13 @@ class BenchState:
 
     @property
     def title(self) -> str:
-        """Number and name, which tells benches of one name apart."""
+        """Number and name, which distinguishes benches with the same name."""
         return f"{self.number} {self.name}"
 
 
 @dataclass(frozen=True)
 class PlantRun:
-    """One line of the plant's list of runs; the fields mean what `records.RunSummary` says.
+    """One line of the plant's list of runs; the fields are those of `records.RunSummary`.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ class PlantRun:
     specimen_type, serial, batch : str
         Of a tested reducer; empty for other runs and until its folder has arrived.
     withdrawn : datetime or None
-        Since when nothing is made of it.
+        Time since when it doesn't count.
     url : str
-        Where its folder lies; empty until it has arrived.
+        URL of its folder; empty until it has arrived.
     """
 
     bench_key: int
@@ -163,7 +163,7 @@ class PlantDatabase:
         Raises
         ------
         RecordError
-            Where the database fails or refuses; nothing of it is kept.
+            If the database fails or refuses; nothing is stored then.
         """
         with (
             database_failures(f"the plant's registry {self.name}"),
@@ -173,7 +173,7 @@ class PlantDatabase:
 
 
 class Plant(PlantDatabase):
-    """A plant's registry as those see it who look after it, or only ask.
+    """A plant's registry, for administration and for queries.
 
     Examples
     --------
@@ -275,16 +275,16 @@ class Plant(PlantDatabase):
     def register_bench(
         self, name: str, place: str = "", *, replaces: int | None = None
     ) -> tuple[int, URL]:
-        """Give a bench a number and a role of its own in the database.
+        """Give a bench a number and a role in the database.
 
-        The role may add rows of this bench, and nothing else. Benches may have the same name.
+        The role may only add rows of this bench. Benches may have the same name.
 
         Parameters
         ----------
         name, place : str
-            What people call it, and where it stands.
+            Its name and location.
         replaces : int, optional
-            Number of the bench whose registry was made anew; what it sent no longer counts.
+            Number of the bench whose registry was recreated; its earlier rows no longer count.
 
         Returns
         -------
@@ -329,7 +329,7 @@ class Plant(PlantDatabase):
         )
 
     def add_reader(self, name: str) -> URL:
-        """Make a role that may ask everything and change nothing; return its URL."""
+        """Create a read-only role; return its URL."""
         password, quoted = secrets.token_urlsafe(24), _quoted(name)
         with self.transaction() as connection:
             connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
@@ -497,7 +497,7 @@ class Plant(PlantDatabase):
             after = rows[-1].sequence
 
     def verify_chain(self, state: BenchState) -> tuple[int, list[str]]:
-        """Check the chain of a bench as it lies in the plant, from its first entry to its head.
+        """Check the hash chain of a bench in the plant, from its first entry to its head.
 
         Returns
         -------

@@ -25,7 +25,7 @@ _COLUMNS = (
 
 @dataclass(frozen=True)
 class RunFacts:
-    """What a run found, as far as a plant asks for it.
+    """Results of a run that a plant uses.
 
     Parameters
     ----------
@@ -49,7 +49,7 @@ class RunFacts:
 
 
 def facts_of(results: Any) -> RunFacts:
-    """Return what the content of a run's ``results.json`` says.
+    """Return the facts in the content of a run's ``results.json``.
 
     Examples
     --------

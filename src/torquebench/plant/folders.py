@@ -48,13 +48,13 @@ class PushedFolder:
 
 
 class FolderStore:
-    """Where sealed run folders of a plant lie.
+    """Storage of a plant's sealed run folders.
 
     Parameters
     ----------
     url : str
-        ``file:///srv/plant``, ``s3://bucket/folder`` or what fsspec knows. Keys of an S3 store come
-        from the usual places (``AWS_ACCESS_KEY_ID``, ``~/.aws``), its address from
+        ``file:///srv/plant``, ``s3://bucket/folder`` or another URL of fsspec. Keys of an S3 store
+        come from the usual places (``AWS_ACCESS_KEY_ID``, ``~/.aws``), its address from
         ``AWS_ENDPOINT_URL``.
 
     Raises
@@ -74,7 +74,7 @@ class FolderStore:
         return parts.path if self.protocol == "file" else f"{parts.netloc}{parts.path}"
 
     def duckdb_path(self, url: str) -> str:
-        """Return a URL of this store as DuckDB is told it; see `offer_to`."""
+        """Return a URL of this store for DuckDB; see `offer_to`."""
         return self.path(url) if self.protocol == "file" else f"plant://{self.path(url)}"
 
     def offer_to(self, connection: Any) -> None:

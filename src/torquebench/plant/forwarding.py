@@ -89,12 +89,12 @@ class BenchLink(PlantDatabase):
     """The bench's end of the link to its plant; the URL is the one that `register` printed."""
 
     def mine(self) -> _Mine:
-        """Return how the plant knows this bench.
+        """Return this bench's identity in the plant.
 
         Raises
         ------
         InputError
-            The URL is that of somebody else.
+            The URL belongs to another bench.
         """
         with self.transaction() as connection:
             row = connection.execute(text("SELECT * FROM plant.my_bench()")).one_or_none()
@@ -145,8 +145,7 @@ def forward(
 ) -> Forwarded:
     """Send the plant everything that it doesn't have yet, and take in what it withdrew.
 
-    May be broken off anywhere and begun again: the plant's own end of the chain says where to go
-    on.
+    May be interrupted anywhere and restarted: it continues from the end of the chain in the plant.
 
     Parameters
     ----------
@@ -156,7 +155,7 @@ def forward(
         The bench's URL of the plant.
     progress : Progress
     told : callable
-        Told each problem as it comes.
+        Called with each problem.
 
     Raises
     ------

@@ -311,7 +311,7 @@ def functions(mirrored: tuple[str, ...], kept: tuple[str, ...]) -> list[str]:
     mirrored : tuple of str
         Tables whose rows are noted as a bench has them.
     kept : tuple of str
-        Tables whose rows nobody may change or remove.
+        Tables whose rows can't be changed or removed.
     """
     names = ", ".join(f"'{name}'" for name in mirrored)
     return [

@@ -292,7 +292,7 @@ def charts(
 
 
 def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> Answer:
-    """Return what stands out of a type: single specimens, and whole benches and batches.
+    """Return the outliers of a type: single specimens, and whole benches and batches.
 
     Specimens by their modified z-score; benches and batches by Welch's test against all others,
     corrected for the number of groups and without single ones, which would hide them.

@@ -100,7 +100,7 @@ def reevaluate(
     limit: int | None = None,
     progress: Progress = NO_PROGRESS,
 ) -> Reevaluation:
-    """Refit and evaluate recorded runs with this version, and keep the results beside the old ones.
+    """Refit and evaluate recorded runs with this version, and store the results in addition.
 
     May be broken off and begun again: what is kept under the label isn't done twice. Results
     don't depend on the scheduler, to the last bit.
@@ -108,7 +108,7 @@ def reevaluate(
     Parameters
     ----------
     plant : Plant
-        Opened by somebody who may write.
+        Opened with a role that may write.
     scheduler : str, default "processes"
         ``"serial"``, ``"processes"`` (one a processor), or the address of a Dask cluster whose
         workers have this version and reach the folders.

@@ -94,7 +94,7 @@ def due(plant: Plant, within_days: int = 30, *, today: date | None = None) -> An
     ----------
     plant : Plant
     within_days : int, default 30
-        How far to look ahead; what is overdue or was never calibrated is always listed.
+        Days ahead; overdue and never calibrated transducers are always listed.
     today : datetime.date, optional
 
     Returns
@@ -245,7 +245,7 @@ def drift(
     Returns
     -------
     Answer
-        One row a value: when, at which bench, which quantity, and what its control chart says.
+        One row a value: time, bench, quantity, and the control chart's statement.
 
     Raises
     ------
@@ -290,7 +290,7 @@ def drift(
 def drift_of_kind(plant: Plant, model: str) -> Answer:
     """Return the span of every transducer of one kind over time, from the points themselves.
 
-    The points of all their calibrations lie as Parquet files beside the run folders; DuckDB reads
+    The points of all their calibrations are Parquet files beside the run folders; DuckDB reads
     those that the registry lists, and no others.
 
     Parameters

@@ -31,8 +31,8 @@ Result = TypeVar("Result")
 def meanwhile(work: Callable[[], Result]) -> Plan[Result | None]:
     """Compute something on another thread while the run engine continues answering.
 
-    Simulated bench time stands in the meantime. In a rehearsal nothing is computed and the result
-    is None.
+    Simulated bench time stands meanwhile. In a rehearsal nothing is computed and the result is
+    None.
     """
 
     async def on_thread() -> Result:
@@ -59,9 +59,9 @@ def load_adaptively(
 ) -> Plan[Placement | None]:
     """Load a coarse series, then points where they lower the model's uncertainty most.
 
-    All in one run: the zero of the coarse series holds for all points. The bench is unloaded
-    while the next points are computed. A rehearsal takes evenly spread points in place of those
-    that nobody knows yet, up to the whole budget.
+    All in one run: the zero of the coarse series holds for all points. The bench is unloaded while
+    the next points are computed. A rehearsal uses evenly spread points, up to the whole budget,
+    instead of the points still unknown.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def load_adaptively(
     even : int
         Points of the whole coarse series.
     earlier : int
-        Points of an interrupted run that `data` has beside those of these steps.
+        Number of points of an interrupted run in `data`, before those of these steps.
 
     Returns
     -------

@@ -96,7 +96,7 @@ class _Table:
 
 
 def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:
-    """Return what a run's start document says of the chain, the profile and the software."""
+    """Return the start document's entries about chain, profile and software."""
     context = devices.context
     transducer = context.description.module(side).transducer
     return {

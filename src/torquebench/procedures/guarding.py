@@ -39,7 +39,7 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
     side : {"input", "output"}
         The driven module.
     largest_nm : float
-        Largest magnitude that will be asked for, N·m.
+        Largest commanded magnitude, N·m.
     """
     module = devices.context.description.module(side)
     return StepLimits(
@@ -64,10 +64,10 @@ def turning_limits(devices: BenchDevices, side: Side, largest_rpm: float) -> Ste
 def guarded(
     plan: Callable[[], Generator[Msg, Any, Result]], *limits: StepLimits
 ) -> Generator[Msg, Any, Result]:
-    """Run a plan, or one step of it, under narrower limits than the bench's own.
+    """Run a plan, or one step of it, under narrower limits than the bench's.
 
-    They are taken back however the plan ends; an engine that hangs doesn't matter, since the
-    station takes back what is left when the run is over.
+    They are removed however the plan ends; if the engine hangs, the station removes them after the
+    run.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ def checkpoint() -> Generator[Msg, Any, None]:
 
 
 def progress(done: int, total: int, message: str) -> Generator[Msg, Any, None]:
-    """Tell the person who watches the run how far it is."""
+    """Report the progress of the run."""
     yield Msg("progress", None, done, total, message)
 
 
@@ -37,7 +37,7 @@ def move(device: Movable[Any], value: object) -> Generator[Msg, Any, None]:
 def take(
     detector: Readable[Any], stamp: Readable[Any], *, stream: str
 ) -> Generator[Msg, Any, Mapping[str, Any]]:
-    """Trigger a detector and keep its reading beside a stamp as an event.
+    """Trigger a detector and record its reading with a stamp as an event.
 
     Parameters
     ----------

@@ -36,13 +36,13 @@ class RecordedSpan:
 def record_signals(
     devices: BenchDevices, ended: threading.Event, *, duration_s: float | None = None
 ) -> Plan[RecordedSpan]:
-    """Wait while the run's folder takes every sample, until somebody ends it.
+    """Wait while the run's folder records every sample, until the recording is ended.
 
     Parameters
     ----------
     devices : BenchDevices
     ended : threading.Event
-        Set by whoever ends the recording.
+        Set to end the recording.
     duration_s : float, optional
         Ends it after so long; without it only `ended` does, or a day.
 

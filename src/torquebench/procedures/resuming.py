@@ -21,8 +21,8 @@ class Resumption:
     steps : tuple of Step
         Preloads and zero again, then the profile's steps from the interrupted series on.
     earlier : tuple of (Step, Row)
-        Acknowledged points of the complete series before, in measuring order, as they were
-        recorded; bench times are shifted so that they lie before this run's.
+        Acknowledged points of the complete series before, in measuring order; bench times are
+        shifted to before this run's.
     """
 
     steps: tuple[Step, ...]
@@ -62,9 +62,9 @@ def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -
 def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
     """Return the steps that continue with a series: its preloads and its zero again, then the rest.
 
-    Preloads and zero are those that came last before the series, in their order. Where the series
-    isn't the first of its mounting position the standard is to be seated in it again, since
-    nobody knows what happened in the meantime.
+    Preloads and zero are the last ones before the series, in their order. If the series isn't the
+    first of its mounting position, the standard is seated in it again, since it may have been moved
+    meanwhile.
 
     Raises
     ------
@@ -83,8 +83,8 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
 def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> tuple[Step, ...]:
     """Return the steps that measure single points again, each where its series has met it.
 
-    Each series is prepared for as after an interruption and gone through up to its last such
-    point, so that the chain has the same memory; nothing else of it is recorded.
+    Each series is prepared as after an interruption and loaded up to its last such point, so that
+    the chain has the same memory; only these points are recorded.
 
     Parameters
     ----------

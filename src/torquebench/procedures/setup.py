@@ -38,7 +38,7 @@ class Setup:
     Parameters
     ----------
     kind : {"calibration", "verification", "reducer_test"}
-        What the interlocks are asked for.
+        Kind of procedure for the interlocks.
     side : {"input", "output"}
         The driven module.
     mounting : {"calibrator", "verification_standard", "reducer"}
@@ -135,7 +135,7 @@ def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
 def run_down(devices: BenchDevices) -> Plan[None]:
     """Wait until both sides stand: without power their own friction brakes them.
 
-    A side that continues turning is left to the interlocks, which refuse what comes next.
+    If a side continues turning, the interlocks refuse the next operation.
     """
     standstill_rad_s = devices.context.description.safety.standstill_rpm * RAD_S_PER_RPM
     for _ in range(round(RUN_DOWN_S / REST_S)):

@@ -161,17 +161,17 @@ def load_staircase(
     done: int = 0,
     total: int | None = None,
 ) -> Plan[None]:
-    """Go through the steps of a staircase, every step at a checkpoint of its own.
+    """Load the steps of a sequence, with a checkpoint before each.
 
-    Runs inside an open run; points go to its stream "points", zeros to one of their own. After a
-    pause, which takes the load off, the present branch is approached again as its series
-    approached it.
+    Runs inside an open run; points go to its stream "points", zeros to a separate one. After a
+    pause, which takes the load off, the present branch is approached again as its series approached
+    it.
 
     Parameters
     ----------
     devices : BenchDevices
     setup : Setup
-        As it was set up; used again where a step wants the standard re-seated.
+        Setup of the run; used again for steps that re-seat the standard.
     steps : sequence of Step
         From `Profile.staircase`.
     on_row : callable

@@ -45,10 +45,10 @@ def zero(
 ) -> Plan[ZeroResult]:
     """Measure the unloaded zero and take it for zero torque from then on.
 
-    The drive is powered off and the module set free in the meantime, since a drive that is told
-    0 N·m still gives its loading error. Afterwards the module is driven again, drive enabled.
+    The drive is powered off and the module set free meanwhile, since a drive at 0 N·m still has its
+    loading error. Afterwards the module is driven again, drive enabled.
 
-    Runs inside an open run and leaves an event in its stream "zero_input" or "zero_output".
+    Runs inside an open run and records an event in its stream "zero_input" or "zero_output".
 
     Parameters
     ----------

@@ -123,8 +123,8 @@ class ArrowStream:
 class WholeBatches:
     """The batches of an Arrow stream that are as they were written, one at a time.
 
-    An incomplete end, as a kill leaves it, is left out; `torn_bytes` tells its size afterwards.
-    So is a batch whose checksum is wrong; `damaged` tells how many.
+    An incomplete end, as after a kill, is left out; `torn_bytes` then gives its size. So is a batch
+    whose checksum is wrong; `damaged` gives their number.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class CalibrationRecords(Database):
         files : mapping of str to str, optional
             SHA-256 of the files that hold it, by their names.
         summary : mapping, optional
-            What else to keep beside it. The errors of its span are always kept: control charts
+            Further data to store with it. The errors of its span are always kept: control charts
             are drawn from them.
 
         Raises

@@ -15,7 +15,7 @@ START = "0" * 64
 
 @dataclass(frozen=True)
 class ChainHead:
-    """The last link of a chain: whoever notes it down can prove later that nothing was changed.
+    """The last link of a chain: a copy of it proves later that nothing was changed.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ def _ending(column: str) -> str:
 
 
 def column_unit(column: str) -> tuple[str, str]:
-    """Return unit and description of a column; both are empty if nothing is known of it.
+    """Return unit and description of a column; both are empty if it is unknown.
 
     Examples
     --------
@@ -67,7 +67,7 @@ def column_unit(column: str) -> tuple[str, str]:
 
 
 def column_words(column: str, unit: str = "") -> str:
-    """Return a sentence that says what a column is, where and in which unit.
+    """Return a sentence with a column's meaning, side and unit.
 
     Examples
     --------

@@ -195,11 +195,11 @@ def chosen_columns(
     required: Sequence[str] = (),
     mapping: Sequence[str] = (),
 ) -> dict[str, Source]:
-    r"""Return where each quantity stands in a table, and the factor to its unit in `UNITS`.
+    r"""Return each quantity's column in a table, and the factor to its unit in `UNITS`.
 
-    What `mapping` names counts before what headers say of themselves, and our own names before
-    others. A quantity in a unit that isn't known is refused by name, because a column that is
-    silently passed over is a guess.
+    `mapping` takes precedence over headers, and torquebench's own names over others. A quantity in
+    a unit that isn't known is refused by name, because a column that is silently passed over is a
+    guess.
 
     Parameters
     ----------

@@ -102,12 +102,12 @@ class ConformityRecords(Database):
         accepted: bool = True,
         remark: str = "",
     ) -> None:
-        """Enter who checked a record.
+        """Enter the review of a record.
 
         Raises
         ------
         RecordError
-            Where there is no such record, nobody is named, or who measured or entered it checks it.
+            If there is no such record, no person is named, or the reviewer measured or entered it.
         """
         with self.writing() as session:
             content = _subject(session, subject, subject_id)
@@ -133,7 +133,7 @@ class ConformityRecords(Database):
             )
 
     def reviews(self, subject: Subject, subject_id: int) -> list[Review]:
-        """Return who checked a record, the oldest first."""
+        """Return the reviews of a record, the oldest first."""
         query = (
             select(ReviewRow)
             .where(ReviewRow.subject == subject, ReviewRow.subject_key == subject_id)
@@ -156,21 +156,21 @@ class ConformityRecords(Database):
         amended_by: str,
         reason: str,
     ) -> None:
-        """Enter what a record should have said. The record itself stays as it was.
+        """Enter an amendment of a record. The record itself stays as it was.
 
         Parameters
         ----------
         subject, subject_id : str, int
             The record that is amended: its table and number.
         changes : mapping of str to value
-            Field to what it should have said.
+            Field to its correct value.
         amended_by, reason : str
-            Who says so, and why.
+            Person and reason.
 
         Raises
         ------
         RecordError
-            Where there is no such record or field, or nobody or no reason is named.
+            If there is no such record or field, or no person or reason is named.
         """
         for what, given in (
             ("changes", changes),

@@ -38,7 +38,7 @@ _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
 
 @dataclass(frozen=True, eq=False)
 class CsvTable:
-    r"""A CSV file as text: which cells it holds and where they stand.
+    r"""A CSV file as text: its cells and their positions.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ class CsvTable:
     counted: str = "line"
 
     def place(self, row: int, column: str) -> str:
-        """Return where a cell stands, in words, for messages."""
+        """Return the position of a cell, in words, for messages."""
         return f"{self.origin}, {self.counted} {self.lines[row]}, column {column}"
 
     def texts(self, column: str) -> list[str]:
@@ -188,9 +188,8 @@ def decode_csv(content: bytes, origin: str) -> str:
 def csv_encoding(content: bytes, origin: str) -> str:
     """Return the encoding of the beginning of a CSV file.
 
-    UTF-8, or UTF-16 where the first bytes say so; otherwise GB 18030 where all other characters
-    than ASCII come in pairs of bytes that are Chinese, and Windows-1252 (Latin-1 and more) where
-    they don't.
+    UTF-8, or UTF-16 with a byte order mark; otherwise GB 18030 if all non-ASCII bytes form Chinese
+    characters, and Windows-1252 (Latin-1 and more) if not.
 
     Raises
     ------
@@ -234,9 +233,8 @@ def _no_text(content: bytes, error: UnicodeDecodeError, encoding: str, origin: s
 def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     """Return the table in a CSV text.
 
-    The separator (comma, semicolon or tab) is that of the header line. Lines that begin with
-    ``#`` are comments, except where a spreadsheet's error such as ``#DIV/0!`` stands there; blank
-    lines are passed over.
+    The separator (comma, semicolon or tab) is that of the header line. Lines that begin with ``#``
+    are comments, unless it is a spreadsheet's error such as ``#DIV/0!``; blank lines are skipped.
 
     Parameters
     ----------

@@ -88,9 +88,9 @@ class UnavailableError(RecordError):
 
 
 def lost_registry(data_dir: Path) -> str:
-    """Return that a data directory's own registry is missing or empty beside runs, in words.
+    """Return a message if a data directory has runs, but its registry is missing or empty.
 
-    Empty if it isn't: nobody is to begin a new one there unless it is meant.
+    Otherwise empty. A new registry must not be created there by accident.
     """
     file, runs = data_dir / REGISTRY_FILE, data_dir / "runs"
     if file.exists() and file.stat().st_size:
@@ -118,7 +118,7 @@ class Database:
     Attributes
     ----------
     known_head : ChainHead
-        The chain's end as this process knows it, also while the database doesn't answer.
+        The chain's end known to this process, also while the database doesn't answer.
 
     Raises
     ------
@@ -161,7 +161,7 @@ class Database:
         Parameters
         ----------
         data_dir : pathlib.Path
-            Where run folders and model files lie.
+            Folder of runs and model files.
         url : str, optional
             A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
             ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
@@ -246,7 +246,7 @@ class Database:
 
     @contextmanager
     def writing(self) -> Iterator[Session]:
-        """Yield a session in one transaction: all of it is kept and chained, or nothing.
+        """Yield a session in one transaction, which is stored and chained completely or not at all.
 
         Writers follow each other, so that the chain has one end. A call inside another one of
         the same thread takes part in its transaction: entries that belong together are kept
@@ -314,14 +314,14 @@ class Database:
         action : callable
             Whole transactions, which may be begun again.
         told : callable, optional
-            Called once with what is wrong, before the first further attempt.
+            Called once with the problem, before the first repeated attempt.
         longest_s : float
             How long to go on trying, s.
 
         Raises
         ------
         UnavailableError
-            The server hasn't come back.
+            The server is still unavailable.
         """
         deadline = time.monotonic() + longest_s
         while True:
@@ -350,7 +350,7 @@ class Database:
 
 @contextmanager
 def database_failures(what: str) -> Iterator[None]:
-    """Turn a failure of a database into an error that says what failed, and how.
+    """Turn a failure of a database into an error with its cause.
 
     Raises
     ------

@@ -21,7 +21,7 @@ _OF_AN_INDEX = ("missing from index", "entries in index", "non-unique entry in i
 
 
 def damage_of_file(file: Path) -> tuple[str, ...]:
-    """Return what SQLite finds wrong in a file: pages, indexes, references; empty if nothing.
+    """Return SQLite's findings in a file: pages, indexes, references; empty if it is sound.
 
     Parameters
     ----------

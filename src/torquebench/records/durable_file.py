@@ -13,10 +13,10 @@ __all__ = ["DurableFile"]
 class DurableFile:
     """Appends whole pieces; one that the disk refuses is taken back and ends the file.
 
-    A raw file may take a part of what it is given (a disk that becomes full does) and say so
-    only by a number. This one continues until all is written, and where that fails it goes back to
-    the end of what was synchronised, so that no reader meets half a piece. It has what PyArrow
-    wants of a file.
+    A raw file may take a part of what it is given (a disk that becomes full does) and say so only
+    by a number. This one continues until all is written, and where that fails it goes back to the
+    end of what was synchronised, so that no reader meets half a piece. It has the methods that
+    PyArrow needs of a file.
 
     Parameters
     ----------

@@ -87,7 +87,7 @@ def _write(path: Path, stream: Path) -> None:
 def read_edges(folder: Path) -> Iterator[RecordedEdges]:
     """Yield the edges of a run folder, running, killed or sealed, block by block.
 
-    An incomplete end, as a kill leaves it, is left out. Memory stays bounded.
+    An incomplete end, as after a kill, is left out. Memory stays bounded.
 
     Raises
     ------

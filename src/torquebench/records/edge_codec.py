@@ -44,7 +44,7 @@ class EncodedEdges:
 
 
 def encode_edges(ticks: NDArray[np.int64]) -> EncodedEdges:
-    """Encode edge times; any int64 values come back from `decode_edges` as they were.
+    """Encode edge times; `decode_edges` restores any int64 values exactly.
 
     Parameters
     ----------

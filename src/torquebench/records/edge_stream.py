@@ -44,7 +44,7 @@ class RecordedEdges:
 
 
 class EdgeStream(ArrowStream):
-    """Appends blocks of edges; what `acknowledged_tick` tells is synchronised of all channels."""
+    """Appends blocks of edges; up to `acknowledged_tick`, all channels are synchronised."""
 
     CONTENT, COMPRESSION = "edges", "zstd"
     CAPACITY = 1_000_000  # four transducers with 60 kHz make 240 000 a second
@@ -88,7 +88,7 @@ class EdgeStream(ArrowStream):
 def stream_edges(path: Path) -> Iterator[RecordedEdges]:
     """Yield the blocks of a stream in the order in which they were appended.
 
-    An incomplete end, as a kill leaves it, is left out; see `WholeBatches`.
+    An incomplete end, as after a kill, is left out; see `WholeBatches`.
     """
     for batch in WholeBatches(path):
         for row in batch.to_pylist():

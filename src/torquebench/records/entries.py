@@ -106,7 +106,7 @@ class Adjustment:
     before, after : mapping
         Settings or indications before and after, as far as they were read.
     performed_by, checked_by : str
-        Who did it, and who looked over it.
+        The persons who performed and who reviewed it.
     """
 
     kind: str
@@ -175,14 +175,14 @@ class Zeroing:
 
 @dataclass(frozen=True)
 class Amendment:
-    """What a record should have said; the record itself stays as it was.
+    """An amendment of a record; the record itself isn't changed.
 
     Parameters
     ----------
     subject, subject_id : str, int
         Table and number of the record that it amends.
     changes : mapping
-        Field to what it should have said.
+        Field to its correct value.
     """
 
     subject: str
@@ -195,7 +195,7 @@ class Amendment:
 
 @dataclass(frozen=True)
 class Review:
-    """Who checked a record, and what came out."""
+    """A review of a record, and its result."""
 
     subject: str
     subject_id: int
@@ -255,7 +255,7 @@ class CalibrationEntry:
     transducer_serial, counter_identity : str
         The chain that it is valid for.
     standard_serial, measured_by : str
-        What it was measured against, and who did it.
+        The reference standard, and the person who measured.
     valid_nm : tuple of float
         Lowest and highest torque that it is valid for, in N·m.
     due : datetime.date or None

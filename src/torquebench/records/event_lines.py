@@ -84,9 +84,9 @@ class ReadLines:
     lines : tuple of CheckedLine
         Every line whose checksum is right, by number.
     damages : tuple of Damage
-        What lies between and after them and isn't a line.
+        Damaged parts between and after them.
     torn_bytes : int
-        Size of an incomplete last line, as a kill leaves it.
+        Size of an incomplete last line, as after a kill.
     """
 
     lines: tuple[CheckedLine, ...]
@@ -137,7 +137,7 @@ def read_lines(content: bytes, run_id: str) -> ReadLines:
 def with_copies(read: ReadLines, copies: Iterable[CheckedLine]) -> ReadLines:
     """Return what was found with the lines between others that a second file still has.
 
-    A damage by which no line is missing then is left out.
+    A damage without a missing line is left out.
     """
     own = {line.number: line for line in read.lines}
     last = max((*own, *(each.last_line for each in read.damages)), default=0)

@@ -125,8 +125,8 @@ class IntegrityReport:
     audit_lines : int
         How many lines of the audit log were compared.
     remarks : tuple of str
-        What is as it was entered and still worth a look: clocks that ran backwards, standards
-        whose certificate had expired.
+        Unchanged records with doubts: clocks that ran backwards, standards whose certificate had
+        expired.
     """
 
     head: ChainHead
@@ -139,12 +139,12 @@ class IntegrityReport:
 
     @property
     def intact(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self.findings
 
 
 def anchor_of(text: str) -> ChainHead:
-    """Return the head of a chain that somebody noted down as ``number:hash``.
+    """Return the head of a chain written as ``number:hash``.
 
     Raises
     ------

@@ -19,7 +19,7 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     ----------
     engine : sqlalchemy.Engine
     read_only : bool
-        Whether nothing can be written, so that only a registry of this version will do.
+        Whether nothing can be written, so that only a registry of this version is accepted.
 
     Raises
     ------

@@ -119,7 +119,7 @@ class RawReading:
 def read_raw(folder: Path) -> RawReading:
     """Return the raw samples of a run folder, running, killed or sealed.
 
-    An incomplete last block, as a kill leaves it, is left out and its size reported.
+    An incomplete last block, as after a kill, is left out and its size reported.
 
     Raises
     ------

@@ -20,9 +20,9 @@ def is_writable(file: Path) -> bool:
 def sqlite_reader(file: Path) -> Iterator[str]:
     """Yield the address under which a database is read, whatever may be written around it.
 
-    A database in WAL mode has an index of its log beside it, which even a reader writes. Where
-    that can't be, a database without a log is read as one that doesn't change; one that was left
-    with a log (its bench was killed, or runs now) is read from a copy.
+    A database in WAL mode has an index of its log in another file, which even a reader writes. If
+    that isn't possible, a database without a log is opened as immutable; one with a log (its bench
+    was killed, or is running) is read from a copy.
 
     Parameters
     ----------

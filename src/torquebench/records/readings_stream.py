@@ -57,7 +57,7 @@ class CompensatedFile:
     ----------
     rows : int
     simulated : bool
-        Whether the readings' file says that they are simulated.
+        Whether the readings' file states that they are simulated.
     lowest_nm, highest_nm : float
         Additional torque.
     largest_uncertainty_nm : float
@@ -509,7 +509,7 @@ class _CsvSink:
         self._file.write(lines)
 
     def close(self) -> None:
-        """Nothing is left to write."""
+        """No data remain to be written."""
 
 
 class _ParquetSink:
@@ -569,7 +569,7 @@ class _ParquetSink:
         self._waiting = []
 
     def close(self) -> None:
-        """Write what is left and what a Parquet file ends with."""
+        """Write the remaining data and the end of the Parquet file."""
         if self._waiting:
             self._write_group()
         self._writer.close()

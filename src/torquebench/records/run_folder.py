@@ -88,7 +88,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
 
 @dataclass(frozen=True)
 class Recovery:
-    """Result in a folder that nobody sealed.
+    """Recovery of a folder that wasn't sealed.
 
     Parameters
     ----------
@@ -100,10 +100,9 @@ class Recovery:
         Bytes of an incomplete last document, block of samples or block of edges, which were left
         out.
     damages : tuple of Damage
-        Where documents were lost to damage. The file as it was found is kept beside the whole
-        documents, as ``events.jsonl.damaged``.
+        Where documents were lost to damage. The damaged file is kept as ``events.jsonl.damaged``.
     lost_at_end : int
-        So many of the documents that were lost come after the last one that is whole.
+        Number of lost documents after the last complete one.
     damaged_files : tuple of str
         Files of which a part or all couldn't be read; each is kept as it was found.
     """
@@ -261,7 +260,7 @@ class RunWriter:
         Raises
         ------
         InputError
-            Where the name isn't a plain file name or belongs to the folder's own files.
+            If the name isn't a plain file name or is reserved for the folder's own files.
         """
         if name != Path(name).name or name in (
             _METADATA,
@@ -278,7 +277,7 @@ class RunWriter:
         return self.path / name
 
     def seal(self, status: RunStatus = "completed", reason: str = "") -> RunFolder:
-        """Close the run and write its manifest; after that nothing changes any more.
+        """Close the run and write its manifest; afterwards nothing changes.
 
         Parameters
         ----------
@@ -337,7 +336,7 @@ class RunWriter:
 
 @dataclass(frozen=True)
 class RunFolder:
-    """One run as it lies on the disk, running, killed or sealed.
+    """One run on the disk, running, killed or sealed.
 
     Parameters
     ----------
@@ -454,8 +453,8 @@ class RunFolder:
     def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the run's documents with their names.
 
-        Of a run that isn't sealed, every document whose checksum is right; `damages` tells which
-        are left out. Those of a sealed run are guarded by its manifest; see `verify`.
+        Of a run that isn't sealed, every document whose checksum is right; `damages` lists those
+        left out. Those of a sealed run are guarded by its manifest; see `verify`.
 
         Parameters
         ----------
@@ -539,13 +538,12 @@ class RunFolder:
                 )
 
     def recover(self) -> Recovery:
-        """Seal a folder that a kill or a power cut left open.
+        """Seal a folder after a kill or a power cut.
 
         It is sealed as interrupted, or as completed where its results are there: they are written
         when everything is measured. Documents with their checksum and complete samples are kept. An
-        incomplete last line or block is cut off, and what is damaged is left out; ``recovery.json``
-        reports both, and a damaged file stays in its original state, under a name of its own.
-        Nothing is filled in.
+        incomplete last line or block is cut off, and damaged parts are left out; ``recovery.json``
+        reports both, and a damaged file is kept unchanged under another name. Nothing is filled in.
 
         Returns
         -------

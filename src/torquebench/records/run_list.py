@@ -39,7 +39,7 @@ RECENT = timedelta(days=30)
 
 
 class RunLine(NamedTuple):
-    """What a list shows of a run; the fields mean what `RunSummary` says."""
+    """A run in a list; the fields are those of `RunSummary`."""
 
     run_id: str
     started: datetime
@@ -49,9 +49,9 @@ class RunLine(NamedTuple):
 
 
 def maybe_unfinished(file: Path) -> bool:
-    """Return whether a run beside a registry in SQLite may not be finished.
+    """Return whether a run of a registry in SQLite may be unfinished.
 
-    Quick, and right where it says no; `records.unfinished` knows which.
+    Quick; False is certain; `records.unfinished` lists them.
     """
     runs = file.parent / "runs"
     try:
@@ -93,7 +93,7 @@ def newest_runs(file: Path, limit: int) -> list[RunLine] | None:
     Returns
     -------
     list of RunLine or None
-        None where the file isn't a registry of this version; `Registry.open` says what it is.
+        None where the file isn't a registry of this version; `Registry.open` reports what it is.
     """
     try:
         with (

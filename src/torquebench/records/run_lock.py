@@ -13,7 +13,7 @@ LOCKED_FILE = "run.json"
 
 
 class RunLock:
-    """Keeps a run's folder for this process; the operating system lets go when the process ends.
+    """Locks a run's folder for this process; the operating system releases the lock when it ends.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ class RunStateRecords(RunRecords):
             return session.scalar(query) == head.sha256
 
     def completed_runs_without_result(self) -> list[RunSummary]:
-        """Return completed runs to which nothing that they are made for points, oldest first."""
+        """Return completed runs without a registered result, oldest first."""
         wanted: ColumnElement[bool] | None = None
         for kind, key in _FOLLOWS.items():
             one = RunRow.kind.startswith(kind) & RunRow.id.not_in(
@@ -96,7 +96,7 @@ class RunStateRecords(RunRecords):
             return [self._run(row) for row in session.execute(query)]
 
     def discarded(self, run_id: str) -> bool:
-        """Return whether somebody has decided that nothing comes of a run."""
+        """Return whether a run was discarded."""
         query = (
             select(RunEndRow.id)
             .join(RunRow, RunEndRow.run_key == RunRow.id)
@@ -106,7 +106,7 @@ class RunStateRecords(RunRecords):
             return session.scalar(query) is not None
 
     def discard_run(self, run_id: str, *, by: str, reason: str) -> None:
-        """Enter that nothing comes of a run that has ended; its folder stays as it is.
+        """Discard a run that has ended; its folder stays unchanged.
 
         Raises
         ------

@@ -254,7 +254,7 @@ class RunEndRow(Base):
 
 
 class AuditEndRow(Base):
-    """Where an audit log ended when its bench was closed: nothing before it can be removed."""
+    """End of an audit log when its bench was closed: a removal before it is detected."""
 
     __tablename__ = "audit_ends"
 
@@ -399,7 +399,7 @@ class CertificateRow(Base):
 
 
 class ReviewRow(Base):
-    """Who checked a record, and what came out."""
+    """A review of a record, and its result."""
 
     __tablename__ = "reviews"
 
@@ -415,7 +415,7 @@ class ReviewRow(Base):
 
 
 class AmendmentRow(Base):
-    """What a record should have said; the record itself stays as it was."""
+    """An amendment of a record; the record itself isn't changed."""
 
     __tablename__ = "amendments"
 

@@ -48,10 +48,10 @@ def export_streams(
 ) -> None:
     """Write one stream of a run to a file, whole or not at all.
 
-    Every format holds the run's attributes and each column's unit: CSV in comment lines before
-    the header, Parquet in the metadata of schema and fields, HDF5 as attributes, TDMS as
-    properties (`unit_string`), MDF4 in header and channels. Edges go through in pieces, except to
-    MDF4, which wants a channel at a time.
+    Every format holds the run's attributes and each column's unit: CSV in comment lines before the
+    header, Parquet in the metadata of schema and fields, HDF5 as attributes, TDMS as properties
+    (`unit_string`), MDF4 in header and channels. Edges are written in pieces, except to MDF4, which
+    needs a channel at a time.
 
     Parameters
     ----------

@@ -216,7 +216,7 @@ def open_table(path: Path, opened: ExitStack) -> ArrowFile:
     Raises
     ------
     InputError
-        Where the file isn't what its ending says, or holds several tables and none is chosen.
+        If the file isn't of its ending's format, or has several tables and none is chosen.
     """
     check_readable(path)
     file, part = split_part(path)

@@ -211,7 +211,7 @@ class ReadingsTable:
     branch, series, speed_rpm, temperature_c, standard_error_nm, time_s : array, shape (n,), or None
         What else is known of them, where the file has it.
     simulated : bool
-        Whether the file says that its readings are simulated.
+        Whether the file states that its readings are simulated.
     """
 
     table: CsvTable
@@ -251,7 +251,7 @@ class ReadingsTable:
         )
 
     def place(self, row: int) -> str:
-        """Return where a reading stands in its file, for messages."""
+        """Return the position of a reading in its file, for messages."""
         return self.table.place(row, "reading_nm")
 
 
@@ -295,8 +295,8 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     """Return the empty run in a CSV file.
 
     Columns are ``time_s``, ``reading_nm``, ``speed_rpm``, ``temperature_c`` and optionally
-    ``acceleration_rad_s2``, at an even rate. A comment ``# zero_nm = -0.012`` says which zero the
-    readings count from, so that runs with different zeros can be put together.
+    ``acceleration_rad_s2``, at an even rate. A comment ``# zero_nm = -0.012`` states the zero of
+    the readings, so that runs with different zeros can be combined.
 
     Parameters
     ----------
@@ -344,8 +344,7 @@ def write_torque_csv(
 ) -> None:
     """Write readings with their compensated torque, whole or not at all.
 
-    Separator and decimal mark are those of the readings' file; its columns come first, as they
-    are.
+    Separator and decimal mark are those of the readings' file; its columns come first, unchanged.
 
     Parameters
     ----------

@@ -95,7 +95,7 @@ def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int
 
 
 def clock_behind(registry: Database, now: datetime | None = None) -> str:
-    """Return how far this computer's clock is behind the newest record; empty if it isn't."""
+    """Return a message if this computer's clock is earlier than the newest record, or ""."""
     moment = now or datetime.now(UTC)
     with registry.session() as session:
         query = select(LinkRow.recorded).order_by(LinkRow.sequence.desc()).limit(1)

@@ -40,7 +40,7 @@ MANY = 10_000
 
 
 class RunState(Enum):
-    """How far a run has come that isn't finished."""
+    """State of an unfinished run."""
 
     LEFT_OPEN = "left open"
     """Its process has ended without sealing it."""
@@ -54,7 +54,7 @@ class RunState(Enum):
 
 @dataclass(frozen=True)
 class UnfinishedRun:
-    """A run that something has come between, and what can be done about it.
+    """An unfinished run, and the possible actions.
 
     Parameters
     ----------
@@ -107,9 +107,9 @@ def unfinished_runs(
     Parameters
     ----------
     registry : Registry
-        With the data directory whose folders are looked at.
+        Registry of the data directory.
     now : datetime.datetime, optional
-        The present moment: an interrupted calibration can be gone on with for so long only.
+        The present time: an interrupted calibration can be resumed for a limited time.
     """
     found = list(unentered_folders(registry))
     found += [
@@ -178,7 +178,7 @@ def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[Unfinishe
 def can_go_on(folder: RunFolder, now: datetime) -> bool:
     """Return whether an interrupted calibration had begun, not too long ago by its profile.
 
-    One that continues with another run and has no point of its own leaves that to the other run.
+    A continuation without a point of its own is left out: the run before it is resumed instead.
     """
     start, last_s = _start_and_last_point(folder)
     if not start or (last_s is None and folder.metadata.get("resumes")):

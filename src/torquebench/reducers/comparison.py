@@ -98,7 +98,8 @@ def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool 
     before, after : Budget
         The same value of the same specimen, in one unit.
     same_bench : bool
-        Whether both were measured on one bench with one calibration; otherwise nothing cancels.
+        Whether both were measured on one bench with one calibration; otherwise no contribution
+        cancels.
 
     Raises
     ------

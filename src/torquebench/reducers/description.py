@@ -120,11 +120,11 @@ class ReducerDescription(_Settings):
         Of the type, such as "RV-40E class".
     kind : {"rv", "cycloidal", "harmonic", "other"}
     maker, source : str
-        Whose reducer it is, and where the numbers come from.
+        Maker of the reducer, and source of the numbers.
     ratio : float
         Input turns for one output turn, above 0.
     reversed : bool
-        Whether the output turns against the input (its sign never hides in `ratio`).
+        Whether the output turns against the input (`ratio` is always positive).
     rated_torque_nm : float
         T_N at the output, N·m.
     acceleration_torque_nm, momentary_peak_torque_nm : float

@@ -43,8 +43,8 @@ def verdicts(result: ReducerResult, description: ReducerDescription) -> tuple[Qu
     Returns
     -------
     tuple of QuantityVerdict
-        Empty where the data sheet limits nothing that the result holds. A limit at a speed or
-        torque that wasn't measured (no-load speed, efficiency point) gives no verdict.
+        Empty if the data sheet has no limit for the result. A limit at a speed or torque that
+        wasn't measured (no-load speed, efficiency point) gives no verdict.
     """
     return tuple(
         _verdict(each)

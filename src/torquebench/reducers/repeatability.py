@@ -62,7 +62,7 @@ def errors_of_means(
     Returns
     -------
     smallest, standard_error : float
-        In the unit of `values`; the error is infinite where nothing was repeated.
+        In the unit of `values`; the error is infinite without repeats.
 
     Examples
     --------

@@ -43,7 +43,7 @@ class FrictionCheckPoint:
 
 @dataclass(frozen=True)
 class FrictionCheck:
-    """What a standard reducer says of the bench.
+    """Result of a check of the bench with a standard reducer.
 
     Attributes
     ----------
@@ -91,12 +91,12 @@ def check_friction(
     range_nm: float,
     tolerance_percent: float = 0.1,
 ) -> FrictionCheck:
-    """Set measured no-load torques beside the certified ones.
+    """Compare measured no-load torques with the certified ones.
 
     Parameters
     ----------
     speed_rpm, torque_nm : array of float, shape (n,)
-        Nominal input speed and torque with its sign; opposite directions count alike.
+        Nominal input speed and torque with its sign; both directions have equal weights.
     repeat : array of int, shape (n,)
         Number of the repeat.
     certified : tuple of CertifiedFriction
@@ -109,7 +109,7 @@ def check_friction(
     Raises
     ------
     InputError
-        There is no certificate, or a speed lies outside it.
+        There is no certificate, or a speed is outside its range.
 
     Examples
     --------

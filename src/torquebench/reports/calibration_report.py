@@ -102,7 +102,7 @@ def _loading(finished: FinishedCalibration) -> Section:
 
 
 def loading_figures(data: CalibrationData) -> list[Figure]:
-    """Return how far each step was from the requested torque; empty if nobody asked."""
+    """Return the deviation of each step from its nominal torque; empty without nominal torques."""
     error = data.loading_error_percent
     if error is None:
         return []

@@ -123,7 +123,7 @@ def _draw(axes: Any, panel: Panel, legend: int) -> None:
 def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 0.08) -> str:
     """Draw bodies under their torque side by side, displaced by a share of their size.
 
-    Colours show how far each place moves, on one scale for all bodies; all are enlarged alike.
+    Colours show the displacement on one scale for all bodies; all have the same magnification.
 
     Parameters
     ----------

@@ -194,7 +194,7 @@ def static_page(
     deviations : sequence of Deviation
         Deviations from it.
     results : CalibrationResults or None
-        None where nothing could be evaluated.
+        None if it couldn't be evaluated.
     torque_nm : array of float, shape (n,), or None
         Compensated torque of the points.
     remarks : sequence of str

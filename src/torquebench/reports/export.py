@@ -45,7 +45,7 @@ class ExportedRun:
     files : tuple of str
         Names of all files in it.
     remarks : tuple of str
-        What is missing or was found, as README.txt says too.
+        Missing parts and findings, as in README.txt.
     """
 
     folder: Path

@@ -23,7 +23,7 @@ def fit_page(result: FitResult) -> Page:
     Parameters
     ----------
     result : FitResult
-        The fit, with the comparison where one was asked for.
+        The fit, with the comparison if requested.
 
     Returns
     -------

@@ -43,7 +43,7 @@ def branch_curves(
     Returns
     -------
     list of Curve
-        One curve for a model that knows no branch, else one for each branch.
+        One curve for a model without branches, otherwise one for each branch.
     """
     grid = np.linspace(float(np.min(reading_nm)), float(np.max(reading_nm)), _CURVE_POINTS)
     columns = model.n_features_in_

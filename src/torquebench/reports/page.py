@@ -59,7 +59,7 @@ class Table:
 
     @property
     def sentences(self) -> tuple[bool, ...]:
-        """Which columns hold sentences: they stand on the left and wrap."""
+        """Columns with sentences: aligned left and wrapped."""
         cells = [[row[column] for row in self.rows] for column in range(len(self.header))]
         return tuple(any(len(cell) > WORDY for cell in column) for column in cells)
 
@@ -109,7 +109,7 @@ class Page:
     sections : sequence of Section
         Content in reading order.
     simulated : bool
-        Whether the figures come from the simulated bench; said at the top and on every page.
+        Whether the figures come from the simulated bench; stated at the top and on every page.
     """
 
     title: str

@@ -79,8 +79,8 @@ def _panel(axes: Axes, found: ReducerComparison, key: str) -> None:
 def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     """Draw many values of one unit, a row for each: differences ± U.
 
-    Before and after: after minus before. Specimens: each less the mean of all; U is that of its own
-    difference to another one, in which what they have in common cancels.
+    Before and after: after minus before. Specimens: each less the mean of all; U belongs to its
+    difference from another value, in which common contributions cancel.
 
     Parameters
     ----------

@@ -156,8 +156,8 @@ def efficiency_tables(
 ) -> list[tuple[tuple[str, ...], list[tuple[str, ...]], str]]:
     """Return an efficiency map as tables of torque by speed, with one U a torque.
 
-    Means of both directions are shown where both were driven. The U of a row is the largest in
-    it; every point with its own stands in the run's ``results.json``.
+    Means of both directions are shown where both were driven. The U of a row is the largest in it;
+    the run's ``results.json`` has each point with its U.
 
     Parameters
     ----------

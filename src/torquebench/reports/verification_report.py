@@ -151,7 +151,7 @@ def verification_page(
     verified : sequence of Verified
         The raw reading first, then each model.
     facts : sequence of (str, str)
-        Where the points come from.
+        Origin of the points.
     tolerance_percent : float
     """
     groups = len(np.unique(data.series))

@@ -42,7 +42,7 @@ class GroupDifference:
 
 
 def outlying_values(values: ArrayLike, limit: float = LIMIT) -> tuple[int, ...]:
-    """Return which values stand out: |0.6745 (x - median)/MAD| above a limit.
+    """Return which values are outliers: |0.6745 (x - median)/MAD| above a limit.
 
     References
     ----------

@@ -84,10 +84,10 @@ class EmptyRunSettings:
 def empty_run(
     devices: BenchDevices, limits: ReducerLimits, settings: EmptyRunSettings | None = None
 ) -> Plan[RunningRecording]:
-    """Turn both shafts with nothing mounted, and read what they read at each speed.
+    """Turn both shafts with nothing mounted, and record both readings at each speed.
 
-    What a transducer's zero does with speed, and the drag of the bearings between transducer and
-    flange, stand in these readings as they stand in those of a test.
+    These readings contain the transducer's zero over speed, and the drag of the bearings between
+    transducer and flange, just as those of a test.
 
     Parameters
     ----------

@@ -46,7 +46,7 @@ LOOKS = 6
 
 @dataclass(frozen=True)
 class BreakawaySettings:
-    """How the first motion is looked for.
+    """Settings of the search for the first motion.
 
     Parameters
     ----------

@@ -116,7 +116,7 @@ class FrictionSweep:
     speed_rpm : float64[n]
         Mean input speed of each point, clockwise positive, 1/min.
     nominal_rpm : float64[n]
-        The speed that was asked for.
+        Commanded speed.
     torque_nm : float64[n]
         Input torque, compensated where `compensated`, N·m.
     standard_error_nm : float64[n]

@@ -137,7 +137,7 @@ class LoopRecording:
     ----------
     loops : tuple of Loop
     torque_nm : float
-        Largest torque that was asked for, N·m.
+        Largest commanded torque, N·m.
     compensated : mapping of side to bool
         Whether the side's active model was applied.
     temperature_c : float
@@ -334,7 +334,7 @@ def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None
 
 @dataclass(frozen=True)
 class BenchTwistSettings:
-    """How the bench's own twist is measured: cycles against the mounted calibrator.
+    """Settings of the measurement of the bench's twist: cycles against the mounted calibrator.
 
     Parameters
     ----------
@@ -381,10 +381,9 @@ def bench_twist(
 ) -> Plan[BenchTwistRecording]:
     """Load each side against the clamped calibrator, which holds its flange, and record the angle.
 
-    What the encoder sees then is the twist of shaft, coupling and transducer between it and the
-    flange: what torque-angle loops have to do without, of the loaded output and of the locked
-    input. `loops_nm` is the largest torque of those loops at each side, where the settings leave
-    it to them.
+    The encoder then measures the twist of shaft, coupling and transducer between it and the flange,
+    which is subtracted from torque-angle loops at the loaded output and the locked input.
+    `loops_nm` is the largest torque of those loops at each side, used if the settings have none.
     """
     settings = settings or BenchTwistSettings()
     found: dict[Side, SynchronousRecording] = {}

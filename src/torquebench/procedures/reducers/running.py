@@ -114,8 +114,8 @@ class EfficiencySettings:
     clockwise, counter_clockwise : bool
         Directions that are driven; in the mean of both an error of the zeros cancels.
     repeats : int
-        How often the map is gone through, each time after new zeros without load: what a chain
-        gives differently after every loading averages over these only.
+        Number of passes over the map, each after new zeros without load: a chain's scatter between
+        loadings averages over these only.
     target_points : float or None
         Further repeats follow at the torques where twice the standard error of a mean over
         directions and repeats exceeds this, in percentage points of efficiency; None for

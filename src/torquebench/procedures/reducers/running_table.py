@@ -43,7 +43,7 @@ class RunningRecording:
     stated : mapping of side to Torque or None
         What the measuring chain stated of each point; None without an active one.
     zero_uncertainty_nm : mapping of side to float
-        Standard uncertainty that the zero leaves, N·m.
+        Standard uncertainty of the zero, N·m.
     true_torque_nm : mapping of side to float64[n] or None
         The twin's; None on a real bench.
     direction, branch, repeat : int[n]
@@ -79,7 +79,7 @@ class RunningRecording:
 
 @dataclass(frozen=True)
 class Asked:
-    """One point: what is requested, and where it stands."""
+    """One point: its set point, and its place in the test."""
 
     speed_rpm: float
     torque_nm: float

@@ -145,11 +145,11 @@ class WarmUp:
     rate_k_per_min : float
         The temperature is steady where it changes by less, K/min.
     window_s : float
-        Time over which that is looked at, s.
+        Time over which that is evaluated, s.
     interval_s : float
-        Time between two looks, s.
+        Time between two readings, s.
     longest_s : float
-        After so long without steady temperature the test is refused, s; 0 leaves warming up out.
+        Time without a steady temperature after which the test is refused, s; 0 omits warming up.
     """
 
     speed_rpm: float = 600.0
@@ -190,7 +190,7 @@ class WarmUp:
 def run_metadata(
     devices: BenchDevices, plan_name: str, limits: ReducerLimits, points: int, **settings: object
 ) -> dict[str, Any]:
-    """Return what the start document of a reducer test says."""
+    """Return the start document's entries of a reducer test."""
     context = devices.context
     return {
         "plan_name": plan_name,
@@ -285,8 +285,8 @@ def turn_output(
     Raises
     ------
     BenchError
-        The output doesn't turn as the input does: nothing or something else is mounted, the
-        ratio is wrong, or an encoder slips.
+        The output doesn't turn by the ratio: no or another reducer is mounted, the ratio is wrong,
+        or an encoder slips.
     """
     if output_deg == 0.0:
         return
@@ -359,10 +359,10 @@ def check_followed(
     row : mapping
         Fields of a steady value.
     speed_rpm, torque_nm : float
-        What was asked for; 0 isn't checked.
+        Set points; 0 isn't checked.
     side : {"input", "output"}
     slack_nm : float
-        What a healthy drive and an uncompensated reading may be off beside a share of the torque.
+        Allowed deviation of drive and uncompensated reading, in addition to a share of the torque.
 
     Raises
     ------

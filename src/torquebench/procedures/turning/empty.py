@@ -81,7 +81,7 @@ class EmptyTable:
     zero_hz : float
         Frequency of the zero that all readings count from; NaN before it was taken.
     shift_s : float
-        Added to the bench's time, so that rows of a resumed run go on behind the others.
+        Added to the bench time, so that rows of a resumed run follow the earlier ones.
     """
 
     side: Side
@@ -92,7 +92,7 @@ class EmptyTable:
     _complete: int = 0
 
     def add(self, found: ModuleRecording, before_c: float, after_c: float) -> None:
-        """Add a stretch, its temperature linear between two looks."""
+        """Add an interval, with the temperature linear between two readings."""
         warm = np.linspace(before_c, after_c, found.time_s.size)
         rows = np.column_stack(
             [found.time_s + self.shift_s, found.reading_nm, found.speed_rpm, warm]
@@ -129,7 +129,7 @@ class EmptyTable:
 def run_metadata(
     devices: BenchDevices, side: Side, profile: TurningProfile, points: int
 ) -> dict[str, Any]:
-    """Return what the start document of a run while a module turns says."""
+    """Return the start document's entries of a run with a rotating module."""
     context = devices.context
     module = context.description.module(side)
     return {
@@ -157,7 +157,7 @@ def turn_empty(
     wait: bool = True,
     on_series: Callable[[EmptyTable], None] | None = None,
 ) -> Plan[EmptySummary]:
-    """Turn a module with nothing mounted, and record what it reads.
+    """Turn a module with nothing mounted, and record its readings.
 
     The zero is taken once, at rest before the first series: later series show what temperature
     does to it. A leg that a pause interrupts is driven again from rest.
@@ -171,7 +171,7 @@ def turn_empty(
     table : EmptyTable
         Gets the rows; complete series that are in it already aren't driven again.
     wait : bool
-        Whether a series waits for its temperature; else somebody has seen to it.
+        Whether a series waits for its temperature; otherwise it is assumed.
     on_series : callable, optional
         Called with the table after every complete series.
 
@@ -305,7 +305,7 @@ class _Runner:
         yield from bps.sleep(REST_S)
 
     def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
-        """Drive one leg until no pause has come in between."""
+        """Drive one leg, again after a pause."""
         if place == 0:
             self.seen = self.devices.interruptions
         while True:

@@ -323,7 +323,7 @@ class TurningProfile(_Settings):
 
 
 def available_profiles() -> tuple[str, ...]:
-    """Return the names of the profiles that come with the package."""
+    """Return the names of the packaged profiles."""
     folder = resources.files(__package__) / "profiles"
     names = (Path(each.name) for each in folder.iterdir())
     return tuple(sorted(each.stem for each in names if each.suffix == ".toml"))

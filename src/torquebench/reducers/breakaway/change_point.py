@@ -51,13 +51,13 @@ class FirstMotion:
 def first_motion(
     time_s: ArrayLike, angle_rad: ArrayLike, *, threshold_rad: float = 0.0
 ) -> FirstMotion:
-    """Find the change point at which an angle leaves its line at rest.
+    """Find the change point at which an angle departs from its line at rest.
 
-    At rest the angle follows a slow line (elastic wind-up, drift) with noise; where a threshold
-    is given, a parabola: contacts creep the faster the further a uniform ramp has come. Motion is
-    found where it leaves that for good, by five standard deviations of the noise or the threshold
-    if that is more. The moment itself is the start of the parabola that fits best between, or,
-    beyond a threshold, of the cube by which a uniformly rising torque turns an inertia.
+    At rest the angle follows a slow line (elastic wind-up, drift) with noise; with a threshold, a
+    parabola: contacts creep faster as a uniform ramp proceeds. Motion begins where the angle
+    departs from that permanently, by five standard deviations of the noise or the threshold if
+    larger. The moment itself is the start of the parabola that fits best between, or, beyond a
+    threshold, of the cube by which a uniformly rising torque turns an inertia.
 
     Parameters
     ----------

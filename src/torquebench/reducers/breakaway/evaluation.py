@@ -114,7 +114,7 @@ class BreakawayResult:
         return tuple(rows)
 
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
-        """Return the values that the data sheet limits; those without a limit may be left out."""
+        """Return the values that the data sheet limits; those without a limit may be missing."""
         starting = self.kind == "starting"
         limit = limits.starting_torque_nm if starting else limits.back_driving_torque_nm
         only = self.quantities()[0]

@@ -54,10 +54,10 @@ def evaluate_hysteresis(
 
     Branches are fitted locally (`LocalLines`); stiffness is ΔT/Δθ by least squares over its
     interval on the branches that are being loaded. Values are means over the loops of a position
-    and over positions (the worst position where the rule asks for it); a torque uncertainty
-    becomes an angle uncertainty through the local slope of the loop. Where the torque ripples,
-    branches are read where the angle is at its outermost (`loop_ripple`), by the torque less what
-    a flange that is known takes to move (`torque_at_flange`).
+    and over positions (the worst position if the rule requires it); a torque uncertainty becomes an
+    angle uncertainty through the local slope of the loop. Where the torque ripples, branches are
+    read where the angle is at its outermost (`loop_ripple`), by the torque less what a flange that
+    is known takes to move (`torque_at_flange`).
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def evaluate_hysteresis(
         Number of the loop at its position; found from the torque's reversals by default, and
         where labelled loops don't begin and end at their largest torque.
     demanded_nm : array of float, shape (n,), optional
-        Torque that the drive was asked for: only to find where it saturates.
+        Commanded torque of the drive, only to detect saturation.
     bench_compliance_rad_per_nm : float
         The bench's own twist per torque between the encoder and the reducer, which is subtracted.
     resolution_rad : float

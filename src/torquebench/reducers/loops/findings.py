@@ -25,7 +25,7 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
     Raises
     ------
     InputError
-        Where torque and angle are swapped, one stands still, or they run against each other.
+        If torque and angle are swapped, one is constant, or they have opposite signs.
     """
     for name, column in (("torque", torque), ("angle", angle)):
         if np.ptp(column) == 0.0:

@@ -58,8 +58,8 @@ def torque_at_flange(
     """Subtract the torque that accelerates the flange.
 
     A drive's ripple swings the flange, and the transducer before it reads what that takes, too:
-    where the ripple turns a loading back, that is missing at the reducer or added to it. Torque
-    and angle go through the same window, which leaves 58 % of the torque's white noise.
+    where the ripple turns a loading back, that is missing at the reducer or added to it. Torque and
+    angle are filtered with the same window, which keeps 58 % of the torque's white noise.
 
     Parameters
     ----------

@@ -69,7 +69,7 @@ class LoopFeatures:
     stiffness_positive_nm_per_rad, stiffness_negative_nm_per_rad : float
         Over the stiffness interval at positive and at negative torque.
     regions_nm_per_rad : array of float, shape (3,)
-        K1, K2, K3; NaN where they aren't asked for.
+        K1, K2, K3; NaN if not requested.
     energy_j : float
         Loop energy.
     closure_rad : float
@@ -143,7 +143,7 @@ class HysteresisResult:
     energy : Budget
         Hysteresis loss of a cycle, J.
     regions : StiffnessRegions or None
-        Where `LoopSettings.region_torques_nm` asks for them.
+        If `LoopSettings.region_torques_nm` requests them.
     loops : tuple of LoopFeatures
         Every loop that was evaluated, in order.
     key_points : tuple of KeyPoint

@@ -89,7 +89,7 @@ class Record:
 
 @dataclass(frozen=True)
 class RippleLeft:
-    """Standard uncertainties of what a ripple still hides."""
+    """Standard uncertainties of a ripple's remaining influence."""
 
     backlash_rad: float = 0.0
     lost_motion_rad: float = 0.0
@@ -229,10 +229,10 @@ def outermost(
 ) -> tuple[Floats, Floats, NDArray[np.intp]]:
     """Return the samples of a record at which a branch is further than ever before, and which.
 
-    A hysteresis with return-point memory forgets an inner loop as soon as the angle passes the
-    point where it began (Madelung's rules; Brokate and Sprekels, Hysteresis and Phase
-    Transitions, 1996, section 2.2). So where the angle is at its outermost, torque and angle lie
-    on the branch that a steady ramp would have drawn, whatever the ripple did in between.
+    A hysteresis with return-point memory is independent of an inner loop once the angle has passed
+    the point where it began (Madelung's rules; Brokate and Sprekels, Hysteresis and Phase
+    Transitions, 1996, section 2.2). So at the outermost angles, torque and angle are on the branch
+    of a steady ramp, independent of the ripple in between.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class LostMotionRule:
     positions : {"mean", "worst"}
         Whether the mean or the worst of all output positions counts.
     least_positions : int
-        How many output positions the maker asks for.
+        Number of output positions that the maker requires.
     source : str
         Whose rule it is.
     """
@@ -84,7 +84,7 @@ class LoopSettings:
     least_samples : int
         Least samples in each local fit.
     settling_loops : int
-        Loops at the start of each position that are left out as preload.
+        Loops at the start of each position that are excluded as preload.
     closure_share : float
         Largest gap between the start and the end of a loop, as a share of its width in angle.
     """
@@ -124,9 +124,9 @@ class LoopUncertainty:
     torque_zero_nm : float
         Of the torque's zero, N·m; common to both branches of a loop, fresh for each position.
     torque_branch_nm : float
-        Of the torque of one branch against the other (hysteresis that compensation leaves, drift
-        within a loop), N·m; independent between branches, common to all loops. Lost motion may
-        miss it at both signs alike.
+        Standard uncertainty of the torque of one branch relative to the other (residual hysteresis,
+        drift within a loop), N·m; independent between branches, common to all loops. Lost motion
+        may have this error with equal signs on both sides.
     angle_rad : float
         Of an angle of one branch (encoder interpolation, resolution), rad; independent between
         the branches and the signs, common to all loops.

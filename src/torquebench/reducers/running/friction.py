@@ -220,7 +220,7 @@ def evaluate_friction(
     temperature_c : array of float, shape (n,), optional
         Of the reducer; a change of more than 2 K is a finding.
     demanded_rpm : array of float, shape (n,), optional
-        Speed that was asked for; one that wasn't reached is a finding.
+        Commanded speed; one that wasn't reached is a finding.
 
     Raises
     ------

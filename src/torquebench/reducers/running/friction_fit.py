@@ -121,12 +121,12 @@ def fit_friction(
 ) -> FrictionFit:
     """Fit the parts of friction to mean torques of one direction.
 
-    All parts are at least 0, and a part that the points pull to 0 is not there: the fit's form
-    says which parts remain. For a given Stribeck speed the fit is linear and solved by
-    non-negative least squares; the Stribeck speed is searched between the smallest and the
-    largest speed. Uncertainties follow from the residual. ``"best"`` only chooses a form whose
-    Stribeck speed lies inside these limits and whose parts all exceed three standard
-    uncertainties: within a short range of speeds, large viscous and Stribeck parts can cancel.
+    All parts are at least 0, and a part that the fit sets to 0 is removed: the fit's form states
+    which parts remain. For a given Stribeck speed the fit is linear and solved by non-negative
+    least squares; the Stribeck speed is searched between the smallest and the largest speed.
+    Uncertainties follow from the residual. ``"best"`` only chooses a form whose Stribeck speed is
+    within these limits and whose parts all exceed three standard uncertainties: within a short
+    range of speeds, large viscous and Stribeck parts can cancel.
 
     Parameters
     ----------

@@ -58,8 +58,8 @@ class NoLoadResult:
     temperature_coefficient : Budget or None
         Relative change of the torque per kelvin, %/K; None where the temperature hardly changed.
     speed_rpm, torque_nm, temperature_c, repeat, branch : array, shape (n,)
-        What was evaluated (after the correction to a reference temperature, where asked for),
-        for figures with all repeats.
+        The evaluated points (after the correction to a reference temperature, if requested), for
+        figures with all repeats.
     findings : tuple of Finding
     """
 
@@ -129,8 +129,8 @@ def evaluate_no_load(
     speed_rpm, torque_nm : array of float, shape (n,)
         Mean of each steady point: input speed (clockwise positive) and torque with its sign.
     nominal_rpm : array of float, shape (n,), optional
-        Speed that was asked for, by which points are put together and named, and which counts as
-        missed where it wasn't reached; by default points within `tolerance_rpm` are one step.
+        Commanded speed, by which points are grouped and named; a deviation from it counts as
+        missed; by default points within `tolerance_rpm` are one step.
     repeat : array of int, shape (n,), optional
         Number of the repeat; all 1 by default.
     branch : array of int, shape (n,), optional

@@ -40,7 +40,7 @@ class NoLoadPoint:
     temperature_c : float
         Mean; NaN where it wasn't measured.
     nominal_rpm : float
-        Speed that the point is named by: what was asked for, or the mean.
+        Speed in the point's name: the commanded one, or the mean.
     both : bool
         Whether it is the mean of both directions.
     """
@@ -112,7 +112,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Scatter:
-    """What a test's own repeats show.
+    """Scatter of a test's repeats.
 
     Parameters
     ----------

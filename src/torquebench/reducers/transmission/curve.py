@@ -25,8 +25,8 @@ class Revolution:
         The standard error is NaN with one revolution.
     peak_to_peak_arcsec : float
     noise_arcsec : float
-        Standard error of a value of the curve: from the scatter between revolutions, else from
-        what lies above the highest order.
+        Standard error of a value of the curve: from the scatter between revolutions, otherwise from
+        the part above the highest order.
     noise_freedom : float
     peak_noise_arcsec : float
         By how much such noise raises the peak to peak value.
@@ -60,9 +60,9 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     dense, and interpolated if it isn't. A Fourier transform over all whole revolutions, cut at
     the highest order, is a low-pass in angle without phase shift, and exact for what repeats.
 
-    The angle is the output's own, θ_o, of which the error is a function: over θ_i/R each order
-    would be bent by the error itself, by a share of order times error (2 % for 23 arcsec of order
-    200), and what that makes above the highest order would be cut off.
+    The angle is the output's, θ_o, of which the error is a function: over θ_i/R the error itself
+    would distort each order by a share of order times error (2 % for 23 arcsec of order 200), and
+    the distortion above the highest order would be cut off.
 
     Parameters
     ----------

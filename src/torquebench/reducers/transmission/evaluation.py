@@ -132,8 +132,8 @@ class TransmissionErrorResult:
     peak_to_peak : Budget
         The larger of both directions, arcsec.
     reversal_arcsec : Budget or None
-        Mean gap between both directions (lost motion of the unloaded reducer); None where only
-        one was recorded. Means something only where nothing was zeroed in between.
+        Mean gap between both directions (lost motion of the unloaded reducer); None where only one
+        was recorded. Meaningful only without zeroing in between.
     findings : tuple of Finding
     """
 

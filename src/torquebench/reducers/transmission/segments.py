@@ -79,8 +79,8 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
 def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
     """Return the runs in one direction that are at least one output revolution long.
 
-    A run ends where the record has a gap (two recordings put one behind the other), and begins
-    and ends exactly where the input turns back.
+    A run ends at a gap of the record (two concatenated recordings), and begins and ends exactly at
+    a reversal of the input.
 
     Raises
     ------
@@ -149,7 +149,7 @@ def check_sampling(run: Run, highest_order: float) -> None:
 
 
 def check_slip(run: Run, ratio: float) -> None:
-    """Refuse an error that doesn't come back after a revolution: slip or a wrong ratio.
+    """Refuse an error that doesn't repeat after a revolution: slip or a wrong ratio.
 
     The error is fitted by what repeats with the output and the input, plus either a line or one
     step; a significant line or step is named.

@@ -62,7 +62,7 @@ UNREVIEWED = {
 
 @dataclass(frozen=True)
 class Issue:
-    """What the person who issues a certificate decides.
+    """Decisions of the person who issues a certificate.
 
     Parameters
     ----------
@@ -79,10 +79,9 @@ class Issue:
     issued : datetime.date, optional
         Today (UTC) by default.
     draft : bool
-        Whether this only shows what a certificate would state; nobody has to answer for it, and
-        it can't be registered.
+        Whether this is a preview; it needs no authorising person and can't be registered.
     refuse_unreviewed : bool
-        Whether what nobody has reviewed is refused, rather than said on every page.
+        Whether an unreviewed calibration is refused instead of stated on every page.
     model_id : int, optional
         Of a draft: the model that would be put into use; by default the one in use, or the latest.
     """
@@ -148,7 +147,7 @@ def build_record(
         Where the run isn't sealed, was changed, or departs from its profile in a way that the
         profile refuses; where the number is taken.
     InputError
-        Where nobody authorises, a real laboratory has no name, or the calibration has no run.
+        If no person authorises, a real laboratory has no name, or the calibration has no run.
     """
     names = _authorising(issue)
     source = Source.of(registry, calibration, issue.model_id if issue.draft else None)

@@ -41,7 +41,7 @@ class CertificateCheck:
 
     @property
     def matches(self) -> bool:
-        """Whether nothing was found."""
+        """Whether there are no findings."""
         return not self.findings
 
 

@@ -63,8 +63,8 @@ def issue_certificate(
 ) -> IssuedCertificate:
     """Write the files of a certificate and register it.
 
-    The data directory keeps one copy in ``certificates/NUMBER``. What an issue that was
-    interrupted before it was registered has left there is set aside.
+    The data directory keeps one copy in ``certificates/NUMBER``. Files of an issue that was
+    interrupted before its registration are moved aside.
 
     Parameters
     ----------

@@ -45,8 +45,8 @@ class _Policy(BaseModel):
 class Letterhead(BaseModel):
     """The laboratory that issues, and the customer; the laboratory itself if none is given.
 
-    `laboratory.people` are those who measure, check and sign there. `policy.unreviewed` is what
-    becomes of a certificate that nobody has reviewed: it is refused, or every page states it. The
+    `laboratory.people` are the persons who measure, check and sign. `policy.unreviewed` determines
+    whether an unreviewed certificate is refused, or issued with a statement on every page. The
     simulated bench needs no laboratory, but may have a policy.
     """
 
@@ -69,12 +69,12 @@ class Letterhead(BaseModel):
 
     @property
     def refuses_unreviewed(self) -> bool:
-        """Whether there is no certificate that nobody has reviewed."""
+        """Whether unreviewed certificates are refused."""
         return self.policy.unreviewed == "refuse"
 
 
 def kept_letterhead(root: Path) -> Letterhead:
-    """Return what a data directory says of its laboratory; the strict default without a file.
+    """Return the laboratory of a data directory; the strict default without a file.
 
     Raises
     ------
@@ -86,7 +86,7 @@ def kept_letterhead(root: Path) -> Letterhead:
 
 
 def person_among(name: str, people: Iterable[str], what: str = "measured by") -> str:
-    """Return the person of the laboratory who is meant, as the laboratory writes the name.
+    """Return the laboratory's spelling of a person's name.
 
     Raises
     ------

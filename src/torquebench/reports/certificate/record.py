@@ -53,7 +53,7 @@ class Party:
     Parameters
     ----------
     name : str
-        Empty where nobody has stated one.
+        Empty if none was stated.
     street, post_code, city, country : str
         Its address; `country` is the two letters of ISO 3166-1.
     email : str
@@ -94,10 +94,10 @@ class Item:
 
 @dataclass(frozen=True)
 class Method:
-    """The profile that was followed, and whether somebody has checked it against its source.
+    """The profile, and whether it has been checked against its source.
 
-    `placement` says how an adaptive calibration placed its points, `table` which file the points
-    were read from; both are empty for other calibrations.
+    `placement` describes the placed points of an adaptive calibration, `table` the file of an
+    external table; both are empty for other calibrations.
     """
 
     name: str
@@ -116,14 +116,14 @@ class Method:
 
 @dataclass(frozen=True)
 class Reference:
-    """The standard that the chain was calibrated against, as its own certificate states it.
+    """The reference standard of the calibration, as stated in its certificate.
 
     Parameters
     ----------
     expanded_uncertainty_percent : float
         k = 2, in % of the range, or of the torque where `of_range` is false.
     performed, due : datetime.date or None
-        Day of its calibration, and last day on which it counts; None where nobody has stated it.
+        Day of its calibration, and last day on which it counts; None if it wasn't stated.
     """
 
     serial: str
@@ -267,7 +267,7 @@ class VerificationSummary:
     averaged_after_nm : float or None
         Largest |error| averaged over the groups.
     conformity : Conformity or None
-        How its own points are judged; None where nothing is judged, or no run holds them.
+        Conformity of its own points; None without a tolerance, or without a run with the points.
     """
 
     performed: date
@@ -372,7 +372,7 @@ class ZeroHysteresisStatement:
 
 @dataclass(frozen=True)
 class CertificateRecord:
-    """Everything that a certificate states; PDF and XML hold nothing beyond it.
+    """Everything that a certificate states; PDF and XML contain nothing else.
 
     Parameters
     ----------
@@ -381,9 +381,9 @@ class CertificateRecord:
     languages : tuple of str
         ``"en"``, ``"de"``, ``"zh"``: one PDF each, all of them in the XML; the first one leads.
     draft : bool
-        Whether nobody has issued it, which every page then says.
+        Whether it isn't issued, which every page then states.
     simulated : bool
-        Whether the bench was simulated, which every page then says.
+        Whether the bench was simulated, which every page then states.
     calibrated_from, calibrated_to, issued : datetime.date
         First and last day of the calibration, and day of issue.
     temperature_c : tuple of float or None
@@ -404,14 +404,14 @@ class CertificateRecord:
     zero_hysteresis : ZeroHysteresisStatement or None
         Of reversing cycles.
     unreviewed : tuple of str
-        What a second person or fresh points haven't confirmed, which every page then says:
+        Statements without confirmation by a second person or fresh points, listed on every page:
         ``"unverified"``, ``"outside"``, ``"unchecked"``, ``"self_signed"``.
     turning : str
         Speeds, temperatures and accelerations that its effects were measured at; empty where none
         were.
     turning_budget : TurningBudget or None
     measured_by, checked_by, authorised_by : tuple of str
-        Who did it, who looked over it, who answers for it.
+        The persons who measured, reviewed and authorised.
     files : mapping of str to str
         SHA-256 of the files that the certificate rests on.
     registry_head : str
@@ -419,7 +419,7 @@ class CertificateRecord:
     supersedes : str
         Number of the certificate that this one replaces.
     coaxiality, clamp_pressure, mounting_time, lubrication, mounted_by : str
-        Of the record of the mounting; empty where nobody entered it.
+        From the record of the mounting; empty if not entered.
     loading_accuracy : str
         Largest difference of the standard from the requested torque.
     """

@@ -100,7 +100,7 @@ def evaluate_results(
         The reference standard as its certificate stated it on the day of the calibration.
     tolerance_percent_fs : float or None
         Largest allowed |error| after compensation (before it, where there is none), in % of full
-        scale; None where nothing is judged.
+        scale; None without a tolerance.
     resolution_nm : float, default 0
         Resolution of the indication where it was read off; 0 where the scatter holds it already.
 

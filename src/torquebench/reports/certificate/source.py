@@ -34,7 +34,7 @@ __all__ = ["Source", "run_data", "run_profile"]
 
 
 def run_data(folder: RunFolder) -> CalibrationData:
-    """Return the points that a calibration run has left.
+    """Return the points of a calibration run.
 
     Raises
     ------

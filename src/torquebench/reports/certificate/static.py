@@ -28,10 +28,10 @@ __all__ = ["resolution_of", "static_tables", "zero_hysteresis_statement"]
 
 
 def resolution_of(data: CalibrationData) -> float:
-    """Return the resolution of a chain's indication in N·m, if nobody has stated one.
+    """Return the default resolution of a chain's indication in N·m.
 
-    A counter's own steps are far below the noise, so that the noise decides what can be told
-    apart: twice the median standard error of a point's mean.
+    A counter's steps are far below the noise, so the noise gives the resolution: twice the median
+    standard error of a point's mean.
     """
     if data.standard_error_nm is None:
         return 0.0

@@ -39,7 +39,7 @@ def certificate_pdf(
     language : str
         ``"en"``, ``"de"`` or ``"zh"``.
     installed : typst.Fonts, optional
-        Where a font with Chinese characters is looked for; by default the system's fonts.
+        Fonts in which one with Chinese characters is searched; by default the system's.
 
     Returns
     -------
