@@ -222,7 +222,7 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         Trains of increasing edges, each with the two edges before the first window where the
         stream has them.
     both : bool
-        Use the falling edges too, with a phase of their own.
+        Use the falling edges too, with a separate phase.
     starts, stops : int64 arrays, shape (n,)
         Windows in ticks.
     method : int
@@ -295,13 +295,13 @@ def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no
     Parameters
     ----------
     frequency : float64 array, shape (n,)
-        Frequencies; NaN repeats nothing.
+        Frequencies; NaN isn't a repetition.
     fault : uint8 array, shape (n,)
         Result: `code` at such windows; others stay.
     longest, code : int
         Limit and fault code.
     last, run : float, int
-        Number before the first window, and how often in a row it came.
+        Number before the first window, and its repetitions in a row.
 
     Returns
     -------

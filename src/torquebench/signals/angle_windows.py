@@ -38,8 +38,8 @@ class AngleSamples:
 class AngleCounter:
     """Counter whose windows begin and end at marks of an encoder on the same timebase.
 
-    Each window spans so many marks, so it averages over the same part of a rotation at any
-    speed: what repeats with that angle (spline, bearing, tooth) is left out exactly.
+    Each window spans this number of marks, so it averages over the same part of a rotation at any
+    speed: effects periodic in that angle (spline, bearing, tooth) cancel exactly.
 
     Parameters
     ----------

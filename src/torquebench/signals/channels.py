@@ -54,9 +54,8 @@ def synchronous(
     """Bring channels of one grid of windows onto one time axis.
 
     A torque that acts at t leaves a transducer with group delay d at t + d. Each channel is
-    read there, by a cubic through the four nearest windows, so that one torque stands in one
-    row whatever transducer it went through. Windows at the ends that lack their neighbours
-    are left out.
+    evaluated there, by a cubic through the four nearest windows, so that a row has the same torque
+    for all transducers. Windows at the ends that lack their neighbours are left out.
 
     Parameters
     ----------
@@ -69,7 +68,7 @@ def synchronous(
     Raises
     ------
     InputError
-        When there is no channel, a delay belongs to none, grids differ, or nothing overlaps.
+        If there is no channel, a delay has no channel, grids differ, or there is no overlap.
 
     Examples
     --------
@@ -131,7 +130,7 @@ def advanced(value: ArrayLike, shift: float) -> tuple[NDArray[np.float64], int]:
     values : float64 array, shape (m,)
         Where all four neighbours exist.
     lead : int
-        Index of the sample at whose time the first of them stands.
+        Index of the sample at the time of the first of them.
 
     Examples
     --------

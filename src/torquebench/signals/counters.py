@@ -126,7 +126,7 @@ class WindowStream:
 
     @property
     def stop_tick(self) -> int | None:
-        """Tick up to which the stream has come; None before the first block."""
+        """Tick up to which the stream has been read; None before the first block."""
         return self._stop_tick
 
     def accept(self, block: EdgeBlock) -> None:
@@ -213,10 +213,9 @@ class WindowStream:
 class FrequencyCounter:
     """Counter on a stream of edge blocks, with its state carried over block borders exactly.
 
-    Windows lie on a fixed grid of the timebase: window k covers the ticks
-    [k·step, k·step + window), so all channels of one timebase share their windows, and a stream
-    cut anywhere gives the same samples to the last bit. A window that began before the stream
-    did is left out.
+    Windows are on a fixed grid of the timebase: window k covers the ticks [k·step, k·step +
+    window), so all channels of one timebase share their windows, and a stream cut anywhere gives
+    the same samples to the last bit. A window that began before the stream did is left out.
 
     Parameters
     ----------

@@ -59,8 +59,7 @@ class EdgeBlock:
     ------
     InputError
         When ticks aren't integers, lie outside the interval, or the timebase isn't positive.
-        The order of all ticks is checked by `validate` and by whoever counts them, so that
-        building a block costs nothing.
+        `validate` and the counters check the order of the ticks, so that building a block is fast.
 
     Examples
     --------

@@ -62,7 +62,7 @@ _REMEDIES = {
 
 
 class PulseTrainFault(SignalFault):
-    """A signal fault that knows its kind.
+    """A signal fault with its kind.
 
     Parameters
     ----------

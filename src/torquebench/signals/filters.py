@@ -12,10 +12,10 @@ __all__ = ["LiveFilter", "zero_phase"]
 def zero_phase(
     value: ArrayLike, sample_rate_hz: float, cutoff_hz: float, order: int = 4
 ) -> NDArray[np.float64]:
-    """Filter a record forwards and backwards, so that nothing is delayed.
+    """Filter a record forwards and backwards, without delay.
 
-    A Butterworth filter, applied twice; its own corner is moved so that both passes together
-    have −3 dB at the cut-off. It needs the whole record: for evaluation only.
+    A Butterworth filter, applied twice; its corner is shifted so that both passes together have −3
+    dB at the cut-off. It needs the whole record: for evaluation only.
 
     Parameters
     ----------

@@ -39,10 +39,10 @@ def _without_short_pulses(ticks, least, waiting, kept):  # type: ignore[no-untyp
 class GlitchFilter:
     """Filter of a stream of edge blocks against chatter and spikes.
 
-    With rising edges alone, an edge sooner than the least time after the one kept before is
-    left out (dead time). With both edges, every pulse and every pause shorter than the least
-    time is left out with both its edges, so the level settles on what lasts; the stream then
-    ends the least time before its last block does, since a pulse is only checked then.
+    With rising edges alone, an edge sooner than the least time after the one kept before is left
+    out (dead time). With both edges, every pulse and every pause shorter than the least time is
+    left out with both its edges, so that only lasting levels remain; the stream then ends the least
+    time before its last block, since a pulse is only decided then.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class GlitchFilter:
         self._decided_until = 0
 
     def push(self, block: EdgeBlock) -> EdgeBlock:
-        """Take the next block; return what is left of the edges that are decided.
+        """Take the next block; return the remaining edges that are decided.
 
         `removed` counts the edges left out so far.
 

@@ -125,8 +125,8 @@ class OrderSpectrum:
 def order_spectrum(record: AngleRecord, window: str = "hann") -> OrderSpectrum:
     """Spectrum of a record in angle, by a windowed Fourier transform.
 
-    It is taken over whole revolutions, so whole orders lie on lines and their amplitudes are
-    exact; between lines "flattop" reads amplitudes right at the cost of resolution.
+    It is taken over whole revolutions, so whole orders lie on lines and their amplitudes are exact;
+    between lines "flattop" gives correct amplitudes with less resolution.
 
     Parameters
     ----------
@@ -158,7 +158,7 @@ def order_spectrum(record: AngleRecord, window: str = "hann") -> OrderSpectrum:
 
 @dataclass(frozen=True, slots=True, eq=False, kw_only=True)
 class RippleFit:
-    """What repeats with an angle, and what is left.
+    """The periodic part over an angle, and the rest.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ def fit_ripple(
     """Fit and remove ripple that is synchronous with a rotation, at any speed.
 
     Least squares of mean, slope and one cosine per order in the angle; uneven samples, changing
-    speed and parts of revolutions do no harm as long as the orders can be told apart.
+    speed and parts of revolutions are allowed as long as the orders can be separated.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def fit_ripple(
     Raises
     ------
     InputError
-        When rows don't match, or the record is too short to tell the orders apart.
+        If rows don't match, or the record is too short to separate the orders.
 
     Examples
     --------

@@ -21,7 +21,7 @@ _SPREAD = 1.4826
 
 
 def outliers(value: ArrayLike, limit: float = _LIMIT) -> NDArray[np.bool_]:
-    """Find single values that stand out of their neighbours.
+    """Find single values that deviate from their neighbours.
 
     A value is an outlier when it is farther from the running median of seven samples than `limit`
     times the robust spread of the steps from one sample to the next, and at most two such

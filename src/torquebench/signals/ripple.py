@@ -25,9 +25,9 @@ _DOMINATES = 0.8
 
 
 def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
-    """Find the period of a ripple that stands out of the noise.
+    """Find the period of a ripple above the noise.
 
-    The line of the periodogram that stands highest above the median of its neighbours (Fisher's
+    The line of the periodogram with the largest ratio to the median of its neighbours (Fisher's
     test with a robust local background), then refined by least squares.
 
     Parameters
@@ -40,7 +40,7 @@ def estimate_period(time_s: ArrayLike, value: ArrayLike) -> float | None:
     Returns
     -------
     float or None
-        Period in seconds; None where no line stands out or it has fewer than four periods.
+        Period in seconds; None if no line is significant or it has fewer than four periods.
 
     Examples
     --------

@@ -70,8 +70,8 @@ class FrequencySamples(_Samples):
     edges : int64 array, shape (n,)
         Edges counted in each window (both edges together where both are timed).
     standard_uncertainty_hz : float64 array, shape (n,)
-        Standard uncertainty from quantisation and edge jitter in Hz, k = 1; NaN at a fault.
-        The timebase's own error isn't in it: it is common to calibration and measurement.
+        Standard uncertainty from quantisation and edge jitter in Hz, k = 1; NaN at a fault. The
+        timebase's error isn't in it: it is common to calibration and measurement.
     missing, doubled : int32 arrays, shape (n,)
         Pulses that are missing from, or doubled in, each window.
     """

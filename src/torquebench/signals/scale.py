@@ -50,7 +50,7 @@ class FrequencyScale:
     Raises
     ------
     InputError
-        When a value isn't finite and positive, or the zero lies outside the modulation range.
+        If a value isn't finite and positive, or the zero is outside the modulation range.
 
     Examples
     --------

@@ -109,8 +109,8 @@ class WindowCounter:
         places : slice
             Where the windows go.
         trains : sequence of int64 arrays
-            Rising edges, and falling ones if they are to be used. Each keeps its own phase, so
-            a duty cycle other than a half does no harm.
+            Rising edges, and falling ones if they are to be used. Each keeps its own phase, so the
+            duty cycle needn't be a half.
         starts, stops : int64 arrays, shape (n,)
             The windows.
 
@@ -251,7 +251,7 @@ def windows_of_angle(mark_ticks: ArrayLike, marks_per_window: int) -> tuple[Tick
     Returns
     -------
     starts, stops : int64 arrays
-        For `count_windows`. Marks after the last whole window are left over.
+        For `count_windows`. Marks after the last whole window are ignored.
 
     Examples
     --------

@@ -140,7 +140,7 @@ class _Servicer(services.NiDAQmxServicer):
             self._plant.reading(False)
 
     def clear_of(self, client: str | None = None) -> None:
-        """End every task of a client that has gone, or of all."""
+        """End every task of a client that has disconnected, or of all."""
         with self._lock:
             gone = [task for task in self._tasks.values() if client in (None, task.client)]
             for task in gone:
@@ -243,7 +243,7 @@ class _Servicer(services.NiDAQmxServicer):
             return messages.GetReadAttributeUInt32Response(value=int(task.waiting.size))
 
     def GetSystemInfoAttributeUInt32(self, request: Any, context: Any) -> Any:  # noqa: N802
-        """Return the version of the driver, which the client looks at."""
+        """Return the version of the driver, which the client checks."""
         del request, context
         return messages.GetSystemInfoAttributeUInt32Response(value=DRIVER_VERSION)
 
@@ -359,8 +359,8 @@ class _Spoiler(grpc.ServerInterceptor):
 class DaqmxSimulator(LineServer):
     """The device server on a TCP port.
 
-    gRPC doesn't tell its service that a client has gone, so clients are passed on to it one by
-    one: with the connection go the client's tasks, as they do where the driver is in the computer.
+    gRPC doesn't report to its service that a client has disconnected, so clients are forwarded to
+    it one by one: the tasks end with the connection, as with a local driver.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class _Order:
 
 
 class WireFaults:
-    """What one endpoint is to do wrong; its simulator asks before every answer.
+    """Ordered faults of one endpoint; its simulator checks them before every answer.
 
     Parameters
     ----------
@@ -138,7 +138,7 @@ class WireFaults:
 
     @property
     def frozen(self) -> bool:
-        """Whether what it states stands still."""
+        """Whether its values are frozen."""
         return self.active("freeze")
 
     @property
@@ -163,7 +163,7 @@ class WireFaults:
 
     @property
     def scale(self) -> float:
-        """By what a value is multiplied; 1 if nothing is wrong."""
+        """Factor of a value; 1 without a fault."""
         return self._amount("scale", 1.0)
 
     def age_s(self) -> float:
@@ -183,7 +183,7 @@ class WireFaults:
             time.sleep(delay_s)
 
     def dropping(self) -> bool:
-        """Tell whether this answer is to be left out."""
+        """Return whether this answer is to be dropped."""
         return self._take("drop") is not None
 
     def garbling(self) -> bool:

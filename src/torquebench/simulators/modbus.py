@@ -46,7 +46,7 @@ class _RefusedError(Exception):
 class ModbusSimulator(LineServer):
     """One simulated instrument on Modbus TCP: functions 1 to 6, 15 and 16.
 
-    Requests may come before earlier ones are answered; answers come in their order.
+    Requests may arrive before earlier ones are answered; answers keep their order.
 
     Parameters
     ----------

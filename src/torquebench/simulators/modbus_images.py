@@ -67,7 +67,7 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
         return {}
 
     def written(self, address: int, values: list[int]) -> None:
-        """Take what was written into holding registers, all or nothing.
+        """Accept a write to holding registers completely or not at all.
 
         Raises
         ------

@@ -48,7 +48,7 @@ class EdgeTap:
         self._blocks.append(block)
 
     def take(self) -> list[EdgeBlock]:
-        """Return what came since the last call, oldest first."""
+        """Return the data since the last call, oldest first."""
         taken, self._blocks = self._blocks, []
         return taken
 
@@ -65,7 +65,7 @@ class AngleTap:
         self._samples.append((time_s, counts))
 
     def take(self) -> tuple[NDArray[np.float64], Ticks]:
-        """Return times and counts of what came since the last call."""
+        """Return times and counts since the last call."""
         taken, self._samples = self._samples, []
         if not taken:
             return np.empty(0), np.empty(0, dtype=np.int64)
@@ -133,7 +133,7 @@ class Plant:
         return True
 
     def reading(self, begins: bool) -> None:
-        """Note that a client of the counter came or went."""
+        """Note that a client of the counter connected or disconnected."""
         with self.lock:
             self._readers += 1 if begins else -1
             self._read_before = True

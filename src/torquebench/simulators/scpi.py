@@ -84,10 +84,10 @@ def _choice(text: str, words: Sequence[str]) -> str:
 
 
 class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
-    """What answers behind the lines: IEEE 488.2's common commands, an error queue, headers.
+    """The instrument that answers: IEEE 488.2's common commands, an error queue, headers.
 
-    Headers come in short or long form, several in a line parted by semicolons, the later ones
-    relative to the path of the one before. Answers of one line come in one line.
+    Headers have their short or long form; several in a line are separated by semicolons, the later
+    ones relative to the path of the one before. Answers to one line are in one line.
 
     Parameters
     ----------
@@ -202,7 +202,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         """Go to how it was when it was switched on."""
 
     def attended(self, begins: bool) -> None:  # noqa: B027 - most do not care
-        """Note that a client came or went."""
+        """Note that a client connected or disconnected."""
 
 
 class ScpiFrequencyCounter(ScpiInstrument):
@@ -261,7 +261,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         }
 
     def attended(self, begins: bool) -> None:
-        """Tell the plant that somebody reads."""
+        """Tell the plant that the counter is being read."""
         self._plant.reading(begins)
 
     @property

@@ -45,7 +45,7 @@ class Served(Protocol):
 
 
 class Simulators:
-    """Serves the twin behind every protocol that a bench description names.
+    """Serves the twin with every protocol of a bench description.
 
     Addresses with port 0 get a free port; `description` then has the true ones, so that a test
     opens its bench from there.

@@ -65,7 +65,7 @@ class Backup:
     problems : list of str
         What couldn't be copied since it is damaged or missing.
     outside : list of str
-        Files that the registry names and that lie outside the data directory.
+        Files in the registry that are outside the data directory.
     """
 
     head: ChainHead
@@ -91,7 +91,7 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
     Raises
     ------
     InputError
-        Where the target is something else, or the registry lies on a server.
+        If the target is something else, or the registry is on a server.
     RecordError
         Where the registry is damaged; an earlier backup stays as it is.
     """
@@ -128,7 +128,7 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
 
 
 def require_file_registry(what: str) -> None:
-    """Refuse to work on the file of a registry that lies on a server."""
+    """Refuse file operations for a registry on a server."""
     if os.environ.get(REGISTRY_URL):
         raise InputError(
             f"{what} of a registry on a server",
@@ -327,7 +327,7 @@ class Restored:
     kept : list of str
         What is newer than the backup and stays.
     aside : pathlib.Path or None
-        Where the replaced ones lie.
+        Folder of the replaced files.
     """
 
     restored: list[str] = field(default_factory=list)
@@ -339,8 +339,8 @@ class Restored:
 def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
     """Bring back what is missing in a data directory, and with `replace` what is damaged.
 
-    Nothing that is there is overwritten: what differs from the backup is named, and with
-    `replace` put aside into a folder of its own. What is newer than the backup stays.
+    Existing files aren't overwritten: files that differ from the backup are listed, and with
+    `replace` moved to a separate folder. What is newer than the backup stays.
 
     Parameters
     ----------

@@ -71,9 +71,9 @@ class Station:
         with Station.open(None, "torquebench-data") as station:
             record = station.run(plan(station.devices), kind="calibrate-output")
 
-    Commands that plans may use beside the usual ones: `Msg("sleep", None, seconds)` (what
-    `bps.sleep` sends) sleeps in bench time; `Msg("progress", None, done, total, detail)`
-    tells the `Progress` given to `run` how many steps are done.
+    Additional commands for plans: `Msg("sleep", None, seconds)` (what `bps.sleep` sends) sleeps in
+    bench time; `Msg("progress", None, done, total, detail)` tells the `Progress` given to `run` how
+    many steps are done.
 
     Attributes
     ----------
@@ -158,7 +158,7 @@ class Station:
         real_time : bool
             Simulated time follows the wall instead of running as fast as it computes.
         operator : OperatorPrompts, optional
-            Who mounts things; the driver's own when not given.
+            Interface to the operator; by default the driver's.
         drivers : DriverSet, optional
             Instruments that are open already; the station closes them. Without them those that
             the description names.
@@ -228,8 +228,8 @@ class Station:
         Raises
         ------
         BenchError
-            A plan under way asks for it: it would wait for itself. Or, when all is closed, a drive
-            isn't off: what is still on, and how much.
+            A running plan calls it and would wait for itself. Or, when all is closed, a drive isn't
+            off: what is still on, and how much.
         """
         if self._closed:
             return
@@ -311,8 +311,8 @@ class Station:
     ) -> RunRecord:
         """Run a plan to its end, with everything it emits kept in a run folder.
 
-        Blocks the caller; `pause`, `resume` and `abort` come from other threads or from Ctrl-C.
-        Whatever happens, the bench is at zero torque when this returns.
+        Blocks the caller; Call `pause`, `resume` and `abort` from other threads; Ctrl-C also
+        pauses. Whatever happens, the bench is at zero torque when this returns.
 
         Parameters
         ----------
@@ -324,8 +324,8 @@ class Station:
         progress : Progress, optional
             Told how many steps of the plan are done, on the engine's thread.
         on_pause : callable, optional
-            Called on the calling thread when a pause is reached; says how to go on. Without it
-            the run waits for `resume` or `abort`.
+            Called on the calling thread when a pause is reached; returns how to continue. Without
+            it the run waits for `resume` or `abort`.
         before_s : float
             Keep what was acquired so long before, too, s; see `Acquisition.remember`.
 
@@ -432,7 +432,7 @@ class Station:
 
     @property
     def alarms(self) -> tuple[StandingAlarm, ...]:
-        """Alarms and warnings that stand, the worst first."""
+        """Active alarms and warnings, the worst first."""
         return self.supervisor.alarms
 
     def _audit_alarm(self, entry: StandingAlarm) -> None:
@@ -501,7 +501,7 @@ class Station:
     def abort(self, reason: str = "") -> None:
         """End the run with zero torque.
 
-        The drives are told directly first, so this works while the event loop is blocked.
+        The drives are commanded directly first, so this works while the event loop is blocked.
         """
         self.supervisor.unload()
         self.drivers.operator.cancel()  # a plan that waits for a person can't end

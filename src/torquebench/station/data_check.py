@@ -52,7 +52,7 @@ def check_data_directory(
     Returns
     -------
     IntegrityReport
-        With one finding a defect. Where the registry can't be read, nothing behind it is compared.
+        With one finding a defect. If the registry can't be read, its files aren't compared.
     """
     findings: list[Finding] = []
     if not os.environ.get(REGISTRY_URL):

@@ -62,10 +62,10 @@ class _Waiting(DuringTask):
 
 
 class BenchEngine:
-    """A bluesky run engine on an event loop of its own, in bench time.
+    """A bluesky run engine on a separate event loop, in bench time.
 
-    A pause is held at the next checkpoint, below the plan: the torque goes to zero, the plan
-    stays where it is and nothing is replayed.
+    A pause takes effect at the next checkpoint, below the plan: the torque goes to zero, the plan
+    waits and isn't replayed.
 
     Parameters
     ----------
@@ -176,9 +176,9 @@ class BenchEngine:
             self.loop.call_soon_threadsafe(resumed.set)
 
     def abort(self, reason: str = "") -> None:
-        """End the plan under way through its own clean-up.
+        """End the running plan with its clean-up.
 
-        On the engine's own thread it ends as soon as the caller lets the engine go on.
+        On the engine's own thread it ends as soon as the caller returns.
         """
         self._reason = reason
         if self.on_own_thread:
@@ -216,8 +216,8 @@ class BenchEngine:
     def watch(self) -> None:
         """Have the supervisor watch that the loop answers and that the plan continues.
 
-        A plan may take its time where it waits for the bench, is held, or has something computed
-        elsewhere; drives without power have nobody watch it.
+        A plan isn't monitored while it waits for the bench, is paused, computes in another process,
+        or while the drives have no power.
         """
 
         def beat() -> None:

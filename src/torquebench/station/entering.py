@@ -21,7 +21,7 @@ SPECIMEN = "specimen"
 
 
 def enter_run(registry: Registry, folder: RunFolder) -> None:
-    """Enter what the registry doesn't know of a run, in one transaction; else do nothing.
+    """Enter the missing entries of a run into the registry, in one transaction.
 
     Parameters
     ----------

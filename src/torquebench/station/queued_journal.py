@@ -17,10 +17,10 @@ LOOK_S = 0.05
 
 
 class QueuedJournal:
-    """Hands blocks to a journal on a thread of its own, in order, and never drops one.
+    """Passes blocks to a journal on a separate thread, in order, without dropping any.
 
-    Where the queue is full the writer waits: acquisition stands, and the supervisor takes that
-    for a stall if it lasts. Where the journal fails the next call raises what it failed with.
+    If the queue is full the writer waits: acquisition stops, which the supervisor treats as a stall
+    if it lasts. If the journal fails, the next call raises its error.
 
     Parameters
     ----------

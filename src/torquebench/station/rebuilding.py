@@ -108,7 +108,7 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
     Raises
     ------
     InputError
-        Where the registry lies on a server, or a bench is open.
+        If the registry is on a server, or a bench is open.
     """
     require_file_registry("rebuilding")
     done = Rebuilt()

@@ -37,7 +37,7 @@ class Recording:
         Folder of all runs.
     kind : str
     metadata : mapping
-        What is known of the run beside what the bench knows of itself.
+        Metadata of the run in addition to the bench's.
     before_s : float
         Keep what was acquired so long before, as far as acquisition remembers it, s.
     """

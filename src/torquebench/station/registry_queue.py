@@ -20,10 +20,10 @@ CLOSE_S = 2.0
 
 
 class RegistryQueue:
-    """Enters runs on a thread of its own, again and again until the registry takes them.
+    """Enters runs on a separate thread, with retries until the registry accepts them.
 
-    What waits is in the runs' folders, so nothing is lost where the process ends first: the next
-    start finds it there.
+    Waiting entries are in the runs' folders, so they aren't lost if the process ends first: the
+    next start enters them.
 
     Parameters
     ----------

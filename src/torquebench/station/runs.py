@@ -19,7 +19,7 @@ ExitStatus = Literal["success", "abort", "fail"]
 
 @dataclass(frozen=True)
 class RunRecord:
-    """What is left of a run: its folder and how it ended.
+    """Result of a run: its folder and how it ended.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ class RunRecord:
     interruptions : int
         How often it was paused.
     alarms : tuple of Alarm
-        Alarms that came up meanwhile.
+        Alarms during the run.
     metadata : mapping
         What was known when it started.
     """

@@ -58,11 +58,11 @@ class RecoveredRun:
 
 
 def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
-    """Seal what was left open, and enter what the registry doesn't know of runs measured here.
+    """Seal unsealed runs, and enter missing entries of this bench's runs into the registry.
 
-    Complete documents and samples are kept, incomplete ends are cut off and counted; nothing is
-    filled in. A run that another process holds is left alone. The person who calls this owns the
-    data directory (`BenchLock`): a run that is just being begun isn't held yet.
+    Complete documents and samples are kept, incomplete ends are cut off and counted. A run that
+    another process has locked is skipped. The caller must hold the data directory's lock
+    (`BenchLock`): a run that is just beginning isn't locked yet.
     """
     found = [_recovered(registry, run) for run in unentered_folders(registry)]
     runs = registry.root / "runs"

@@ -83,7 +83,7 @@ class BitWriter:
         self.length += width
 
     def data(self) -> bytes:
-        """Return the bits as bytes, zeros behind the last."""
+        """Return the bits as bytes, padded with zeros."""
         return self._bits.to_bytes((self.length + 7) // 8, "little")
 
 
@@ -206,7 +206,7 @@ class Single:
 
 @dataclass(frozen=True)
 class Constant:
-    """A number in equal steps (ConRes); the highest code says that it isn't known."""
+    """A number in equal steps (ConRes); the highest code means unknown."""
 
     width: int
     start: float
@@ -237,7 +237,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Logarithmic:
-    """A number in equal relative steps (ConRelRes); the highest code says that it isn't known."""
+    """A number in equal relative steps (ConRelRes); the highest code means unknown."""
 
     width: int
     start: float

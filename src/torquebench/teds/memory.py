@@ -37,7 +37,7 @@ def read_memory(content: bytes, *, checksums: bool = True) -> bytes:
     Raises
     ------
     InputError
-        When a page's checksum is wrong, pages are cut off, or nothing is there.
+        If a page's checksum is wrong, pages are cut off, or the memory is empty.
 
     Examples
     --------

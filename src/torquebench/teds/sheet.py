@@ -64,7 +64,7 @@ class Sheet:
     free : str
         Free bits of the user in place of a text, the first bit first.
     unread : Unread or None
-        What comes behind the last known section.
+        Content after the last known section.
     """
 
     basic: Mapping[str, Any]

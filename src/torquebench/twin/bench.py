@@ -160,7 +160,7 @@ class BenchTwin:
     def set_mode(self, side: Side, mode: Mode) -> None:
         """Couple the drive ("driven"), let the flange turn freely ("free") or lock the shaft.
 
-        A locked shaft is held behind the transducer, so the transducer reads the reaction.
+        A locked shaft is held beyond the transducer, so the transducer measures the reaction.
         """
         index = _index(side)
         if mode not in MODES:
@@ -204,7 +204,7 @@ class BenchTwin:
             self.mount("reducer")
 
     def enable(self, side: Side, enabled: bool) -> None:
-        """Enable or disable a drive; a disabled drive gives no torque. Commands are forgotten."""
+        """Enable or disable a drive; a disabled drive gives no torque. Commands are cleared."""
         self._enabled[_index(side)] = enabled
         self._forget(side)
 
@@ -364,8 +364,8 @@ class BenchTwin:
         duration_s : float
             How long.
         drive : callable, optional
-            Gives commands while the block runs: called with the time that is left, s, it returns
-            when it wants to be called again. As many shorter blocks give the same, with more work.
+            Gives commands while the block runs: called with the remaining time, s, it returns the
+            time until its next call. As many shorter blocks give the same, with more work.
         """
         if not duration_s > 0.0:
             raise InputError(f"duration {duration_s} s", "a duration above 0 s")

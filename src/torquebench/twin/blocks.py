@@ -87,7 +87,7 @@ class AngleSamples(NamedTuple):
 
 @dataclass(frozen=True)
 class Truth:
-    """What no real bench knows; for tests and for figures marked "simulated".
+    """True values, unknown on a real bench; for tests and for figures marked "simulated".
 
     Attributes
     ----------
@@ -117,7 +117,7 @@ class TwinBlock:
     start_tick, stop_tick : int
         Interval covered, ticks since the twin's start: start_tick <= tick < stop_tick.
     timebase_hz : float
-        Nominal ticks per second. The clock's own error is inside the ticks.
+        Nominal ticks per second. The ticks contain the clock's error.
     edges : dict of channel to int64[n]
         Rising edges of every active channel, absolute ticks, strictly increasing. The reference
         channels are silent (empty) unless the calibrator or the verification standard is mounted.
@@ -141,7 +141,7 @@ class TwinBlock:
 
 @dataclass(frozen=True)
 class Nameplate:
-    """What a transducer's data sheet says; the twin's device differs from it.
+    """Values of a transducer's data sheet; the twin's device deviates from them.
 
     Attributes
     ----------

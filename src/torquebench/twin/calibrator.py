@@ -50,7 +50,7 @@ class ReferenceConstants(NamedTuple):
 
 @dataclass(frozen=True)
 class ReferenceParameters:
-    """One reference transducer with its true errors and what its certificate says.
+    """One reference transducer with its true errors and its certificate.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ def draw_reference(
     Parameters
     ----------
     generator : numpy.random.Generator
-        Where the draws come from.
+        Generator of the draws.
     constants : ReferenceConstants
         Scalars.
     largest_error : float
@@ -102,7 +102,7 @@ def draw_reference(
     certificate_noise : float
         Relative standard deviation of the certificate's entries.
     interpolation_error : float
-        Relative standard deviation of what lies between the points.
+        Relative standard deviation between the points.
     """
     per_side = round(TABLE_END * CERTIFIED_POINTS) * _KNOTS_PER_POINT
     relative = np.linspace(-TABLE_END, TABLE_END, 2 * per_side + 1)

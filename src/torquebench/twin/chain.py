@@ -66,7 +66,7 @@ class ChainConstants(NamedTuple):
 
 
 def without_chain(chain: ChainConstants) -> ChainConstants:
-    """Return the constants of nothing between transducer and flange: a transducer alone."""
+    """Return the constants without a chain between transducer and flange: a transducer alone."""
     return chain._replace(
         constant_nm=(0.0, 0.0),
         linear=(0.0, 0.0),

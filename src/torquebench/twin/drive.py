@@ -53,7 +53,7 @@ class DriveConstants(NamedTuple):
     drag_nm, drag_viscous_nm_s : float
         Bearing drag of the motor; the torque control makes up for it.
     motor_inertia_kgm2, flange_inertia_kgm2 : float
-        Inertia before and behind the transducer.
+        Inertia before and after the transducer.
     stiffness_nm_rad, damping_nm_s : float
         Transducer, shaft and spline in series.
     encoder_compliance_rad_nm : float
@@ -91,7 +91,7 @@ class DriveConstants(NamedTuple):
 
 
 class Loading:
-    """Loading accuracy of a drive: what a command gives differs from what it asks for.
+    """Loading accuracy of a drive: deviation of the torque from the command.
 
     The random part follows the commanded torque: the same command again gives the same torque, a
     command some per cent of the range away draws again. So a ramp of many small commands stays a
@@ -114,7 +114,7 @@ class Loading:
     def error(self, torque_nm: float) -> float:
         """Deviation of the torque that a command gives, N·m.
 
-        Within 0.1 % of the range on a healthy bench; none at zero, where the drive gives nothing.
+        Within 0.1 % of the range on a sound bench; none at zero.
         """
         drive = self._drive
         change = abs(torque_nm - self._commanded_nm) / drive.range_nm
@@ -156,7 +156,7 @@ def drive_torque(
     target : float
         Torque (N·m, error included) or speed (rad/s).
     inertia_kgm2 : float
-        What the speed control believes to turn.
+        Inertia assumed by the speed controller.
     motor_angle_rad, motor_speed_rad_s, time_s, step_s : float
         Present state of the motor, and the step.
     normal : float

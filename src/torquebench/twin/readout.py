@@ -51,7 +51,7 @@ def new_sources(
     timebase_hz: float,
     step_ticks: int,
 ) -> dict[Channel, EdgeSource]:
-    """Pulse trains of all channels, each with its own generator of jitter."""
+    """Pulse trains of all channels, each with its own jitter generator."""
     sources = {}
     for channel, generator in zip(CHANNELS, generators, strict=True):
         side = parameters.input if side_of(channel) == "input" else parameters.output

@@ -157,7 +157,7 @@ def true_efficiency(
 def true_starting_nm(reducer: ReducerConstants, temperature_c: float) -> float:
     """Torque at the input at which it begins to turn, output free, N·m.
 
-    The drag at the output grows with its speed from nothing, so at standstill it holds nothing.
+    The drag at the output is proportional to its speed, so it is zero at standstill.
     """
     coulomb, _ = red.temperature_factors(reducer, temperature_c)
     return float(red.friction_level(reducer, 0.0, 0.0, coulomb))

@@ -63,7 +63,7 @@ def draw_reducer(
     Parameters
     ----------
     generator : numpy.random.Generator
-        Where the draws come from.
+        Generator of the draws.
     name : {"standard", "rv-40e", "harmonic-20"}
         The preset.
     wear : float

@@ -168,7 +168,7 @@ def transducer_signal(
     torque_nm, temperature_c, speed_rad_s : float
         Torque at the transducer, its temperature, the shaft's speed.
     elapsed_s : float
-        Time since the step before; 0 leaves creep and wander alone.
+        Time since the previous step; 0 keeps creep and wander unchanged.
     normal : float64[NOISES]
         Standard normal numbers; zeros give the noise-free signal.
 

@@ -69,7 +69,7 @@ class TurningConstants(NamedTuple):
     zero_square_s2, zero_odd_s : float
         Zero by the square of the speed, and by its direction.
     stribeck_nm, stribeck_rad_s : float
-        Drag that turning takes away, and the speed at which most of it is gone.
+        Drag that decreases with speed, and the speed at which most of it is gone.
     power_nm, power_exponent, largest_speed_rad_s : float
         Drag by a power of the share of the largest speed.
     load : float

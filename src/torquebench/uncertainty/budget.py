@@ -144,7 +144,7 @@ class Budget:
     unit : str
         Unit of the result.
     cautions : tuple of str
-        Where an assumption behind the numbers does not hold strictly.
+        Assumptions of the numbers that don't hold strictly.
     """
 
     value: float

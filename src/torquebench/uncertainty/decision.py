@@ -19,7 +19,7 @@ __all__ = ["Decision", "Tolerance", "Verdict", "conformance_probability", "decid
 class Verdict(StrEnum):
     """Non-binary statement of conformity with a guard band (ILAC-G8:09/2019, 4.2.3).
 
-    The members stand in order of severity. The values are the digital calibration certificate's
+    The members are in order of severity. The values are the digital calibration certificate's
     conformity values; ``NONE`` is for what has no limit.
     """
 
@@ -36,7 +36,7 @@ class Verdict(StrEnum):
 
     @property
     def failed(self) -> bool:
-        """Whether the value lies outside its tolerance, conditionally or beyond doubt."""
+        """Whether the value is outside its tolerance, conditionally or certainly."""
         return self in (Verdict.CONDITIONAL_FAIL, Verdict.FAIL)
 
     @property

@@ -52,7 +52,7 @@ class MonteCarloResult:
     interval_kind : {"symmetric", "shortest"}
         Probabilistically symmetric, or shortest.
     trials : int
-        Number of draws behind the numbers.
+        Number of draws.
     tolerance : float
         Numerical tolerance that the adaptive procedure had to reach.
     converged : bool

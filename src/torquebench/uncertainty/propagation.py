@@ -65,8 +65,8 @@ def propagate(
     Budget
         Result, combined standard uncertainty, effective degrees of freedom and contributions.
         Welch-Satterthwaite holds for independent estimates only: a group that is correlated or
-        shares its estimate counts as one contribution. Where its members' degrees of freedom
-        differ, the smallest is taken, which is cautious, and the budget says so.
+        shares its estimate counts as one contribution. If its members' degrees of freedom differ,
+        the smallest is used, which is cautious, and the budget states that.
 
     Raises
     ------

@@ -42,7 +42,7 @@ def stated(value: float, expanded: float) -> tuple[str, str]:
     Returns
     -------
     tuple of str
-        Both, without unit; a value whose uncertainty says nothing about its digits has five.
+        Both, without unit; a value whose uncertainty doesn't determine its digits has five.
 
     Examples
     --------
