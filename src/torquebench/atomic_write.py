@@ -65,8 +65,8 @@ def atomic_write(path: Path, content: str | bytes, *, private: bool = False) -> 
 def atomic_file(path: Path, *, private: bool = False) -> Iterator[IO[bytes]]:
     """Yield a binary file whose content replaces that of a path when the block ends without error.
 
-    Parameters and errors are those of `atomic_write`. What is written to a device, a pipe or
-    standard output goes there at once.
+    Parameters and errors are those of `atomic_write`. Writes to a device, a pipe or standard output
+    are direct.
     """
     with _worded(path):
         target = _target(path)
@@ -93,7 +93,7 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
     ----------
     path : pathlib.Path
     ending : str, optional
-        What the yielded name ends in, for libraries that look at it.
+        Ending of the yielded name, for libraries that need it.
     """
     with _worded(path):
         target = _target(path)
@@ -113,7 +113,7 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
 def private_folder(folder: Path) -> None:
     """Make a folder, with those above it, that nobody but its owner may look into.
 
-    One that exists stays as it is: the person who shares it has decided so.
+    The permissions of an existing folder aren't changed.
     """
     for each in (*reversed(folder.parents), folder):
         if not each.is_dir():

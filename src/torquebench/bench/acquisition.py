@@ -76,7 +76,7 @@ class Acquisition:
     description : BenchDescription
     drivers : DriverSet
     clock : BenchClock
-        Acquisition drives it: bench time is what was acquired.
+        Acquisition advances it: bench time is the acquired time.
     supervisor : SafetySupervisor
     commands : CommandState
     """
@@ -325,7 +325,7 @@ class Acquisition:
         """Keep blocks here from the next one on; None ends it.
 
         When this returns, the journal before has every block until now, and gets no further one.
-        With `before_s` the new one first gets the remembered blocks of so long before.
+        With `before_s` the new one first gets the stored blocks of that time before.
         """
         with self._release_lock:
             failure = self._release()

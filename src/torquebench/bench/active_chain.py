@@ -51,7 +51,7 @@ StreamPart = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class StreamReadings:
-    """Windows of blocks that follow each other, with what was measured beside them.
+    """Windows of consecutive blocks, with the other measured quantities.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class StreamReadings:
 
 
 class ActiveChain:
-    """Compensates a side's stream once, and keeps what it stated over the last two minutes.
+    """Compensates a side's stream once, and keeps the results of the last two minutes.
 
     Blocks are to be handed over once and in order. For a model with branches of a hysteresis loop,
     the branch of a reading follows from the readings before it; after the start, a gap or a fault
@@ -146,12 +146,12 @@ class ActiveChain:
 
     @property
     def corrects_rotation(self) -> bool:
-        """Whether it corrects what turning does to zero and drag."""
+        """Whether it corrects the effect of rotation on zero and drag."""
         measured = any(isinstance(each, MeasuredRotation) for each in self.chain.stored)
         return measured and "rotation" not in self.chain.switches
 
     def warm_up(self) -> None:
-        """Compile what the first block would have to wait for; the past stays unknown."""
+        """Compile the kernels before the first block needs them; the past stays unknown."""
         self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
 
     def push(self, readings: StreamReadings) -> Torque:

@@ -61,7 +61,7 @@ class AuditLog:
     Attributes
     ----------
     on_failure : callable
-        Called with what a line couldn't be written for, once until a line is written again.
+        Called with the reason why a line couldn't be written, once until a line is written again.
     """
 
     def __init__(
@@ -106,7 +106,7 @@ class AuditLog:
     ) -> Mapping[str, Any]:
         return {**event, "bench_time_s": round(self._bench_time(), 6)}
 
-    # -- what is bound ----------------------------------------------------------------------
+    # -- context ----------------------------------------------------------------------------
 
     def bind(self, **values: str) -> None:
         """Bind every further line to these values too."""
@@ -132,7 +132,7 @@ class AuditLog:
                 self._part = None
 
     def write(self, event: str, /, **values: Any) -> None:
-        """Append a line: what happened, and its values."""
+        """Append a line: an event and its values."""
         self._logger.info(event, **values)
 
     def write_soon(self, event: str, /, **values: Any) -> None:

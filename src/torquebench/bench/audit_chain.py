@@ -101,14 +101,14 @@ def audit_end(path: Path) -> AuditEnd:
 
 @dataclass
 class AuditCheck:
-    """What a comparison of the log with its chain found.
+    """Result of a comparison of the log with its chain.
 
     Attributes
     ----------
     lines : int
         Lines that were compared.
     problems : list of (str, str)
-        Where, and what is wrong there; empty where the log is as it was written.
+        Place and defect; empty if the log is unchanged.
     """
 
     lines: int = 0
@@ -116,7 +116,7 @@ class AuditCheck:
 
 
 def check_audit(folder: Path, noted: Iterable[tuple[AuditEnd, str]] = ()) -> AuditCheck:
-    """Compare every line of the log with its chain, and the chain with what was noted of it.
+    """Compare every line of the log with its chain, and the chain with its recorded ends.
 
     Parameters
     ----------

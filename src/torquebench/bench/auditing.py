@@ -57,7 +57,7 @@ class AuditedDrive:
     side : {"input", "output"}
     log : AuditLog
     by : {"procedure", "supervisor", "doctor"}
-        Who commands it through this object.
+        The origin of commands through this object.
     gate : callable
         See `CommandGate`; for the supervisor it is always open.
     ramp_s : float
@@ -239,7 +239,7 @@ def audited(
     drivers : DriverSet
     log : AuditLog
     by : {"procedure", "supervisor", "doctor"}
-        Who commands the drives through the result.
+        The origin of commands through the result.
     gate : callable
     ramp_s : float
         As in `AuditedDrive`.

@@ -18,7 +18,7 @@ class CertificateRow:
     Parameters
     ----------
     place : str
-        What file, and which line of it.
+        File and line.
     cells : mapping
         Texts by column.
     """
@@ -56,9 +56,9 @@ def read_rows(
     columns : tuple of str
         Columns that have to be there.
     kind : str
-        What to call the file in errors.
+        Name of the file in errors.
     remedy : str
-        Where the file's name is to be corrected.
+        Place where the file's name is set.
 
     Raises
     ------

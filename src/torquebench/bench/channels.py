@@ -230,7 +230,7 @@ class _FineWindows:
         self._remaining_s = KEPT_S
 
     def prolong(self) -> None:
-        """Go on for as long as a ring keeps."""
+        """Continue for the ring's duration."""
         self._remaining_s = KEPT_S
 
     def push(self, edges: EdgeBlock, scale: FrequencyScale) -> TorqueSamples:
@@ -274,7 +274,7 @@ def open_channel(
 def certificates(
     description: BenchDescription, drivers: DriverSet, mounting: Mounting
 ) -> dict[Side, ReferenceCertificate]:
-    """Certificates of a mounted standard: the description's file, or what the driver brings."""
+    """Certificates of a mounted standard: from the description's file, or from the driver."""
     standard = description.standard(mounting)
     if standard is not None and standard.certificate is not None:
         return read_certificate(standard.certificate)

@@ -73,7 +73,8 @@ class BenchClock:
     def present(self) -> float:
         """Present bench time, s, by the counter or the block with the smallest delay.
 
-        What was acquired last ends before it: a block takes its time, more on a busy computer.
+        The last acquired block ended earlier: acquiring a block takes time, more on a busy
+        computer.
         """
         if self.fast:
             return self._now_s
@@ -229,7 +230,7 @@ class BenchClock:
         time_s : float
         behind_s : float, optional
             Delay of bench time to the wall clock (`time.monotonic`), s, if the counter states it;
-            otherwise estimated from this block. What was least counts.
+            otherwise estimated from this block. The smallest delay counts.
         """
         with self._condition:
             drifted_s = self._behind_s + LARGEST_DRIFT * (time_s - self._now_s)

@@ -135,7 +135,7 @@ class EncoderDescription(_Section):
 class GuideRailDescription(_Section):
     """The rail that carries the input module: drawn back to mount, at its end to measure.
 
-    With a section `[driver.guide_rail]` it is moved and watched; without one it is moved by hand.
+    With a section `[driver.guide_rail]` it is moved and monitored; without one it is moved by hand.
     """
 
     serial: Text
@@ -144,7 +144,7 @@ class GuideRailDescription(_Section):
 
 
 class PowerSupplyDescription(_Section):
-    """What feeds the drives; with a section `[driver.power_supply]` its contact is watched."""
+    """The drives' power supply; with a section `[driver.power_supply]` its contact is monitored."""
 
     serial: Text
     model: Text = "unknown"
@@ -153,7 +153,7 @@ class PowerSupplyDescription(_Section):
 
 
 class LimitsDescription(_Section):
-    """What must never be exceeded on one side; the supervisor acts on it by itself.
+    """Absolute limits of one side, enforced by the supervisor.
 
     `angle_deg` is how far a side may turn from where it was switched on; rates are how fast
     torque and speed may change. Those that aren't given aren't watched.
@@ -171,9 +171,9 @@ class ModuleDescription(_Section):
     """One module: range, transducer, drive, encoder, limits and its transducer's probe.
 
     `flange_inertia_kgm2` is that of all that turns between the transducer's measuring section and
-    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops subtract
-    what the output's flange takes to move. Unknown if it isn't given. `bearing_drag_percent` is
-    the limit of the drag of bearings between transducer and flange.
+    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops subtract the
+    torque that accelerates the output's flange. Unknown if it isn't given. `bearing_drag_percent`
+    is the limit of the drag of bearings between transducer and flange.
     """
 
     range_nm: Torque
@@ -220,7 +220,7 @@ class CounterDescription(_Section):
 
     @property
     def identity(self) -> str:
-        """Which counter and clock: calibration and measurement must agree on it."""
+        """The counter and its clock: calibration and measurement must use the same ones."""
         return f"{self.serial}/{self.clock}"
 
     @model_validator(mode="after")
@@ -261,7 +261,7 @@ class StandardDescription(_Section):
 
 
 class SafetyDescription(_Section):
-    """How the supervisor watches and acts.
+    """Settings of the supervisor.
 
     `look_s` is the interval of the signals' fast checks in real time. A warning is raised at
     `warning_percent` of a limit, and a level ends `hysteresis_percent` of the limit below it. With
@@ -298,7 +298,7 @@ class RecordingDescription(_Section):
 
 
 class ConditionsDescription(_Section):
-    """Between which limits the bench is used: what counts where a circumstance isn't measured.
+    """Limits of the bench's conditions, used if a condition isn't measured.
 
     A zero is taken again at least every `zero_interval_h`, a calibration every
     `calibration_interval_days`; transducers stay between the two temperatures.
@@ -462,7 +462,7 @@ def parse_bench(text: str, source: str = "bench.toml") -> BenchDescription:
     text : str
         The file's text.
     source : str
-        What messages call the file.
+        Name of the file in messages.
 
     Raises
     ------

@@ -58,7 +58,7 @@ class BlockEvaluator:
         self._accelerations = {side: EncoderAcceleration() for side in SIDES}
 
     def block(self, index: int, raw: CounterBlock, channels: Sequence[Channel]) -> AcquiredBlock:
-        """Return what a block of edges states, compensation and acceleration aside.
+        """Return the evaluated block, without compensation and acceleration.
 
         Parameters
         ----------

@@ -33,7 +33,7 @@ class LoopActivity:
         self._sent += 1
 
     def received(self) -> None:
-        """Note that what woke the loop was run (on the loop)."""
+        """Note that the callback that woke the loop has run (on the loop)."""
         self._received += 1
 
     def waits(self, waiting: bool) -> None:

@@ -18,7 +18,7 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
     ----------
     description : BenchDescription
     identities : iterable of Identity
-        What the instruments say of themselves. Roles without a serial number in the description (a
+        Identities stated by the instruments. Roles without a serial number in the description (a
         read-out) aren't compared.
 
     Raises

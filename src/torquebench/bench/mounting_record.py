@@ -29,7 +29,7 @@ class MountingRecord(BaseModel):
     duration_min : float or None
         Time to mount and align, min.
     lubricant : str
-        Type of what lubricates the mounted part.
+        Lubricant of the mounted part.
     lubricant_amount_g, lubricant_hours : float or None
         How much was filled in, g, and for how long it has run since, h.
     by : str
@@ -70,11 +70,11 @@ class MountingRecord(BaseModel):
         return self.coaxiality_mm <= COAXIALITY_LIMIT_MM
 
     def entered(self) -> dict[str, Any]:
-        """Return what was entered, by name."""
+        """Return the entered values, by name."""
         return self.model_dump(exclude_defaults=True)
 
     def stated(self) -> dict[str, str]:
-        """Return what is stated of it, in figures that need no translation, by key."""
+        """Return its statements, by key, in figures that need no translation."""
         found: dict[str, str] = {}
         if self.coaxiality_mm is not None:
             sign = "≤" if self.within_limit else ">"
@@ -101,7 +101,7 @@ class MountingRecord(BaseModel):
         return None if not found else cls.model_validate(found)
 
     def metadata(self) -> dict[str, Any]:
-        """Return what a run's record keeps of it."""
+        """Return its entry in a run's record."""
         return {MOUNTED: self.entered()}
 
 

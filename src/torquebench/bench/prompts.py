@@ -22,9 +22,9 @@ class Prompt:
     Parameters
     ----------
     number : int
-        Which question it is; an answer names it. No number comes again after a restart.
+        Number of the question, which an answer must state. No number comes again after a restart.
     text : str
-        What is to be done.
+        The request.
     """
 
     number: int
@@ -148,11 +148,11 @@ class QueuedOperator:
         self._mounted = mounting
 
     def mounted(self) -> Mounting:
-        """Tell what is between the flanges, by the last confirmation."""
+        """Return the mounting between the flanges, by the last confirmation."""
         return self._mounted
 
     def seat(self, seating: Seating) -> None:
-        """Ask for what is mounted to be turned or seated again."""
+        """Request that the mounted part is turned or seated again."""
         what = self._mounted.replace("_", " ")
         if seating.change == "rotation":
             self.prompts.ask(f"Rotate the {what} to {seating.position_deg:g}° and seat it again.")

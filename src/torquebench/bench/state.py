@@ -21,7 +21,7 @@ class SetPoint:
     Parameters
     ----------
     quantity : {"torque", "speed"}
-        What the drive controls from then on.
+        Controlled quantity from then on.
     value : float
         N·m or rad/s.
     rate : float

@@ -50,7 +50,7 @@ def cells(data: CalibrationData, torque: Torque) -> tuple[Cell, ...]:
     ----------
     data : CalibrationData
     torque : Torque
-        What the measuring chain states of its points.
+        Torque of the measuring chain at its points.
 
     Examples
     --------

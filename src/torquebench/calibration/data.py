@@ -56,7 +56,7 @@ class CalibrationData:
     side : str
         ``"input"``, ``"output"`` or empty.
     transducer_serial, counter_identity : str
-        Which transducer was read and which clock timed it; empty where unknown.
+        Serial number of the transducer, and timebase; empty if unknown.
     nominal_nm : array of float, shape (n,), optional
         Target torque of the step, in N·m.
     position_deg : array of float, shape (n,), optional
@@ -164,8 +164,7 @@ class CalibrationData:
     def direction(self) -> NDArray[np.int8]:
         """+1 clockwise, -1 counter-clockwise, 0 unloaded, as commanded; shape (n,).
 
-        A table without nominal torques doesn't say what was commanded: there it is a guess from
-        the standard, which `notes` names.
+        Without nominal torques it is estimated from the standard, which `notes` states.
         """
         if self.nominal_nm is not None:
             return np.sign(self.nominal_nm).astype(np.int8)
@@ -174,7 +173,7 @@ class CalibrationData:
 
     @property
     def unloaded(self) -> NDArray[np.bool_]:
-        """Which points were commanded to be without torque; shape (n,)."""
+        """Points with a commanded torque of zero; shape (n,)."""
         return np.asarray(self.direction == 0)
 
     @property
@@ -239,8 +238,8 @@ class CalibrationData:
         Parameters
         ----------
         columns : int, optional
-            How many columns of `torquebench.compensation.FEATURES` X gets: as many as the model
-            was fitted to. By default three: reading, branch and series.
+            Number of columns of `torquebench.compensation.FEATURES` in X: as many as the model was
+            fitted to. By default three: reading, branch and series.
 
         Returns
         -------

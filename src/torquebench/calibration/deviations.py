@@ -66,11 +66,11 @@ class CalibrationRecord:
     performed : datetime.datetime
         When, with time zone.
     reference : ReferenceStandard
-        What the points were measured against.
+        The reference standard of the points.
     unsettled : int
         Points that still drifted when their waiting time was over.
     changes : tuple of str
-        What was found changed in the record after it was sealed; empty for an intact one.
+        Changes of the record after it was sealed; empty for an intact one.
     """
 
     data: CalibrationData
@@ -87,7 +87,7 @@ class Deviation:
     Parameters
     ----------
     kind : str
-        Which key of the profile's table ``[deviations]`` decides about it.
+        Its key in the profile's table ``[deviations]``.
     clause : str
         Key path of the profile's setting that is broken, such as
         ``"loading.step_tolerance_percent"``.
@@ -98,7 +98,7 @@ class Deviation:
     key : str
         Key of the sentence `found`, for translations.
     values : mapping of str to str or number
-        What that sentence is filled with.
+        Values in that sentence.
     """
 
     kind: DeviationKind
@@ -129,7 +129,7 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
     record : CalibrationRecord
         The calibration; see `assign_nominal` for a table without nominal torques.
     profile : Profile
-        What it was to follow.
+        The profile to be followed.
 
     Returns
     -------

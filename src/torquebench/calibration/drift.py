@@ -258,9 +258,9 @@ def predict_drift(
         When each value was found, at least 3 different ones.
     values : array of float, shape (n,)
     tolerance : float
-        Half width of what is allowed, in the unit of the values.
+        Tolerance, in the unit of the values.
     centre : float
-        Middle of what is allowed.
+        Centre of the tolerance.
     level : float
         Of the prediction interval.
     horizon_years : float

@@ -103,7 +103,7 @@ class StaticEvaluation:
     mean : array of float, shape (m,)
         Mean deflection X̄ of the increasing series in different positions.
     positions : int
-        In how many positions, n.
+        Number of positions, n.
     span, sensitivity : float
         X̄ at the largest torque, and the same per N·m.
     repeatability_percent : array of float, shape (m,), or None

@@ -99,7 +99,7 @@ class Split:
     span_percent, span_expanded_percent : float
         The same in proportion to the torque.
     seen_nm : float
-        By how much the points contradict each other, N·m: what no smooth curve takes up.
+        Size of the contradiction, N·m: the part that no smooth curve describes.
     """
 
     first: int
@@ -125,7 +125,7 @@ class Contradiction:
     found, allowed : str
         With values and units.
     cause : str
-        What may have happened.
+        Possible causes.
     """
 
     kind: ContradictionKind
@@ -173,9 +173,9 @@ def find_contradictions(
     limits : Plausibility
         Of the profile.
     torque_nm : array of float, shape (n,), optional
-        What the fitted model makes of each reading.
+        Compensated torque of each reading by the fitted model.
     before_nm : array of float, shape (n,), optional
-        What the model in use so far makes of it; NaN where that doesn't reach.
+        The same by the previous model; NaN where that doesn't reach.
 
     Returns
     -------

@@ -60,7 +60,7 @@ class Zero(_Settings):
 
 
 class Preload(_Settings):
-    """How often a preload is applied and removed before the first series of a position.
+    """Number of preloads before the first series of a position.
 
     `percent` is its torque in % of full scale, by default 100.
     """
@@ -73,12 +73,12 @@ class Preload(_Settings):
 
 
 class Loading(_Settings):
-    """Which steps are loaded, how long, and how often.
+    """Loaded steps, their duration and their repeats.
 
     Exactly one of `step_percent` and `steps_percent` is given, in % of full scale; for random
-    points `step_percent` is the grid that they keep off, and `up_to_percent` what full scale and
-    grid are brought down to; with `same_points` all groups have the same. A step may be loaded
-    `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
+    points `step_percent` is the grid that they keep off, and `up_to_percent` the largest torque, to
+    which full scale and grid are scaled; with `same_points` all groups have the same. A step may be
+    loaded `step_tolerance_percent` off its nominal torque: % of the step, or of the range.
     """
 
     pattern: Literal["ladder", "cycle", "random"]
@@ -126,7 +126,7 @@ class Loading(_Settings):
 
 
 class Position(_Settings):
-    """One mounting position: what was changed to reach it and which series are loaded in it."""
+    """One mounting position: the change before it and its series."""
 
     position_deg: float = 0.0
     change: Change = "none"
@@ -134,7 +134,7 @@ class Position(_Settings):
 
 
 class Environment(_Settings):
-    """How steady the surroundings must be from the first point to the last."""
+    """Required stability of the environment from the first to the last point."""
 
     temperature_drift_k: Annotated[float, Field(gt=0, le=50)] = 1.0
 
@@ -146,7 +146,7 @@ class Reference(_Settings):
 
 
 class Deviations(_Settings):
-    """What a certificate does with a deviation from the profile, by its kind.
+    """Treatment of deviations from the profile in a certificate, by kind.
 
     A record that was changed later is always refused: its original content is unknown.
     """
@@ -161,7 +161,7 @@ class Deviations(_Settings):
 
 
 class Interruption(_Settings):
-    """How a calibration that was interrupted may go on.
+    """Conditions for resuming an interrupted calibration.
 
     ``series`` repeats the interrupted series, ``position`` everything in its mounting position,
     ``never`` the whole calibration. It continues within `longest_h` hours, or not at all.
@@ -243,7 +243,7 @@ class Profile(_Settings):
         return self.loading.percents()[-1]
 
     def within(self, percent: float) -> Self:
-        """Return the profile, brought down to what was calibrated, in % of full scale.
+        """Return the profile, scaled down to the calibrated range, in % of full scale.
 
         A calibration to 90 % or more is treated as one to full scale, and changes nothing.
 
@@ -314,12 +314,12 @@ class Profile(_Settings):
         rising_only : bool, optional
             Load rising series only, as the rapid calibration's source does (ladders only).
         repeats : int, optional
-            How often every series is loaded.
+            Number of repeats of every series.
         step_percent : float, optional
             Width of the steps in % of full scale.
         up_to_percent : float, optional
             Largest step and preload in % of full scale, at most as the profile has it; all steps
-            shrink with it. For what loads a module with a small part of its range only.
+            shrink with it. For applications that use only a small part of a module's range.
         duration_s : float, optional
             Duration of each step in s.
         groups : int, optional

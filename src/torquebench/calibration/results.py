@@ -27,7 +27,7 @@ class SideBySide:
     classification : Classification or None
         By |f_q| against the fixed scale; None where a quantity that a class needs wasn't measured.
     unclassified : str
-        Which one, where there is no class.
+        The reason, if there is no class.
     """
 
     evaluation: StaticEvaluation
@@ -105,7 +105,7 @@ def calibration_results(
     torque_nm : array of float, shape (n,), optional
         Compensated torque at every point.
     degree : int, default 3
-        Of the interpolation; lower where there are too few steps for it.
+        Degree of the interpolation; lower with too few steps.
 
     Raises
     ------

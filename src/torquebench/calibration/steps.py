@@ -20,7 +20,7 @@ class Step(BaseModel):
         A zero is read unloaded and subtracted; preloads and turns are loaded and not recorded;
         a point is recorded.
     series : int
-        Number of the series, from 1; 0 for what comes before the first series.
+        Number of the series, from 1; 0 before the first series.
     index : int
         Number of the point in its series, from 0; -1 where the step isn't recorded.
     target_nm : float
@@ -34,7 +34,7 @@ class Step(BaseModel):
     position_deg : float
         Mounting position in degrees.
     change : {"none", "rotation", "re-seat"}
-        What the operator changes before this step.
+        Change by the operator before this step.
     """
 
     model_config = ConfigDict(frozen=True, extra="forbid")

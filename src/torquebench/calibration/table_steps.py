@@ -28,7 +28,7 @@ class EvaluablePoints:
     of_profile : bool
         Whether those are the profile's steps; otherwise the table's own.
     remarks : tuple of str
-        What was omitted, and why.
+        Omitted points, and why.
     """
 
     data: CalibrationData | None
@@ -47,7 +47,7 @@ def evaluable_points(
     Parameters
     ----------
     data : CalibrationData
-        The table as it was read.
+        The table as read.
     nominal : CalibrationData
         The same with the profile's steps, as from `assign_nominal`.
     profile : Profile

@@ -51,7 +51,7 @@ class ErrorSummary:
     Parameters
     ----------
     points : int
-        How many points the summary is of.
+        Number of points.
     worst_nm, rms_nm : float
         Largest |error| and root mean square error in N·m.
     worst_at_nm : float
@@ -62,7 +62,7 @@ class ErrorSummary:
         The same in % of the torque at each point, over the points that `reading_rule` names;
         None where there is no such point.
     reading_rule : str
-        Where errors in % of reading are stated.
+        Range in which errors in % of reading are stated.
     """
 
     points: int
@@ -89,7 +89,7 @@ class Repeatability:
     places : int
         Number of places that at least two groups have measured.
     rule : str
-        What counts as the same place.
+        Definition of the same place.
     """
 
     pooled_nm: float
@@ -115,9 +115,9 @@ class ModelVerification:
     groups : tuple of ErrorSummary
         Each group for itself: against the truth where it is known, else against the standard.
     averaged : ErrorSummary or None
-        The error averaged over the groups at each place, against the same reference as
-        `groups`; None for a single group. Single noisy readings can't show what a model is
-        worth: their worst error stays near 2.8 times the repeatability.
+        The error averaged over the groups at each place, against the same reference as `groups`;
+        None for a single group. Single noisy readings can't show a model's quality: their worst
+        error stays near 2.8 times the repeatability.
     repeatability : Repeatability or None
         Over the groups, against the same reference; None for a single group.
     expanded_uncertainty_nm : float or None
@@ -249,8 +249,7 @@ def verify(
     models : mapping of str to MeasuringChain
         Measuring chains by the names of their models.
     torques : mapping of str to Torque, optional
-        What a chain states of the points, where that isn't what it states of steady ones that were
-        zeroed with every series.
+        The chain's torque at the points, if they aren't steady points with a zero in every series.
 
     Returns
     -------

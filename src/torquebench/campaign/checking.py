@@ -25,7 +25,7 @@ __all__ = ["CheckResult", "check_module", "finish_check", "judge_check"]
 
 @dataclass(frozen=True, eq=False)
 class CheckResult:
-    """What a check found.
+    """Results of a check.
 
     Attributes
     ----------

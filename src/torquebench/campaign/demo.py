@@ -35,7 +35,7 @@ __all__ = ["DemoSettings", "run_demo"]
 
 @dataclass(frozen=True)
 class DemoSettings:
-    """What the demo consists of.
+    """Settings of the demo.
 
     Parameters
     ----------

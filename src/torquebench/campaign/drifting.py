@@ -49,7 +49,7 @@ class DriftSeries:
     moments, values : tuple
         The oldest first.
     tolerance : float
-        How far it may drift from its first value, in its unit.
+        Tolerance about its first value, in its unit.
     chart, trend, prediction : ControlChart, Trend, DriftPrediction or None
         None where there are too few values.
     calibrations : bool
@@ -84,7 +84,7 @@ class DriftSeries:
 
 
 class DriftRecords(Protocol):
-    """What is known of a transducer: a bench's registry, or what a plant has of all benches."""
+    """Records of a transducer: from a bench's registry, or from a plant's."""
 
     def calibrations(self, transducer_serial: str, /) -> list[CalibrationEntry]:
         """Return its calibrations."""
@@ -107,17 +107,16 @@ def drift_of(
     base: int | None = None,
     models: Sequence[ModelEntry] = (),
 ) -> tuple[DriftSeries, ...]:
-    """Return how a transducer changes: its span, zero and checks, and what turning does to it.
+    """Return a transducer's drift: span, zero, checks, and effects of rotation.
 
     Parameters
     ----------
     registry : DriftRecords
-        A `Registry`, or what a plant has of the transducer.
+        A `Registry`, or a plant's records of the transducer.
     serial : str
         The transducer.
     tolerance_percent : float
-        How far each may drift from its first value, in % (of the span; of the range for zeros
-        and checks).
+        Tolerance about the first value, in % (of the span; of the range for zeros and checks).
     base : int, optional
         Limits of the control charts from the first so many values; from all by default.
     models : sequence of ModelEntry

@@ -42,7 +42,7 @@ _UNCOMPENSATED = 0.1
 
 @dataclass(frozen=True, eq=False)
 class IdentifiedDynamics:
-    """What runs of a chain say of its dynamics.
+    """Identified dynamics of a chain.
 
     Attributes
     ----------

@@ -46,9 +46,9 @@ class ExternalCalibration:
     measured_by : str
         Who did it.
     place : str
-        Where: the bench or the laboratory.
+        The bench or the laboratory.
     transducer : Equipment
-        What was calibrated.
+        The calibrated equipment.
     indicator : str
         Identity of the counter or amplifier that it was read with.
     reference : Report
@@ -74,7 +74,7 @@ class ExternalCalibration:
 
 @dataclass(frozen=True)
 class RegisteredTable:
-    """What was entered: the run that keeps the table, its calibration, and the model."""
+    """Entered records: the run with the table, its calibration, and the model."""
 
     run_id: str
     calibration: CalibrationEntry
@@ -111,7 +111,7 @@ def register_table(
     model : pathlib.Path, optional
         File of a compensation model for these points; a copy is kept.
     called : str, optional
-        What records call the table; its file's name by default.
+        Name of the table in records; its file's name by default.
 
     Raises
     ------

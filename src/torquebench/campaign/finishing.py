@@ -75,7 +75,7 @@ class FinishedCalibration:
 
 @dataclass(frozen=True)
 class Finished:
-    """What became of an unfinished run.
+    """Result of finishing a run.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Finished:
 
 
 def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> dict[str, Any]:
-    """Return what a calibration's run notes of what it is made for.
+    """Return the metadata of a calibration's run that finishing needs.
 
     Parameters
     ----------
@@ -259,7 +259,7 @@ def measured_calibration(
 
 
 def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
-    """Return what a completed calibration, check or verification measured, and its profile.
+    """Return the measured data of a completed calibration, check or verification, and its profile.
 
     Raises
     ------

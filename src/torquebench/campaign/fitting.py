@@ -156,7 +156,7 @@ class FittedModel:
     seconds : float
         Duration of the fit, s.
     remarks : tuple of str
-        What the fit warned of: outliers, averaged points.
+        Warnings of the fit: outliers, averaged points.
     effects : tuple of Effect
         What else is known of the measuring chain.
     contradictions : tuple of Contradiction
@@ -203,9 +203,9 @@ def fit_models(
     limits: Plausibility | None = None,
     before: CompensationModel | None = None,
 ) -> list[FittedModel]:
-    """Fit every chosen model to all points of a calibration, and find what it contradicts.
+    """Fit every chosen model to all points of a calibration, and find its contradictions.
 
-    Points that contradict each other are all kept as they are: which of them are wrong isn't known.
+    Contradictory points are all kept, as it isn't known which of them are wrong.
 
     Parameters
     ----------
@@ -332,11 +332,11 @@ def fit_table(
     progress : Progress
         Told one stage, and one more of the comparison.
     outliers : {"downweight", "refuse", "keep"}
-        What happens to outliers; all are kept if the points contradict each other.
+        Treatment of outliers; all are kept if the points contradict each other.
     compared : bool, default False
         Whether to compare all kinds by cross-validation as well; that takes many fits.
     limits : Plausibility, optional
-        What the points may contradict each other by.
+        Limits of contradictions between points.
     parameters : mapping, optional
         Of the model.
 
@@ -427,7 +427,7 @@ def described_model(
     contradictions: Sequence[Contradiction] = (),
     accepted: str = "",
 ) -> StoredModel:
-    """Return a model with what is known of the chain, its points and the software.
+    """Return a model with the data of the chain, its points and the software.
 
     It states contradictions of the calibration, and who uses the model nevertheless.
     """

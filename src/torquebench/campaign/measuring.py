@@ -70,7 +70,7 @@ class RunAbortedError(BenchError):
 
 @dataclass(frozen=True)
 class Measured(Generic[Result]):
-    """What a procedure measured, and the record of its run."""
+    """Measured data of a procedure, and the record of its run."""
 
     result: Result
     record: RunRecord
@@ -221,7 +221,7 @@ _mounting: ContextVar[MountingRecord | None] = ContextVar("torquebench_mounting"
 
 @contextlib.contextmanager
 def mounted_as(record: MountingRecord | None) -> Iterator[None]:
-    """Let every run of this thread keep what was found at the mounting, until the block ends."""
+    """Add the record of the mounting to every run of this thread, until the block ends."""
     before = _mounting.set(record)
     try:
         yield
@@ -275,7 +275,7 @@ def measure(
 ) -> Measured[Result]:
     """Rehearse a plan and execute it as a separate run.
 
-    `rehearsed` makes the plan without what can't be done with a rehearsal's recordings.
+    `rehearsed` makes the plan without the steps that need real recordings.
     """
     progress.start(title, rehearse(station.devices, rehearsed()).steps or None)
     found = _mounting.get()

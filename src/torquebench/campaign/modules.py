@@ -180,7 +180,7 @@ def register_verification(
 ) -> None:
     """Register the results of a verification, for each model and the raw reading.
 
-    In one transaction; what is registered of the run already stays as it is.
+    In one transaction; existing entries of the run aren't changed.
     """
     with registry.writing():
         enter_run(registry, RunFolder(record.folder))

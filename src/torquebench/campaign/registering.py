@@ -33,7 +33,7 @@ def registered_patiently(
     Raises
     ------
     RecordError
-        The registry or the disk can't take it; what is measured can be finished later.
+        The registry or the disk fails; the measured run can be finished later.
     """
 
     def told(_found: str) -> None:

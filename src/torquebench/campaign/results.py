@@ -38,7 +38,7 @@ class DenseSweep:
     true_torque_nm : float64[n]
         True torque at the reducer's flange in path order, N·m.
     reading_nm : float64[n]
-        What the chain reads there without noise, N·m.
+        The chain's reading there without noise, N·m.
     branch : int8[n]
         +1 where the magnitude of the torque grows, -1 where it falls.
     """
@@ -50,7 +50,7 @@ class DenseSweep:
 
 @dataclass(frozen=True)
 class CompensationResult:
-    """How one way of compensating (or none) does on readings that it was not fitted to.
+    """Errors of one model (or none) on readings to which it wasn't fitted.
 
     Attributes
     ----------
@@ -96,7 +96,7 @@ class ModuleResult:
     range_nm : float
         Full scale of the module, N·m.
     transducer_serial, counter_identity : str
-        What the models are valid for.
+        Validity of the models.
     profile_name, profile_hash : str
         The calibration profile and its SHA-256.
     calibration : CalibrationData
@@ -153,7 +153,7 @@ class FitResult:
     raw, fitted : ErrorSummary
         Errors against the standard without compensation, and of the fit on its own points.
     remarks : tuple of str
-        What the fit warned of: outliers, averaged points.
+        Warnings of the fit: outliers, averaged points.
     contradictions : tuple of Contradiction
         Why the model isn't to be used: what the points contradict.
     """

@@ -146,7 +146,7 @@ class InterruptedCalibration:
 
     @property
     def repeated(self) -> int:
-        """How many acknowledged points are measured again; their record stays."""
+        """Number of acknowledged points that are measured again; their record stays."""
         return len(self.points) - len(self.kept)
 
 
@@ -176,7 +176,7 @@ def find_interrupted(registry: Registry, name: str) -> RunSummary:
 
 
 def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibration:
-    """Read back what an interrupted calibration has measured.
+    """Read back the points of an interrupted calibration.
 
     Raises
     ------

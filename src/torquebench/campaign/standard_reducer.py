@@ -67,9 +67,9 @@ class StandardReducerCheck:
     reducer : StandardReducer
     check : FrictionCheck
     compensation : str
-        By what the input module was compensated, in words.
+        Compensation of the input module, in words.
     sweep : FrictionSweep
-        What was measured.
+        The measured sweep.
     run_id : str
     simulated : bool
     """
@@ -87,7 +87,7 @@ def standard_reducer(
     description: BenchDescription,
     brought_along: tuple[CertifiedFriction, ...] = (),
 ) -> StandardReducer:
-    """Return the standard reducer of a description, or what the simulated bench brings along.
+    """Return the standard reducer of a description, or the simulated bench's.
 
     Raises
     ------

@@ -27,7 +27,7 @@ _STREAM_S = 1.0
 
 @dataclass(frozen=True)
 class TurningChain:
-    """What was identified, and the points without it.
+    """The identified effects, and the points corrected for them.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class TurningChain:
         Readings as they would be at standstill and at one temperature, for the static curve.
     effects : tuple of Effect
     remarks : tuple of str
-        What wasn't identified, and what would do it.
+        Effects that weren't identified, and the runs that would identify them.
     """
 
     points: CalibrationData

@@ -58,7 +58,7 @@ class TurningRun:
 def rehearse_turning(
     station: Station, side: Side, profile: TurningProfile
 ) -> Rehearsal[EmptySummary] | Rehearsal[CalibrationData]:
-    """Go through a run without moving anything; the time for waiting isn't in it."""
+    """Rehearse a run; its duration excludes waiting times."""
     if profile.kind != "empty":
         return rehearse(station.devices, calibrate_turning(station.devices, side, profile))
     return rehearse(station.devices, turn_empty(station.devices, side, profile, EmptyTable(side)))

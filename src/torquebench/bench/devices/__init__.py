@@ -1,4 +1,4 @@
-"""The bench as ophyd-async devices: what plans read, set and trigger.
+"""The bench as ophyd-async devices, which plans read, set and trigger.
 
 `BenchDevices` holds one `Module` a side, the mounted `Reference`, the `ClampDevice`, the
 `MountingDevice`, the `TemperatureProbes` and the `PointLabel` that stamps each point.

@@ -1,4 +1,4 @@
-"""What every device of one bench shares."""
+"""Common objects of all devices of a bench."""
 
 from __future__ import annotations
 
@@ -67,7 +67,7 @@ class BenchContext:
         Raises
         ------
         BenchError
-            What the drive failed with, after the alarm.
+            The drive's error, after the alarm.
         """
         try:
             await self.call(order, *args, **kwargs)

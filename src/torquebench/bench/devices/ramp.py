@@ -79,9 +79,9 @@ class RampTo:
     Parameters
     ----------
     target : float
-        Where the ramp ends, N·m or rad/s.
+        Target, N·m or rad/s.
     rate : float
-        How fast it goes there, N·m/s or rad/s².
+        Rate, N·m/s or rad/s².
 
     Raises
     ------

@@ -94,7 +94,7 @@ class SynchronousRecording:
 
 @dataclass(frozen=True, eq=False)
 class ModuleRecording:
-    """What one module read in the counter's windows while it turned, without compensation.
+    """Readings of one module in the counter's windows during rotation, without compensation.
 
     Parameters
     ----------

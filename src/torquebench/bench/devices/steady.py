@@ -121,7 +121,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     ===========================  ======  =====================================================
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses. The
-    compensated torque is the mean of what the stream stated of the windows; `torque` keeps it with
+    compensated torque is the mean of the stream's torque over the windows; `torque` keeps it with
     the components of its uncertainty.
     """
 
@@ -253,7 +253,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
                 "check that the counter delivers without gaps, or use a longer window",
             )
 
-    # -- what plans read --------------------------------------------------------------------
+    # -- bluesky interface ------------------------------------------------------------------
 
     async def read(self) -> dict[str, Reading]:
         """Return the last value.

@@ -158,7 +158,7 @@ class CounterCard(Protocol):
 
     @property
     def clock_identity(self) -> str:
-        """Which clock that is: calibration and measurement must name the same one."""
+        """The timebase: calibration and measurement must use the same one."""
 
     def identity(self) -> Identity:
         """Read the identity of the instrument."""
@@ -178,7 +178,7 @@ class CounterCard(Protocol):
 
 @dataclass(frozen=True)
 class DriveState:
-    """What a drive reports.
+    """The state that a drive reports.
 
     `torque_nm` and `speed_rad_s` are the active set points, `None` where the drive doesn't
     follow that quantity.
@@ -293,7 +293,7 @@ class GuideRail(Protocol):
 
 @runtime_checkable
 class PowerSupply(Protocol):
-    """What feeds the drives."""
+    """The drives' power supply."""
 
     def supplies(self) -> bool:
         """Ask whether it is on."""
@@ -309,7 +309,7 @@ class Temperature(Protocol):
 
 @runtime_checkable
 class OperatorPrompts(Protocol):
-    """What only a person can do, or a simulated one."""
+    """Manual operations of a person, or of a simulated one."""
 
     def mount(self, mounting: Mounting) -> None:
         """Have this put between the flanges; return when it is confirmed.
@@ -321,10 +321,10 @@ class OperatorPrompts(Protocol):
         """
 
     def mounted(self) -> Mounting:
-        """Tell what is between the flanges, by the last confirmation."""
+        """Return the mounting between the flanges, by the last confirmation."""
 
     def seat(self, seating: Seating) -> None:
-        """Have what is mounted turned or seated again; return when it is confirmed.
+        """Request that the mounted part is turned or seated again; return when it is confirmed.
 
         Raises
         ------
@@ -352,7 +352,7 @@ class TrueTorqueSource(Protocol):
         """
 
     def mounting(self) -> Mapping[str, float | str]:
-        """Return what a person would enter of a mounting: fields of `MountingRecord`."""
+        """Return the fields of `MountingRecord` that a person would enter."""
 
 
 @dataclass(frozen=True)

@@ -83,7 +83,7 @@ class BusOptions(Options):
 class Cia402Options(Options):
     """One drive on a bus.
 
-    `velocity_units_per_rpm` is what the drive's velocity objects count in; `master` is the node
+    `velocity_units_per_rpm` is the resolution of the drive's velocity objects; `master` is the node
     number under which this computer sends its heartbeat.
     """
 

@@ -74,11 +74,11 @@ class LibraryCounter(DescribedCounter):
     counting, channels
         As above.
     place : str
-        What it is and where, for messages.
+        Kind and address, for messages.
     failures : tuple of exception types
-        What the library raises.
+        Errors of the library.
     remedy : str
-        What to do about a device that fails.
+        Remedy for a device that fails.
     """
 
     def __init__(
@@ -123,12 +123,12 @@ def counted(
     window_s: float,
     standard_uncertainty_hz: NDArray[np.float64] | float,
 ) -> FrequencySamples:
-    """Return frequencies that an instrument has counted by itself; those of 0 Hz are silence.
+    """Return frequencies counted by an instrument; 0 Hz means silence.
 
     Parameters
     ----------
     time_s, frequency_hz : float64 array of shape (n,)
-        Middles of the windows, and what was counted; NaN where there is nothing.
+        Centres of the windows, and the frequencies; NaN where there is nothing.
     window_s : float
     standard_uncertainty_hz : float or float64 array of shape (n,)
     """

@@ -56,7 +56,7 @@ _ROLES: dict[str, tuple[Role, Side | None]] = {
 
 
 class SimulationOptions(BaseModel):
-    """Section `[driver.simulation]`: the instruments are simulators, and what they simulate.
+    """Section `[driver.simulation]`: the instruments are simulators, with these settings.
 
     `time` is "on-demand" where bench time continues as the counter is read, as fast as everything
     computes, or "real" where it follows the wall. On opening, the simulators state which of the two

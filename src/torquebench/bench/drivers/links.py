@@ -44,7 +44,7 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
     Raises
     ------
     InputError
-        What is described is too long for that.
+        The described times are too long for that.
 
     Examples
     --------
@@ -96,7 +96,7 @@ class Link(ABC, Generic[Connection]):
     address : str
         Where it is, for messages.
     timeout_s : float
-        How long one answer may take, s.
+        Timeout of one answer, s.
     attempts : int
         Number of attempts before a request counts as unanswered.
     """

@@ -42,7 +42,7 @@ POLL_S = 0.01
 
 
 class DriveOptions(ModbusOptions):
-    """How long the drive may take to get ready."""
+    """Timeout of getting ready."""
 
     switching_s: SwitchingTime = 5.0
 
@@ -57,7 +57,7 @@ class ModbusDrive:
     watchdog_s : float
         Unfed for so long the drive ramps to zero and disables by itself, s.
     switching_s : float
-        How long it may take to get ready, s.
+        Timeout of getting ready, s.
     """
 
     def __init__(

@@ -97,7 +97,7 @@ class Coil(IntEnum):
 
 
 class Contact(IntEnum):
-    """Discrete inputs: what has been reached."""
+    """Discrete inputs: reached states."""
 
     INPUT_FREE = 0
     INPUT_DRIVEN = 1

@@ -153,7 +153,7 @@ _CONTACTS: tuple[Mode, ...] = ("free", "driven", "locked")
 
 
 class ModbusModes:
-    """The test-mode conversion: coils command it, discrete inputs say what it has reached."""
+    """The test-mode conversion: coils command it, discrete inputs give the reached state."""
 
     def __init__(self, link: ModbusLink, travel_s: float) -> None:
         self._link = link

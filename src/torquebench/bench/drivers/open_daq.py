@@ -35,7 +35,7 @@ HERTZ = {"Hz": 1.0, "kHz": 1e3, "MHz": 1e6}
 
 
 class SignalOptions(Options):
-    """One signal of the device: the end of its path, and what its values are in Hz.
+    """One signal of the device: the end of its path, and the scale of its values to Hz.
 
     Without `scale_hz` the signal's own unit is used, which must be Hz, kHz or MHz.
     """

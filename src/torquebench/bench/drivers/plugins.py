@@ -139,7 +139,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
     Raises
     ------
     InputError
-        There is none of this name, or what the entry point gives is no `DriverPlugin`.
+        There is none of this name, or the entry point isn't a `DriverPlugin`.
     """
     known = protocols()
     if name not in known:

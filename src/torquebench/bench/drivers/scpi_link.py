@@ -212,7 +212,7 @@ def numbers(answer: str, name: str) -> list[float]:
     Raises
     ------
     BenchError
-        Something in it is no number.
+        A value in it isn't a number.
 
     Examples
     --------

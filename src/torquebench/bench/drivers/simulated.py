@@ -228,7 +228,7 @@ class SimulatedBench:
 
     @property
     def clock_identity(self) -> str:
-        """Which counter and clock."""
+        """The counter and its clock."""
         return self.description.counter.identity
 
     def identity(self) -> Identity:
@@ -385,7 +385,7 @@ class SimulatedBench:
         self._rail = position
 
     def position(self) -> RailPosition:
-        """Where the guide rail is."""
+        """Position of the guide rail."""
         return self._rail
 
     def supplies(self) -> bool:
@@ -413,7 +413,7 @@ class SimulatedBench:
                 self._activate()
 
     def mounted(self) -> Mounting:
-        """Tell what is between the flanges."""
+        """Return the mounting between the flanges."""
         return self._mounted
 
     def hold(self, reducer: ReducerDescription | None, serial: str = "") -> None:
@@ -439,7 +439,7 @@ class SimulatedBench:
             self._twin.hold(constants)
 
     def seat(self, _seating: Seating) -> None:
-        """Seat what is mounted again, at once."""
+        """Re-seat the mounted part at once."""
         mounted = self._mounted
         self.mount("nothing")
         self.mount(mounted)
@@ -480,7 +480,7 @@ class SimulatedBench:
         return sweep.reading_nm, sweep.branch
 
     def mounting(self) -> dict[str, float | str]:
-        """Return what a dial gauge and the clamp's gauge show; its operator takes no time."""
+        """Return the readings of dial gauge and clamp gauge, without waiting."""
         drawn = self.options.parameters()
         offsets = [
             chain.coaxiality_error_m

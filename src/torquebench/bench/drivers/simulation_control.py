@@ -102,7 +102,7 @@ class SimulatedTruth:
         return reading, np.array(answer["branch"], dtype=np.int8)
 
     def mounting(self) -> dict[str, float | str]:
-        """Ask what a person would enter of a mounting."""
+        """Request the record of the mounting."""
         return self._control.ask("mounting")
 
 
@@ -159,13 +159,13 @@ class SimulatedOperator:
         self._mounted = mounting
 
     def mounted(self) -> Mounting:
-        """Tell what is between the flanges."""
+        """Return the mounting between the flanges."""
         if self._mounted is None:
             self._mounted = self._control.ask("status")["mounted"]
         return self._mounted
 
     def seat(self, seating: Seating) -> None:
-        """Have what is mounted seated again."""
+        """Re-seat the mounted part."""
         del seating
         self._control.ask("seat")
 

@@ -62,7 +62,7 @@ class AlarmLevel(IntEnum):
 
 @dataclass(frozen=True)
 class AlarmEntry:
-    """What a kind of alarm means and what to do about it, as the documentation lists it."""
+    """Meaning and remedy of a kind of alarm, for the documentation."""
 
     cause: str
     remedy: str
@@ -223,7 +223,7 @@ class Alarm:
 
 @dataclass(frozen=True)
 class StandingAlarm:
-    """An alarm and what has become of it.
+    """An alarm and its history.
 
     Parameters
     ----------
@@ -276,7 +276,7 @@ class AlarmBook:
 
     @property
     def entries(self) -> tuple[StandingAlarm, ...]:
-        """Every alarm with what has become of it, the oldest first."""
+        """Every alarm with its history, the oldest first."""
         return tuple(self._entries)
 
     @property
@@ -303,7 +303,7 @@ class AlarmBook:
         return numbered
 
     def restate(self, number: int, found: str) -> None:
-        """Say again what an alarm has found, as it has changed in the meantime; see `announce`."""
+        """Update an alarm's message after a change; see `announce`."""
         with self._lock:
             entry = self._entries[number - 1]
             alarm = replace(entry.alarm, found=found)
@@ -312,7 +312,7 @@ class AlarmBook:
                 self._latched = alarm
 
     def announce(self, *numbers: int) -> None:
-        """Tell the listeners of alarms, or of what has become of them."""
+        """Call the listeners with new or changed alarms."""
         self._tell([self._entries[number - 1] for number in numbers])
 
     def clear(self, number: int) -> None:

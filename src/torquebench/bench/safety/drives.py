@@ -209,7 +209,7 @@ class DriveWorker:
 
 
 def unreachable(side: Side) -> Violation:
-    """Return what to say of a drive that doesn't hear that it is to go off."""
+    """Return the message about a drive that doesn't take the command to go off."""
     return Violation(
         AlarmKind.DRIVE_FAULT,
         side,

@@ -45,7 +45,7 @@ class _Course:
         self.deviating_s = 0.0
 
     def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
-        """Go on to a time, towards a set point that may be obeyed late."""
+        """Advance to a time, towards a set point that the drive may follow late."""
         asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if asked != self._point:
             if point.quantity != self._point.quantity:

@@ -18,7 +18,7 @@ __all__ = ["LimitBook", "SideLimits", "StepLimits", "Watch", "tightened"]
 
 @dataclass(frozen=True)
 class StepLimits:
-    """What one step of a procedure allows on one side; None keeps the bench's limit.
+    """Limits of one step of a procedure on one side; None keeps the bench's limit.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ def tightened(limits: SideLimits, step: StepLimits) -> SideLimits:
 
 
 class LimitBook:
-    """Which limits are in force on each side; safe to use from any thread.
+    """Limits in force on each side; thread-safe.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ class LimitBook:
         return self._present[side]
 
     def tighten(self, *steps: StepLimits) -> tuple[int, ...]:
-        """Put narrower limits in force; return what `loosen` takes them back by."""
+        """Put narrower limits in force; return the key for `loosen`."""
         with self._lock:
             numbers = []
             for step in steps:
@@ -139,7 +139,7 @@ class Watch:
     level : AlarmLevel or None
         None within the limits.
     number : int
-        Of the warning in the book of alarms, 0 without one.
+        Number of the warning in the book of alarms, 0 without one.
     """
 
     level: AlarmLevel | None = None

@@ -32,7 +32,7 @@ SWITCH_INTERVAL_S = 0.0002
 
 
 class Priority(IntEnum):
-    """What the system has granted; more is better."""
+    """Granted priority; higher is better."""
 
     USUAL = 0
     NICE = 1
@@ -53,7 +53,7 @@ def _asked() -> bool:
 
 
 def prefer_this_thread() -> Priority:
-    """Ask for the best priority there is for the calling thread; return what was granted.
+    """Request the highest priority for the calling thread; return the granted one.
 
     Threads and processes that it starts don't inherit it.
     """
@@ -130,7 +130,7 @@ _LIFT = _Lift()
 
 
 def lift_process() -> contextlib.ExitStack:
-    """Lift the process above other programs until what is returned is closed.
+    """Raise the process's priority above other programs until the returned object is closed.
 
     Raises
     ------

@@ -48,7 +48,7 @@ Torques = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 
 class FastCheck(Protocol):
-    """What a fast check needs of a torque channel."""
+    """Data of a torque channel for a fast check."""
 
     name: str
     side: Side

@@ -47,7 +47,7 @@ class Deadline:
     lasts_s : float
         From now on.
     longest_wall_s : float
-        At most so long by the wall.
+        Limit by the wall clock, s.
     """
 
     def __init__(self, clock: BenchClock, lasts_s: float, longest_wall_s: float) -> None:
@@ -63,7 +63,7 @@ class Deadline:
 
 @dataclass(frozen=True)
 class Remaining:
-    """What one side still has after a stop, as read back.
+    """Remaining torque and power of one side after a stop, as read back.
 
     Parameters
     ----------
@@ -103,7 +103,7 @@ class Remaining:
 
 
 class ReadBack:
-    """What drives and transducers say after a stop.
+    """Readings of drives and transducers after a stop.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ class ReadBack:
         Parameters
         ----------
         since_s, since : float
-            Bench time and `time.monotonic` seconds; what was read before doesn't count.
+            Bench time and `time.monotonic` seconds; earlier readings don't count.
         """
         return all(
             self._without_set_point(side, since) and self.torque_nm(side, since_s) == 0.0
@@ -165,7 +165,7 @@ class ReadBack:
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
-        """Return what each side has.
+        """Return the remaining torque and power of each side.
 
         Parameters
         ----------
@@ -182,7 +182,7 @@ class ReadBack:
         return found
 
     def allowed(self) -> str:
-        """Say what a safe bench has."""
+        """Describe the safe state."""
         limits = ", ".join(
             f"{self.unloaded_nm(side):g} N·m at the {side}" for side in self._workers
         )

@@ -164,7 +164,7 @@ class SafetySupervisor:
 
     @property
     def entries(self) -> tuple[StandingAlarm, ...]:
-        """Every alarm and warning since the bench was opened, and what has become of it."""
+        """Every alarm and warning since the bench was opened, with its history."""
         return self._book.entries
 
     @property
@@ -208,7 +208,7 @@ class SafetySupervisor:
         return [each for each in found if not each.gone]
 
     def acknowledge(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
-        """Clear the latched alarm, once the safe state was read back; return what was cleared.
+        """Clear the latched alarm, once the safe state was read back; return the cleared alarm.
 
         A cause that is still there, such as heat within the hysteresis of its limit, raises its
         alarm again at once.
@@ -296,7 +296,7 @@ class SafetySupervisor:
         """Confirm the operator's presence for `safety.presence_s`."""
         self.heartbeats.confirm_presence(who)
 
-    # -- what acquisition calls -------------------------------------------------------------
+    # -- called by acquisition --------------------------------------------------------------
 
     @contextlib.contextmanager
     def guarding_block(self) -> Iterator[None]:
@@ -313,7 +313,7 @@ class SafetySupervisor:
         self._act(*self._signals.check_edges(raw, channels))
 
     def check(self, block: AcquiredBlock) -> None:
-        """Judge a block; act on what is wrong, continue with an action that has begun."""
+        """Check a block; act on violations, continue an action that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
         self._read_back.take(block)

@@ -35,7 +35,7 @@ class ReducerTest:
     ----------
     name, title : str
     about : str
-        What is driven, what is held, what is measured, in one sentence.
+        Driven side, held side and measured quantity, in one sentence.
     axes : tuple of str
         Live signals of its chart: across and up.
     work : callable
@@ -45,7 +45,7 @@ class ReducerTest:
     bench_twist : bool
         Whether the bench's own twist must be measured before.
     empty_run : tuple of side
-        Sides of which it has to know what their shafts read by themselves.
+        Sides that need an empty run.
     """
 
     name: TestName

@@ -41,7 +41,7 @@ class SpecimenQuantity:
 
 @dataclass(frozen=True)
 class SpecimenResults:
-    """What a run of a reducer test found.
+    """Results of a run of a reducer test.
 
     Parameters
     ----------
@@ -111,7 +111,7 @@ class ReducerComparison:
 
 
 def tested_specimen(run: RunSummary) -> SpecimenResults:
-    """Read what a run of a reducer test found.
+    """Read the results of a run of a reducer test.
 
     Raises
     ------

@@ -37,7 +37,7 @@ class Known:
 
     @classmethod
     def stated(cls, settings: ReducerTestSettings) -> Known:
-        """Return what was stated beforehand."""
+        """Return the values stated beforehand."""
         known = settings.twist_arcmin_per_nm
         if known is None:
             return cls({}, {})
@@ -55,7 +55,7 @@ class Preparation:
     plan : callable
         Makes its plan.
     learn : callable
-        Enters what the run has found.
+        Enters the run's results.
     """
 
     name: str
@@ -70,7 +70,7 @@ def preparations(
     settings: ReducerTestSettings,
     rotating: Collection[Side] = (),
 ) -> list[Preparation]:
-    """Return what must be measured before some tests; one mounting after the other.
+    """Return the measurements needed before some tests, one mounting after the other.
 
     Parameters
     ----------
@@ -79,8 +79,8 @@ def preparations(
     limits : ReducerLimits
     settings : ReducerTestSettings
     rotating : collection of side
-        Sides whose measuring chain corrects what turning does to it: an empty run of theirs is
-        made only where the settings insist on it.
+        Sides whose measuring chain corrects the effects of rotation: they need an empty run only if
+        the settings require it.
     """
     found = []
     twist = settings.bench_twist

@@ -30,7 +30,7 @@ SHORT_TEST = "short test: a first impression, not for comparison with a data she
 
 @dataclass(frozen=True)
 class ReducerTestQuantity:
-    """One result of a reducer test with what is known about it.
+    """One result of a reducer test with uncertainty, limit and verdict.
 
     Attributes
     ----------
@@ -47,7 +47,7 @@ class ReducerTestQuantity:
     verdict : str
         Guard-banded verdict against that limit; empty without one.
     rule : str
-        Which definition was used, where makers differ.
+        The definition used, if makers differ.
     """
 
     key: str
@@ -67,7 +67,7 @@ class ReducerTestOutcome:
     Attributes
     ----------
     name : str
-        Which test, one of ``TESTS`` but not ``"full"``.
+        Name of the test, one of ``TESTS`` but not ``"full"``.
     title : str
         The same in words.
     quantities : tuple of ReducerTestQuantity
@@ -75,13 +75,13 @@ class ReducerTestOutcome:
     verdict : str
         The worst verdict of its quantities; empty without limits.
     remarks : tuple of str
-        What a reader has to know: nominal uncertainties, points that didn't settle.
+        Remarks: nominal uncertainties, points that didn't settle.
     findings : tuple of Finding
         What is wrong with the data; a severe one forbids a verdict.
     recording : object
         What the plan recorded (a frozen dataclass of arrays).
     result : object
-        What the pure evaluation made of it (a frozen dataclass of `torquebench.reducers`).
+        The evaluated result (a frozen dataclass of `torquebench.reducers`).
     run : RunRecord
         The run and its folder; its ``results.json`` holds the quantities.
     short : bool
@@ -183,7 +183,7 @@ class ReducerTestRecord:
 
 @dataclass(frozen=True)
 class ReducerTestRehearsal:
-    """What a reducer test would do, checked against all limits, before anything moves.
+    """Rehearsal of a reducer test, checked against all limits, before anything moves.
 
     Attributes
     ----------
@@ -193,7 +193,7 @@ class ReducerTestRehearsal:
     longest_s : float
         The same with all repeats that a test may add until its means are known well enough, s.
     longest_warm_up_s : float
-        How much longer the warm-up may take, s.
+        Additional time of the warm-up at most, s.
     points : int
         Points that would be recorded.
     largest_torque_nm, largest_speed_rpm : mapping of side to float

@@ -48,7 +48,7 @@ class Unsampled:
     name : str
         Of its contribution to the budgets.
     remark : str
-        What was omitted, and what counts instead.
+        The omission, and its substitute.
     standard_uncertainty : callable
         Returns it for a value, in the value's unit.
     """
@@ -85,7 +85,7 @@ _COLD = (
 
 
 def cold_friction(warm_up_s: float) -> tuple[Unsampled, ...]:
-    """Return what a friction torque may still lose where the reducer wasn't warmed up."""
+    """Return by how much a friction torque may still fall without warming up."""
     if warm_up_s > 0.0:
         return ()
     share = WARMING_SHARE / sqrt(3.0)
@@ -93,7 +93,7 @@ def cold_friction(warm_up_s: float) -> tuple[Unsampled, ...]:
 
 
 def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
-    """Return what an efficiency in % may still gain where the reducer wasn't warmed up.
+    """Return by how much an efficiency in % may still rise without warming up.
 
     With the lost share 1 − η, dη = η·(1 − η)·d(loss)/loss.
     """
@@ -109,7 +109,7 @@ def cold_efficiency(warm_up_s: float) -> tuple[Unsampled, ...]:
 
 @dataclass(frozen=True)
 class PartlySampled:
-    """A result whose budgets hold what its test didn't sample.
+    """A result whose budgets include the reduced sampling.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ class PartlySampled:
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a reader has to know about the data."""
+        """Remarks about the data."""
         return self.result.findings
 
     def quantities(self) -> tuple[ResultQuantity, ...]:

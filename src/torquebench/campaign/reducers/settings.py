@@ -18,7 +18,7 @@ __all__ = ["ReducerTestSettings", "reducer_limits"]
 
 
 def reducer_limits(reducer: ReducerDescription) -> ReducerLimits:
-    """Return what a plan must keep to, from a reducer's data sheet."""
+    """Return the limits of a plan, from a reducer's data sheet."""
     return ReducerLimits(
         ratio=reducer.signed_ratio,
         rated_torque_nm=reducer.rated_torque_nm,
@@ -39,10 +39,10 @@ class ReducerTestSettings:
         How the bench's own twist is measured against the calibrator before torque-angle loops;
         None leaves it out.
     empty_run : EmptyRunSettings or None
-        How both shafts are turned alone before no-load torque and efficiency, so that what they
-        read then is subtracted; None leaves it out.
+        Empty run of both shafts before no-load torque and efficiency, whose readings are
+        subtracted; None leaves it out.
     tare_always : bool
-        Whether that is done although the measuring chains correct what turning does to them.
+        Whether that is done even if the measuring chains correct the effects of rotation.
     twist_arcmin_per_nm : float or None
         The bench's own twist if known, arcmin/(N·m); it isn't measured then.
     is_short : bool
@@ -76,7 +76,7 @@ class ReducerTestSettings:
         """Return the settings with so many repeats of running tests at most, and of the empty run.
 
         Small torques scatter with every change of speed as larger ones do: only repeats average
-        that, in the test and in what is subtracted.
+        that, in the test and in the empty run.
 
         Raises
         ------

@@ -53,7 +53,7 @@ class Specimen:
         preparation.learn(self.known, record.result)
 
     def test(self, test: ReducerTest) -> ReducerTestOutcome:
-        """Run a test and return what it found."""
+        """Run a test and return its results."""
         bench = Bench(self.station.description, self.known.twists, self.known.tares)
         work, settings = test.work(), self.settings.plans[test.name]
         kept: list[tuple[Any, Evaluated, tuple[ReducerTestQuantity, ...]]] = []

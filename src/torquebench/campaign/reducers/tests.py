@@ -36,11 +36,10 @@ def rehearse_reducer_test(
     reducer: ReducerDescription,
     settings: ReducerTestSettings | None = None,
 ) -> tuple[ReducerTestRehearsal, ...]:
-    """Go through the plans of a test without moving anything.
+    """Rehearse the plans of a test.
 
-    What the bench measures of itself before (its twist, an empty run) comes first. A test that
-    repeats until its means are known is rehearsed with the smallest and the largest number of
-    repeats.
+    Preparatory measurements (twist of the bench, empty run) come first. A test that repeats until
+    its means are known is rehearsed with the smallest and the largest number of repeats.
 
     Raises
     ------
@@ -49,7 +48,7 @@ def rehearse_reducer_test(
     LimitError, InterlockError
         The data sheet or the bench doesn't allow it.
     ModelMismatchError
-        The output would be loaded beyond what its active model was calibrated to.
+        The output would be loaded beyond the calibrated torque of its active model.
     """
     settings, limits = settings or ReducerTestSettings(), reducer_limits(reducer)
     tests, devices = chosen_tests(name), station.devices
@@ -72,7 +71,7 @@ def rehearse_reducer_test(
 
 
 def rotating_sides(station: Station) -> tuple[Side, ...]:
-    """Return the sides whose measuring chain corrects what turning does to it."""
+    """Return the sides whose measuring chain corrects the effects of rotation."""
     acquisition = station.devices.context.acquisition
     chains = {side: acquisition.compensation(side) for side in SIDES}
     return tuple(

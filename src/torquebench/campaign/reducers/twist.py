@@ -33,7 +33,7 @@ class TwistCompliance:
         Slope over the whole range of torque.
     standard_uncertainty_rad_per_nm : float
     source : str
-        Where it comes from, for the record.
+        Its source, for the record.
     level_nm, bend_rad : tuple of float
         Torques, increasing, and the twist's deviation from the straight line there; none if only a
         slope is known.
@@ -74,7 +74,7 @@ def twist_compliance(torque_nm: FloatArray, angle_rad: FloatArray, source: str) 
 
     The slope of angle over torque by least squares, and the mean deviation from it at levels of
     torque. Rising and falling legs have equal weights, so that the shaft's hysteresis cancels. The
-    uncertainty is half of what the legs differ by, in slope and level by level.
+    uncertainty is half the difference of the legs, in slope and level by level.
 
     Parameters
     ----------

@@ -45,7 +45,7 @@ average it; where there are repeats, their spread is used instead.
 
 @dataclass(frozen=True)
 class Bench:
-    """What an evaluation has to know of the bench.
+    """Data of the bench for an evaluation.
 
     Parameters
     ----------
@@ -137,7 +137,7 @@ def root_mean_square(values: FloatArray) -> float:
 
 
 def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
-    """Fit what both shafts have read by themselves.
+    """Fit the readings of both shafts in the empty run.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
 def without_tare(
     bench: Bench, torque_nm: FloatArray, speed_rpm: FloatArray, side: Side, known: TorqueUncertainty
 ) -> tuple[FloatArray, TorqueUncertainty]:
-    """Take an empty run off torques, and put its uncertainty in the place of what it shows."""
+    """Subtract an empty run from torques, and replace the corrected components."""
     tare = bench.tares.get(side)
     if tare is None:
         return torque_nm, known
@@ -181,8 +181,8 @@ def without_tare(
 def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
     """Return the uncertainty of a side's torque beyond the scatter of the test's repeats.
 
-    It is what the measuring chain stated of the points, by how its components behave in a test:
-    what grows with the torque, what the zeros keep, what turns its sign with the speed.
+    It consists of the measuring chain's components at the points, grouped by their behaviour in a
+    test: proportional to torque, constant between zeros, changing sign with the speed.
     """
     zeros, stated = recording.zero_uncertainty_nm[side], recording.stated[side]
     if stated is None:

@@ -41,7 +41,7 @@ class Evaluated:
 
 @dataclass(frozen=True)
 class TestWork:
-    """How a test is driven, evaluated and drawn.
+    """Plan, evaluation and figure of a test.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ class TestWork:
     plan : callable
         Makes its plan from the devices, the reducer's limits and the settings.
     evaluate : callable
-        Turns what the plan recorded on this bench into a result.
+        Turns the recorded data into a result.
     figures : callable
         Returns the result's figures as pairs of an ``<svg>`` element and a caption.
     unsampled : callable
