@@ -126,6 +126,10 @@ def test_what_a_reducer_test_finds_odd_is_said_in_chinese(path: str) -> None:
             "standard, i = 80: 6 quantities found; 3 of 3 limits of the data sheet kept.",
             "standard, i = 80：得到 6 个量；数据表的 3 项限值中 3 项满足。",
         ),
+        (
+            "efficiency at 400 N·m, 100 rpm, mean of both directions, output drives",
+            "400 N·m、100 rpm 时的效率，两个方向的平均值，输出端驱动",
+        ),
         ("no heartbeat of the run engine for 2.3 s", "运行引擎已有 2.3 s 没有心跳"),
     ],
 )
@@ -156,6 +160,29 @@ def test_a_sentence_keeps_its_values_and_no_english() -> None:
     assert wrong == []
 
 
+PUT_TOGETHER = (
+    "the torque stops near",
+    "{low} to {high} °C during the test",
+    "the torque that accelerates the output flange",
+    "output positions: {count}, too few",
+    "wait until command is given up",
+    "{name} names no unfinished run",
+    "{name} names several unfinished runs",
+    "the {kind} run was aborted ({reason})",
+    "input {a} N·m, output {b} N·m",
+    "output {b} N·m, input {a} N·m",
+    "{name}: {count} quantities found",
+    "back-driving torque, {direction}",
+    "viscous coefficient, {direction}",
+    "Stribeck torque, {direction}",
+    "speed {speed} 1/min, allowed",
+    "temperature {temperature} °C, allowed",
+    "without load the",
+    "efficiency at {torque} N·m, {speed} rpm, ",
+)
+"""Beginnings of sentences that no line of the source holds whole."""
+
+
 def test_every_known_sentence_is_still_said_somewhere() -> None:
     said = "\n".join(
         str(node.value)
@@ -164,10 +191,15 @@ def test_every_known_sentence_is_still_said_somewhere() -> None:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8")))
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     )
-    said += "".join(file.read_text(encoding="utf-8") for file in ROOT.rglob("*.toml"))
+    said += "".join(
+        file.read_text(encoding="utf-8")
+        for file in ROOT.rglob("*.toml")
+        if "panel/text" not in file.as_posix()
+    )
     stale = [
         english
         for english in core_templates("zh")
-        if any(part.strip() not in said for part in HOLE.split(english)[::2] if WORDY.search(part))
+        if not english.startswith(PUT_TOGETHER)
+        and any(part.strip() not in said for part in HOLE.split(english)[::2] if WORDY.search(part))
     ]
     assert stale == []
