@@ -32,6 +32,21 @@ def downloads(visitors: tuple[Visitor, Visitor], tmp_path: Path) -> Path:
     return tmp_path
 
 
+CHARTS = """
+return [...document.querySelectorAll('.chart')]
+  .map((each) => window.getElement(Number(each.id.slice(1)))?.chart?.getOption())
+  .filter(Boolean)
+  .map(({xAxis: [x], yAxis: [y], legend: [legend], series}) => ({
+    kind: x.type, x: x.name, y: y.name, legend: legend.show,
+    names: series.map((each) => each.name), points: series.map((each) => each.data.length)}))
+"""
+
+
+def charts(visitor: Visitor) -> list[dict[str, Any]]:
+    """Return what the page's charts show."""
+    return list(visitor.driver.execute_script(CHARTS))
+
+
 def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     visitors: tuple[Visitor, Visitor],
 ) -> None:
@@ -74,6 +89,8 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
 
     ben.press("Back")
     ben.sees("Error of the raw reading")
+    ben.sees("Zeros and preloads are steps without a point.")
+    ben.wait(lambda: charts(ben)[0]["points"] == [20], "a staircase of the points alone")
     ben.press("Back")
     ben.sees("Mount the calibrator and begin")
     assert ben.field("Profile").get_attribute("value") == "own-rapid"
@@ -141,6 +158,34 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     switch_a_correction(ben, ana)
     ana.press("Give up command")
     ana.sees("Nobody is in command")
+
+    ana.open("/records")
+    ana.sees("1 to ")
+    runs = ana.driver.find_elements("css selector", "table.data tbody tr")
+    next(each for each in runs if "calibrate-output" in each.text).find_element(
+        "tag name", "button"
+    ).click()
+    ana.wait(lambda: len(charts(ana)) == 2, "charts of samples and points")
+    samples, points = charts(ana)
+    assert (samples["y"], samples["legend"]) == ("output_torque, Hz", False)
+    assert (points["x"], points["y"], points["legend"]) == ("standard, N·m", "error, N·m", False)
+    assert "… 12 of 20 rows; the export has all." in ana.text
+    ana.press("Calibrations")
+    ana.sees("in use: ")
+    ana.size(800, 1000)
+    ana.press("Compare")
+    ana.wait(lambda: charts(ana), "errors compared")
+    (compared,) = charts(ana)
+    assert compared["names"] == ["No. 1, Raw", "No. 1, Compensated"]
+    wide = (
+        "return [...document.querySelectorAll('.scroll')]"
+        ".filter((each) => each.scrollWidth > each.clientWidth + 1).length"
+    )
+    assert ana.driver.execute_script(wide) == 0  # no column is out of sight
+    ana.press("Drift")
+    ana.wait(lambda: charts(ana), "drift")
+    assert {each["kind"] for each in charts(ana)} == {"time"}
+    ana.size(1440, 900)
     ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
     assert ana.problems() == ben.problems() == []
 

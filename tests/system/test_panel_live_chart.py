@@ -86,6 +86,22 @@ def test_a_span_is_drawn_held_and_left_again(person: Visitor) -> None:
     assert person.problems() == []
 
 
+def test_a_scale_ends_a_little_beyond_the_values_and_has_a_tick_at_zero(person: Visitor) -> None:
+    person.open("/")
+    scale = (
+        "const place = document.querySelector('.trend').closest('.trend-box').id.slice(1);"
+        "const axis = {floor: 1, room: arguments[2], low: 0, high: 1, ends: null};"
+        "return window.getElement(Number(place)).scaled(axis, [arguments[0], arguments[1]])"
+    )
+    for ends, room, found in (
+        ((-2001.0, 2001.0), 60, {"min": -2500, "max": 2500, "interval": 2500}),
+        ((-2001.0, 2001.0), 160, {"min": -2500, "max": 2500, "interval": 2500}),
+        ((-40.0, 1950.0), 160, {"min": -500, "max": 2000, "interval": 500}),
+        ((0.3, 0.7), 160, {"min": 0, "max": 1, "interval": 0.2}),
+    ):
+        assert person.driver.execute_script(scale, *ends, room) == found
+
+
 def test_times_are_those_of_the_clock(person: Visitor) -> None:
     person.open("/")
     late = person.wait(

@@ -54,10 +54,10 @@ def _colour(name: str) -> str:
 
 
 def _axis(
-    title: str, *, vertical: bool, names: Sequence[str] = (), logarithmic: bool = False
+    title: str, *, vertical: bool, names: Sequence[str] = (), kind: str = "value"
 ) -> dict[str, Any]:
     axis: dict[str, Any] = {
-        "type": "category" if names else "log" if logarithmic else "value",
+        "type": "category" if names else kind,
         "name": title,
         "nameLocation": "end" if vertical else "middle",
         "nameGap": 14 if vertical else 34,
@@ -78,18 +78,21 @@ def _axis(
     }
     if names:
         axis["data"] = list(names)
+    elif kind == "time":
+        axis["axisLabel"][":formatter"] = "(value) => chartMoment(value)"
+        axis |= {":min": "chartFirst", ":max": "chartLast", "splitNumber": 4}
     else:
         axis["axisLabel"][":formatter"] = "(value) => chartNumber(value)"
-        if not vertical and not logarithmic:
+        if not vertical and kind == "value":
             axis |= {":min": "chartLow", ":max": "chartHigh"}
     return axis
 
 
-def _series(line: Line, *, names: bool) -> dict[str, Any]:
+def _series(line: Line, per_x: float, *, names: bool) -> dict[str, Any]:
     data: list[Any] = (
         [_number(value) for value in line.y]
         if names
-        else [[_number(x), _number(y)] for x, y in zip(line.x, line.y, strict=True)]
+        else [[_number(per_x * x), _number(y)] for x, y in zip(line.x, line.y, strict=True)]
     )
     if line.labels:
         data = [{"value": pair, "name": name} for pair, name in zip(data, line.labels, strict=True)]
@@ -140,6 +143,8 @@ class Chart:
     tall : bool
     logarithmic : bool
         Both axes; all values are above 0.
+    moments : bool
+        The horizontal axis is time: s since 1970.
     """
 
     def __init__(
@@ -153,9 +158,12 @@ class Chart:
         names: Sequence[str] = (),
         tall: bool = False,
         logarithmic: bool = False,
+        moments: bool = False,
     ) -> None:
         self._limits = tuple(limits)
         self._names = tuple(names)
+        self._per_x = 1000.0 if moments else 1.0  # a time axis counts in ms
+        kind = "log" if logarithmic else "value"
         options: dict[str, Any] = {
             "animation": False,
             "textStyle": {":fontFamily": "getComputedStyle(document.body).fontFamily"},
@@ -164,14 +172,17 @@ class Chart:
                 "top": 0,
                 "left": 0,
                 "type": "scroll",
+                "show": len(lines) != 1,  # the axis says what a single line is
                 "itemWidth": 18,
                 "itemHeight": 10,
                 "textStyle": {"fontSize": 14, ":color": _colour("--ink")},
                 ":pageIconColor": _colour("--ink"),
             },
             "tooltip": {"trigger": "axis", "confine": True},
-            "xAxis": _axis(x_title, vertical=False, names=self._names, logarithmic=logarithmic),
-            "yAxis": _axis(y_title, vertical=True, logarithmic=logarithmic),
+            "xAxis": _axis(
+                x_title, vertical=False, names=self._names, kind="time" if moments else kind
+            ),
+            "yAxis": _axis(y_title, vertical=True, kind=kind),
             "series": self._lines(lines),
         }
         with box("figure", "figure"):
@@ -191,7 +202,7 @@ class Chart:
             icon(picture)
 
     def _lines(self, lines: Sequence[Line]) -> list[dict[str, Any]]:
-        series = [_series(line, names=bool(self._names)) for line in lines]
+        series = [_series(line, self._per_x, names=bool(self._names)) for line in lines]
         if series and self._limits:
             series[0]["markLine"] = {
                 "symbol": "none",
@@ -213,4 +224,5 @@ class Chart:
     def show(self, lines: Sequence[Line]) -> None:
         """Show other lines."""
         self.element.options["series"] = self._lines(lines)
+        self.element.options["legend"]["show"] = len(lines) != 1
         self.element.update()

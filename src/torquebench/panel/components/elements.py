@@ -145,13 +145,17 @@ def empty(text: str, picture: str = "inbox") -> Any:
     return frame
 
 
-def pairs(items: Iterable[tuple[str, str]]) -> Any:
+def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
     """List names and values."""
     frame = box("dl", "pairs")
     with frame:
         for name, value in items:
             words("dt", name)
-            words("dd", value, "number")
+            if isinstance(value, datetime):
+                with box("dd"):
+                    moment(value, seconds=True)
+            else:
+                words("dd", value, "number")
     return frame
 
 

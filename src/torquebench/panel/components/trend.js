@@ -587,20 +587,29 @@ export default {
       if (low > high) return { min: axis.low, max: axis.high };
       const middle = (low + high) / 2;
       const span = Math.max((high - low) * 1.02, axis.floor);
-      const step = niceStep(span / 4);
-      const bottom = Math.floor((middle - span / 2) / step + 0.01) * step;
-      const top = Math.ceil((middle + span / 2) / step - 0.01) * step;
-      const fits = low >= axis.low && high <= axis.high;
-      if (!fits || axis.high - axis.low > 2.1 * (top - bottom)) {
-        axis.low = bottom;
-        axis.high = top;
+      const found = this.closest(middle - span / 2, middle + span / 2, this.mostParts(axis));
+      const fits = low >= axis.low && high <= axis.high && axis.high - axis.low <= this.mostParts(axis) * axis.step * 1.001;
+      if (!fits || axis.high - axis.low > 2.1 * (found.max - found.min)) {
+        Object.assign(axis, { low: found.min, high: found.max, step: found.interval });
       }
-      return this.whole(axis, axis.low, axis.high);
+      return { min: axis.low, max: axis.high, interval: axis.step };
+    },
+    mostParts(axis) {
+      return Math.max(2, Math.min(8, Math.floor(axis.room / 30)));
+    },
+    closest(low, high, most) {
+      // The tightest ends that are whole steps, of no more steps than have room; ±2000 end at ±2500.
+      let best = null;
+      for (let step = niceStep((high - low) / most), tried = 0; tried < 5; step = niceStep(step * 1.01), tried += 1) {
+        const below = Math.floor(low / step + 0.01), above = Math.ceil(high / step - 0.01);
+        const [min, max] = [below * step, above * step];
+        if (above - below <= most && (!best || max - min < (best.max - best.min) * 0.999)) best = { min, max, interval: step };
+      }
+      return best;
     },
     whole(axis, min, max) {
       // The most equal parts that are round numbers and leave room for their labels.
-      const most = Math.max(2, Math.min(8, Math.floor(axis.room / 30)));
-      for (let parts = most; parts > 1; parts -= 1) {
+      for (let parts = this.mostParts(axis); parts > 1; parts -= 1) {
         const interval = (max - min) / parts;
         if (Math.abs(niceStep(interval) - interval) < 1e-9 * interval) return { min, max, interval };
       }

@@ -84,9 +84,10 @@ class _AlarmsPage:
                 words("span", text("alarms.source", source=text.core(alarm.source)))
             if alarm.allowed:
                 words("p", text("alarms.allowed", allowed=text.core(alarm.allowed)))
-            words("p", text("alarms.what_to_do", remedy=text.maybe(f"alarm.{key}_do", "")))
-            if alarm.remedy:
-                words("p", text.core(alarm.remedy))
+            remedies = [text.maybe(f"alarm.{key}_do", "")]
+            if alarm.remedy and key != "stop_requested":  # the core repeats it there
+                remedies.append(text.sentence(alarm.remedy))
+            words("p", text("alarms.what_to_do", remedy=" ".join(filter(None, remedies))))
 
     def _list(self, alarms: list[AlarmView]) -> None:
         text = self.text

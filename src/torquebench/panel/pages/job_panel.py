@@ -57,7 +57,8 @@ def stage_words(text: Text, job: JobView) -> str:
     stage = text.core(job.stage)
     if stage and job.total:
         stage = text("job.stage", stage=stage, done=job.done, total=job.total)
-    return f"{stage} {text.core(job.detail)}".strip() if job.open else ""
+    said = (part for part in (stage, text.core(job.detail)) if part)
+    return " · ".join(said) if job.open else ""
 
 
 class JobControls:

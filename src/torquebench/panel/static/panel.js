@@ -21,6 +21,20 @@
   window.chartLow = (span) => Math.floor(span.min / chartStep(span) + HAIR) * chartStep(span);
   window.chartHigh = (span) => Math.ceil(span.max / chartStep(span) - HAIR) * chartStep(span);
 
+  // A time axis: a little room at both ends, and dates where it is days that differ.
+  const DAY_MS = 86400000;
+  let days = false; // of the chart that is being drawn: its ends are asked for before its labels
+  const room = ({ min, max }) => Math.max((max - min) * 0.04, 500);
+  window.chartFirst = (span) => {
+    days = span.max - span.min > 2 * DAY_MS;
+    return span.min - room(span);
+  };
+  window.chartLast = (span) => span.max + room(span);
+  window.chartMoment = (ms) => {
+    const style = days ? { dateStyle: "medium" } : { hour: "2-digit", minute: "2-digit", second: "2-digit", hourCycle: "h23" };
+    return new Date(ms).toLocaleString(root.lang.startsWith("en") ? undefined : root.lang, style);
+  };
+
   // A chart that was made before its place had a width keeps 100 px: NiceGUI skips that resize.
   setInterval(() => {
     for (const place of document.querySelectorAll(".chart")) {
@@ -55,11 +69,12 @@
   function chartTable(option) {
     const [x] = option.xAxis, [y] = option.yAxis;
     const lines = [["series", x.name || "x", y.name || "y"]];
+    const moment = (value) => (x.type === "time" && value !== null ? new Date(value).toISOString() : value);
     for (const series of option.series) {
       if (!series.name) continue;
       series.data.forEach((point, place) => {
         const pair = Array.isArray(point) ? point : [x.data?.[place] ?? place, point?.value ?? point];
-        lines.push([series.name, ...pair.slice(0, 2)]);
+        lines.push([series.name, moment(pair[0]), pair[1]]);
       });
     }
     return lines.map((cells) => cells.map(csvCell).join(","));

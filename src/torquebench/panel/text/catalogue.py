@@ -117,6 +117,17 @@ class Text:
         """
         return translated(said, self.language)
 
+    def sentence(self, said: str) -> str:
+        """Return what the core says as a sentence.
+
+        Examples
+        --------
+        >>> Text("en").sentence("reset the drive")
+        'Reset the drive.'
+        """
+        words, end = self.core(said), "。" if self.language == "zh" else "."
+        return words[:1].upper() + words[1:] + ("" if words.endswith(end) else end)
+
     def refusal(self, error: Refusal) -> tuple[str, str]:
         """Say what was found, and in one line what is allowed and what to do."""
         allowed = error.allowed and self("alarms.allowed", allowed=self.core(error.allowed))

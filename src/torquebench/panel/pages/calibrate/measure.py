@@ -267,6 +267,7 @@ class MeasureStep:
                     text("measure.error_axis"),
                 )
                 self._said = words("p", "", "muted number", role="status")
+                words("p", text("measure.steps"), "muted small")
 
     def refresh(self) -> None:
         """Draw the points measured so far."""
@@ -275,7 +276,11 @@ class MeasureStep:
             return
         self._count = job.points
         found = self._page.visitor.service.jobs.points(job.job_id)
-        points = [point.values for point in found if "error_nm" in point.values]
+        points = [
+            point.values
+            for point in found
+            if point.stream == "points" and "error_nm" in point.values
+        ]
         text = self._text
         number = list(range(1, len(points) + 1))
         standard = [point["standard_nm"] for point in points]

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from functools import partial
 from typing import Any
 
+from torquebench.campaign.drifting import DriftSeries
+from torquebench.campaign.fitting import model_title
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
@@ -24,8 +27,9 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import Text
 
-__all__ = ["records_page"]
+__all__ = ["drift_lines", "records_page"]
 
 ROWS = 25
 TABS = ("runs", "calibrations", "drift", "certificates")
@@ -175,7 +179,10 @@ class _Calibrations:
                     each.profile,
                     str(each.points),
                     "—" if each.due is None else each.due.isoformat(),
-                    text("records.in_use", kind=text.core(active[each.calibration_id].kind))
+                    text(
+                        "records.in_use",
+                        kind=text.core(model_title(active[each.calibration_id].kind)),
+                    )
                     if each.calibration_id in active
                     else "",
                 )
@@ -219,7 +226,7 @@ class _Calibrations:
             except TorquebenchError as error:
                 self._visitor.messages.problem(error)
                 continue
-            title = f"{number}: {text.core(curve.title)}"
+            title = f"{text('records.calibration')} {number}"
             lines.append(
                 Line(f"{title}, {text('live.raw')}", curve.standard_nm, curve.raw_error_nm,
                      colour, points=True, symbol="emptyCircle")
@@ -246,6 +253,26 @@ class _Calibrations:
                     )
 
 
+def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
+    """Return the values over time, and the control chart's lines where there is one."""
+    moments = [moment.timestamp() for moment in series.moments]
+    lines = [Line(text("records.values"), moments, series.values, "--series-1", points=True)]
+    chart = series.chart
+    if chart is not None:
+        ends, gap = [moments[0], moments[-1]], math.nan
+        lines += [
+            Line(text("records.centre"), ends, [chart.centre] * 2, "--series-3"),
+            Line(
+                text("records.limits"),
+                [*ends, gap, *ends],
+                [chart.lower, chart.lower, gap, chart.upper, chart.upper],
+                "--bad",
+                dashed=True,
+            ),
+        ]
+    return lines
+
+
 def _drift(visitor: Visitor) -> None:
     """Show the drift of each transducer."""
     text, records = visitor.text, visitor.service.records
@@ -255,24 +282,14 @@ def _drift(visitor: Visitor) -> None:
             shown += 1
             title = text.core(series.title)
             with panel(f"{serial}: {title}"):
-                days = [moment.timestamp() / 86400.0 for moment in series.moments]
-                since = [day - days[0] for day in days]
-                lines = [Line(text("records.values"), since, series.values, "--series-1",
-                              points=True)]  # fmt: skip
-                limits: tuple[float, ...] = ()
                 chart = series.chart
-                if chart is not None:
-                    limits = (chart.lower, chart.upper)
-                    span = [since[0], since[-1]]
-                    middle = [chart.centre, chart.centre]
-                    lines.append(Line(text("records.centre"), span, middle, "--series-3"))
-                if len(since) > 1:  # a chart of a single point says less than a sentence
+                if len(series.moments) > 1:  # a chart of a single point says less than a sentence
                     Chart(
                         text("records.drift_label", title=title),
-                        text("records.days"),
+                        text("records.time"),
                         f"{title}, {series.unit}",
-                        lines,
-                        limits=limits,
+                        drift_lines(text, series),
+                        moments=True,
                     )
                 else:
                     said = f"{series.values[0]:.4g} {series.unit}".replace("-", "−")

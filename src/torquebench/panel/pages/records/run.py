@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from datetime import datetime
 from functools import partial
 from typing import Any
 
@@ -17,6 +19,7 @@ from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
+from torquebench.records.column_words import column_unit
 from torquebench.records.stream_export import STREAM_FORMATS, StreamFormat, stream_ending
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]
@@ -24,6 +27,7 @@ __all__ = ["RunPanel", "doubt_notes", "run_title"]
 SHOWN_ROWS = 12
 POINTS = 1000
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
+UNIT = re.compile("_(nm_per_s|rad_s|nm|hz|rpm|deg|c|s)$")
 
 
 def run_title(text: Text, kind: str) -> str:
@@ -89,7 +93,7 @@ class RunPanel:
                 note(text("run.intact"), "good")
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
-            self._samples()
+            self._samples(detail.run.kind)
             for part in detail.tables:
                 self._points(part)
 
@@ -97,11 +101,11 @@ class RunPanel:
         completed = status in ("completed", "running")
         return None if completed else self._visitor.service.interrupted(self._run_id)
 
-    def _facts(self, detail: RunDetail) -> list[tuple[str, str]]:
+    def _facts(self, detail: RunDetail) -> list[tuple[str, str | datetime]]:
         text, run = self._text, detail.run
-        facts = [
+        facts: list[tuple[str, str | datetime]] = [
             (text("records.kind"), run_title(text, run.kind)),
-            (text("records.started"), f"{run.started:%Y-%m-%d %H:%M:%S} UTC"),
+            (text("records.started"), run.started),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
             (text("records.profile"), run.profile or "—"),
@@ -117,13 +121,14 @@ class RunPanel:
             facts.append((text("run.data"), text("frame.simulated")))
         return facts
 
-    def _samples(self) -> None:
+    def _samples(self, kind: str) -> None:
         records = self._visitor.service.records
         try:
             columns = records.run_columns(self._run_id)
         except (TorquebenchError, OSError):  # a run without raw samples
             return
         chosen = [name for name in columns if "torque" in name] or list(columns)
+        chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the side that was run
         if not chosen:
             return
         options = {name: name for name in columns}
@@ -139,7 +144,7 @@ class RunPanel:
                 Chart(
                     self._text("run.samples_label", name=name),
                     self._text("preview.time"),
-                    name,
+                    with_unit(name),
                     _extremes(name, rows.time_s.tolist(), rows.low[0].tolist(),
                               rows.high[0].tolist()),
                 )  # fmt: skip
@@ -163,23 +168,24 @@ class RunPanel:
                     numbers["reading_nm"], numbers["standard_nm"], strict=True
                 )
             ]
-        if len(next(iter(numbers.values()))) > 1:
-            self._plot(numbers)
-        names = list(numbers)[:7]
+        first = _worth_seeing(numbers)
+        if first:
+            self._plot(numbers, first)
+        names = list(numbers)
         rows = [
             tuple(f"{numbers[name][row]:.6g}" for name in names)
             for row in range(min(SHOWN_ROWS, len(numbers[names[0]])))
         ]
         table(part.stream, [(name, True) for name in names], rows)
-        if len(numbers[names[0]]) > SHOWN_ROWS:
-            words("p", text("run.more"), "muted small")
+        if (count := len(numbers[names[0]])) > SHOWN_ROWS:
+            words("p", text("run.more", shown=SHOWN_ROWS, all=count), "muted small")
 
-    def _plot(self, numbers: dict[str, Sequence[Any]]) -> None:
+    def _plot(self, numbers: dict[str, Sequence[Any]], first: str) -> None:
         text = self._text
         names = list(numbers)
         state = {
             "x": "standard_nm" if "standard_nm" in names else names[0],
-            "y": next((name for name in Y_FIRST if name in names), names[-1]),
+            "y": first,
         }
 
         def choose(axis: str, name: str) -> None:
@@ -202,8 +208,8 @@ class RunPanel:
             with place:
                 Chart(
                     text("run.points_label", x=x, y=y),
-                    x,
-                    y,
+                    with_unit(x),
+                    with_unit(y),
                     [Line(y, numbers[x], numbers[y], COLOURS[1], points=True)],
                 )
 
@@ -239,6 +245,28 @@ class RunPanel:
     def _packed(self) -> bytes:
         with self._visitor.service.records.export_zip(self._run_id) as archive:
             return archive.read()
+
+
+def with_unit(column: str) -> str:
+    """Return a column's name with its unit as it is written.
+
+    Examples
+    --------
+    >>> with_unit("input_torque_hz"), with_unit("speed_rad_s"), with_unit("branch")
+    ('input_torque, Hz', 'speed, rad/s', 'branch')
+    """
+    name, unit = UNIT.sub("", column), column_unit(column)[0]
+    return f"{name}, {unit}" if name != column and unit else column
+
+
+def _worth_seeing(numbers: Mapping[str, Sequence[Any]]) -> str:
+    """Return the column to draw first: a measured one that varies; empty if there is none."""
+    varying = [
+        name
+        for name, values in numbers.items()
+        if len(set(values)) > 1 and not with_unit(name).endswith((name, ", s"))
+    ]
+    return next((name for name in (*Y_FIRST, *varying) if name in varying), "")
 
 
 def _extremes(name: str, time: list[float], low: list[float], high: list[float]) -> list[Line]:
