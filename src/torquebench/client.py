@@ -235,7 +235,7 @@ class Client:
         ----------
         job_id : str
         on_event : callable
-            Told every event meanwhile: points as they come, and questions to the operator, which
+            Called with every event: points as they arrive, and questions to the operator, which
             `answer` answers.
         """
         broken = 0
@@ -367,7 +367,7 @@ class AsyncClient:
         job_id: str,
         on_event: Callable[[Event], Awaitable[object] | object] = lambda _event: None,
     ) -> dict[str, Any]:
-        """Wait for the end of a job; see `Client.wait`. What `on_event` returns is awaited."""
+        """Wait for the end of a job; see `Client.wait`. The result of `on_event` is awaited."""
         broken = 0
         while True:
             try:
@@ -396,7 +396,7 @@ class AsyncClient:
         return _result(await self.wait(started["job_id"], on_event))
 
     async def answer(self, number: int, *, done: bool = True) -> None:
-        """Answer what somebody at the bench was asked to do."""
+        """Answer the request to the person at the bench."""
         await self.post(f"/prompt/{number}", done=done)
 
     async def activate(self, model_id: int, reason: str = "") -> None:
@@ -425,7 +425,7 @@ class AsyncClient:
         await self.post("/stop", reason=reason)
 
     async def download(self, path: str, file: Path | str, **query: Any) -> Path:
-        """Write what a path holds to a file; see `Client.download`."""
+        """Write the content of a path to a file; see `Client.download`."""
         target = Path(file)
         async with self.http.stream("GET", path, params=_body(query)) as answer:
             if not answer.is_success:

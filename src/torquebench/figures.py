@@ -72,7 +72,7 @@ class Curve:
     band : numpy.ndarray of shape (n,), optional
         Half width of a band about a line, in the unit of the ordinate.
     style : str
-        Line style or marker of Matplotlib; without it what the figure gives all its curves.
+        Line style or marker of Matplotlib; by default the figure's.
     """
 
     label: str
@@ -128,7 +128,7 @@ def additional_torque_figure(
     curves: Sequence[Curve],
     range_nm: float,
 ) -> str:
-    """Draw the measured additional torque and what each model makes of it.
+    """Draw the measured additional torque and each model's.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def draw_additional_torque(
     curves: Sequence[Curve],
     range_nm: float,
 ) -> None:
-    """Draw what `additional_torque_figure` shows into axes; the band of a curve is its U."""
+    """Draw the content of `additional_torque_figure` into axes; the band of a curve is its U."""
     reading, additional, sides = (np.asarray(a, float) for a in (reading_nm, additional_nm, branch))
     for value, marker, label in (
         (1, _UP, "measured, rising"),

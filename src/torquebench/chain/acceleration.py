@@ -53,7 +53,7 @@ class AccelerationBySpeed:
 
     @classmethod
     def of(cls, time_s: FloatArray, speed_rpm: FloatArray) -> AccelerationBySpeed:
-        """Return what suits the noise of a record.
+        """Return the evaluation that suits the noise of a record.
 
         Parameters
         ----------

@@ -29,7 +29,7 @@ class Refusal(NamedTuple):
     ----------
     rows : bool array of shape (n,)
     found, allowed : str
-        What the first of them has, and what the effect's record covers.
+        Condition of the first of them, and the range of the effect's record.
     """
 
     rows: NDArray[np.bool_]
@@ -50,7 +50,7 @@ class Effect(ABC):
     kind : str
         Name in chain files, set by `register`.
     title : str
-        What it is, in words.
+        Name in words.
     needs : tuple of str
         Fields of `Readings` that it uses. One that isn't measured enters as an uncertainty over the
         range that the effect states for it.

@@ -46,7 +46,7 @@ class MeasuringChain:
     model : CompensationModel
         Fitted: gives the static curve and the scatter.
     stored : tuple of Effect
-        What else is known of the chain.
+        Further effects of the chain.
 
     Examples
     --------
@@ -91,7 +91,7 @@ class MeasuringChain:
 
     @cached_property
     def switched_off(self) -> frozenset[str]:
-        """Components that are not corrected, by their names; what they may be stays in U."""
+        """Names of components that are not corrected; their possible size stays in U."""
         return frozenset(
             name for each in self.stored if isinstance(each, SwitchedOff) for name in each.names
         )
@@ -147,8 +147,7 @@ class MeasuringChain:
         Raises
         ------
         InputError
-            A reading outside of what was calibrated, or under circumstances that no effect's
-            record covers.
+            A reading outside the calibrated range, or conditions outside the range of an effect.
         """
         torque = self.compensated(readings)
         if not np.isfinite(torque.value_nm).all():
@@ -211,7 +210,7 @@ class MeasuringChain:
         return replace(self, stored=kept)
 
     def stream(self) -> ChainStream:
-        """Return what compensates one stream of readings, block by block."""
+        """Return a compensator for one stream of readings, block by block."""
         return ChainStream(self)
 
 

@@ -44,7 +44,7 @@ class Readings:
         Whether `time_s` counts from the opening of the bench: it then has no relation to
         running-in.
     loadings : float
-        How many separate loadings each reading is the mean of.
+        Number of separate loadings over which each reading is a mean.
     """
 
     reading_nm: FloatArray
@@ -82,7 +82,7 @@ def known_or(value: Known, otherwise: float) -> FloatArray:
 
 
 def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
-    """Return a quantity for each of so many readings, with another number if it isn't measured.
+    """Return a quantity for each reading, with a given number if it isn't measured.
 
     Examples
     --------

@@ -30,10 +30,9 @@ def rows_of(readings: Readings, rows: slice) -> Readings:
 class RecordedStream:
     """Compensates a record with times: blocks in order, each with the next one.
 
-    The acceleration comes from the speed if it isn't given. Where no branch is given, the place
-    in the hysteresis loop of a chain that turns follows from the readings before. What it states is
-    what `ChainStream` states of the same readings with the same accelerations, wherever the record
-    is cut.
+    The acceleration comes from the speed if it isn't given. Where no branch is given, the place in
+    the hysteresis loop of a chain that turns follows from the readings before. The result equals
+    that of `ChainStream` for the same readings and accelerations, wherever the record is cut.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ class RecordedStream:
     Attributes
     ----------
     completed_last : Readings
-        The last block with what was derived.
+        The last block with derived quantities.
 
     Examples
     --------

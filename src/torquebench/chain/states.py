@@ -42,14 +42,14 @@ class EffectState:
     record : str
         Source of its values.
     contribution_nm : float or None
-        What it adds to the torque, N·m; None without a correction, or if it has no number.
+        Correction of the torque, N·m; None without a correction, or if it has no number.
     uncertainty_nm : float
         Its standard uncertainty, N·m.
     state : {"holds", "outside", "unmeasured", "off"}
-        Whether it holds for the reading; where it is outside there is no torque; what isn't
-        measured, or is switched off, stays in U.
+        Whether it applies to the reading; outside its range there is no torque; effects that aren't
+        measured, or are switched off, stay in U.
     detail : str
-        What was found and is allowed, or what isn't measured.
+        The value and its allowed range, or the missing quantity.
     switch : str
         Of `SWITCHES`, by which it is switched; empty where it can't be.
     """
@@ -72,7 +72,7 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
     readings : Readings
         A single one.
     torque : Torque
-        What the chain stated of it.
+        The chain's torque of it.
     """
     switch_of = {name: switch for switch, names in SWITCHES.items() for name in names}
     found = []

@@ -47,12 +47,12 @@ class Component:
     name : str
         The source, as budgets name it.
     shared : Shared
-        What readings have in common that share its error.
+        Property of readings with a common error.
     uncertainty_nm : float64[n] or float
         Standard uncertainty, N·m, with the sign of the error's direction: where the signs of two
         readings differ, a shared error turns round between them.
     value_nm : float64[n] or float
-        What was added to the torque, N·m.
+        Correction of the torque, N·m.
     place : float64[n, m] or None
         Position of a reading, in correlation lengths: errors of readings farther apart than 1 are
         independent. None where one error shifts all of them.
@@ -130,7 +130,7 @@ class Torque:
 
     @property
     def has_number(self) -> NDArray[np.bool_]:
-        """Which torques have a number."""
+        """Whether torques are finite."""
         return np.isfinite(self.value_nm)
 
     @property
@@ -203,9 +203,8 @@ class Torque:
     ) -> Torque:
         """Return Σ wᵢTᵢ as one torque: a difference, a mean, any comparison of one calibration.
 
-        What the torques share follows from the components: an error of the calibration enters as
-        Σ wᵢuᵢ, so that it cancels in a difference; one that is new with every loading as
-        √Σ (wᵢuᵢ)².
+        Correlations follow from the components: an error of the calibration enters as Σ wᵢuᵢ, so
+        that it cancels in a difference; one that is new with every loading as √Σ (wᵢuᵢ)².
 
         Parameters
         ----------

@@ -130,7 +130,7 @@ def options(
         ),
     ] = None,
 ) -> None:
-    """Keep what holds for every command."""
+    """Store the options common to all commands."""
     global _debug
     if registry:
         os.environ[REGISTRY_URL] = registry

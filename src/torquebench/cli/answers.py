@@ -25,7 +25,7 @@ class Errors(TypedDict):
 
 
 class Repeatability(TypedDict):
-    """How much readings of one torque differ between groups."""
+    """Scatter of readings of one torque between groups."""
 
     pooled_nm: float
     worst_nm: float
@@ -48,7 +48,7 @@ class VerifiedModel(TypedDict):
 
 
 class Contradiction(TypedDict):
-    """Where points of a calibration contradict each other."""
+    """Contradictory points of a calibration."""
 
     kind: str
     clause: str
@@ -58,7 +58,7 @@ class Contradiction(TypedDict):
 
 
 class Deviation(TypedDict):
-    """Where a calibration departs from its profile, and what the certificate does."""
+    """Deviations of a calibration from its profile, and their treatment in the certificate."""
 
     kind: str
     clause: str
@@ -119,7 +119,7 @@ class CalibratedModule(TypedDict):
 
 
 class Plan(TypedDict):
-    """What would be loaded, as `--dry-run` finds."""
+    """Loads of a `--dry-run`."""
 
     side: str
     points: int
@@ -278,7 +278,7 @@ class DataSheetShown(TypedDict):
 
 
 class DataSheetRead(TypedDict):
-    """What a memory holds, and the file that it was written to."""
+    """Content of a memory, and the file that it was written to."""
 
     sheet: DataSheet
     files: list[str]
@@ -296,7 +296,7 @@ class CalibrationCurve(TypedDict):
 
 
 class DataSheetWritten(TypedDict):
-    """What was written as the content of a memory; `bytes` without checksums."""
+    """Written content of a memory; `bytes` without checksums."""
 
     sheet: DataSheet
     bytes: int
@@ -455,7 +455,7 @@ class TestFailure(TypedDict):
 
 
 class TestPlan(TypedDict):
-    """What a test would do (`--dry-run`)."""
+    """Rehearsal of a test (`--dry-run`)."""
 
     name: str
     title: str
@@ -540,7 +540,7 @@ class TableOfNumbers(TypedDict):
 
 
 class Mechanics(TypedDict):
-    """What was computed, in words and as tables."""
+    """Results, in words and as tables."""
 
     result: str
     tables: list[TableOfNumbers]
@@ -549,7 +549,7 @@ class Mechanics(TypedDict):
 
 
 class Defect(TypedDict):
-    """Something that isn't as it was entered."""
+    """A record that has changed since its entry."""
 
     kind: str
     where: str
@@ -558,7 +558,7 @@ class Defect(TypedDict):
 
 
 class RecordsVerified(TypedDict):
-    """All records and files compared with what was entered."""
+    """All records and files compared with their entries."""
 
     intact: bool
     records: int
@@ -570,13 +570,13 @@ class RecordsVerified(TypedDict):
 
 
 class Entered(TypedDict):
-    """What was entered in the registry."""
+    """Entries in the registry."""
 
     record: str
 
 
 class BackedUp(TypedDict):
-    """What a backup copied."""
+    """Result of a backup."""
 
     runs: int
     known_runs: int
@@ -588,7 +588,7 @@ class BackedUp(TypedDict):
 
 
 class Restored(TypedDict):
-    """What was brought back from a backup."""
+    """Result of a restore."""
 
     restored: list[str]
     replaced: list[str]
@@ -597,7 +597,7 @@ class Restored(TypedDict):
 
 
 class Rebuilt(TypedDict):
-    """What a registry that was rebuilt contains."""
+    """Content of a rebuilt registry."""
 
     anew: bool
     mended: list[str]
@@ -729,7 +729,7 @@ class ListedEquipment(TypedDict):
 
 
 class Listed(TypedDict):
-    """What the registry contains, the newest first; `more` names lists that go on."""
+    """Content of the registry, the newest first; `more` names lists that go on."""
 
     runs: NotRequired[list[ListedRun]]
     calibrations: NotRequired[list[ListedCalibration]]
@@ -739,7 +739,7 @@ class Listed(TypedDict):
 
 
 class Shown(TypedDict):
-    """One record: `facts` as they are printed, `record` as it is registered."""
+    """One record: `facts` as printed, `record` as registered."""
 
     name: str
     facts: dict[str, str]
@@ -850,7 +850,7 @@ class PlantMade(TypedDict):
 
 
 class PlantSent(TypedDict):
-    """What a bench sent."""
+    """Data sent by a bench."""
 
     bench: str
     entries: int

@@ -59,7 +59,7 @@ class BenchSession:
         Raises
         ------
         typer.Exit
-            The run was aborted; what is kept of it has been said.
+            The run was aborted; a message states what is kept.
         """
         progress = TerminalProgress()
         interrupts = BenchInterrupts(self.station, progress, may_pause=may_pause)

@@ -28,7 +28,7 @@ __all__ = ["find_calibration", "register"]
 
 
 class Language(StrEnum):
-    """What a certificate is written in."""
+    """Formats of a certificate."""
 
     en = "en"
     de = "de"

@@ -81,7 +81,7 @@ def is_quiet() -> bool:
 
 
 def answer(**facts: Any) -> None:
-    """Add facts to what `--json` prints; `cli.answers` lists those of every command.
+    """Add facts to the JSON answer; `cli.answers` lists those of every command.
 
     A fact that is a list extends the earlier list of its name.
     """
@@ -201,13 +201,13 @@ def warn(text: str) -> None:
 
 
 def write_error(error: TorquebenchError) -> None:
-    """Print what was found, what is allowed and what to do, one line each."""
+    """Print found, allowed and remedy of an error, one line each."""
     _output.error = {"found": error.found, "allowed": error.allowed, "do": error.remedy}
     _write_message({"error": error.found, "allowed": error.allowed, "do": error.remedy})
 
 
 def write_contradictions(contradictions: Sequence[Contradiction], remedy: str) -> None:
-    """Print what a calibration contradicts, what may be the cause, and what to do."""
+    """Print a calibration's contradictions, possible causes and remedies."""
     for each in contradictions:
         allowed = f"{each.allowed} (clause {each.clause})"
         _write_message({"contradiction": each.found, "allowed": allowed, "cause": each.cause})

@@ -53,7 +53,7 @@ class Finding:
         A note requires no action.
     found : str
     remedy : str
-        What to do, where something is to be done.
+        Remedy, if any.
     """
 
     what: str
@@ -329,7 +329,7 @@ def _compensations(station: Station) -> Iterator[Finding]:
 def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Power each drive at zero torque and check that it stops on command, and without feeding.
 
-    Every command, and what was found, goes into the audit log of the data directory.
+    Every command and finding goes into the audit log of the data directory.
     """
     from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
     from torquebench.bench.drivers.base import SIDES, torque_channel

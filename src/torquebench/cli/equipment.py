@@ -24,7 +24,7 @@ __all__ = ["register"]
 
 
 class Kind(StrEnum):
-    """What a piece of equipment is."""
+    """Kinds of equipment."""
 
     transducer = "transducer"
     calibrator = "calibrator"

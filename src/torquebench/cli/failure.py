@@ -37,7 +37,7 @@ _DISTRIBUTIONS = {
 
 
 def exit_code(error: TorquebenchError) -> int:
-    """Return the exit code of an error: 2 for what the user handed in, 1 for the rest.
+    """Return the exit code of an error: 2 for the user's input, 1 otherwise.
 
     Examples
     --------

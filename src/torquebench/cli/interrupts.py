@@ -24,7 +24,7 @@ __all__ = ["BenchInterrupts"]
 
 
 class BenchInterrupts:
-    """What signals do while a plan runs on a station.
+    """Reactions to signals while a plan runs on a station.
 
     At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks; a
     second one aborts at once. Without a terminal no question can be asked: Ctrl-C aborts. A request

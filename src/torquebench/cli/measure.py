@@ -144,7 +144,7 @@ def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
 
 @dataclass(frozen=True)
 class MeasuredSide:
-    """Mean torque ± U (k = 2) of one side, and what it is: compensated, raw or a fault.
+    """Mean torque ± U (k = 2) of one side, and its kind: compensated, raw or a fault.
 
     Attributes
     ----------
@@ -170,7 +170,7 @@ class MeasuredSide:
 
 @dataclass(frozen=True)
 class MeasuredInterval:
-    """What one line shows."""
+    """Content of one line."""
 
     time_s: float
     input: MeasuredSide

@@ -23,7 +23,7 @@ ParameterOption = Annotated[
 
 
 def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
-    """Return a model's parameters as they were given, checked.
+    """Return a model's parameters from the command line, checked.
 
     Parameters
     ----------

@@ -68,7 +68,7 @@ def mounting_record(given: list[str] | None) -> MountingRecord | None:
 
 @contextlib.contextmanager
 def recorded(record: MountingRecord | None) -> Iterator[None]:
-    """Let every run of the block keep what was entered."""
+    """Store the entered values with every run of the block."""
     if record is None:
         yield
         return

@@ -116,7 +116,7 @@ def make_page(
     yes: bool = False,
     real_time: bool = False,
 ) -> Page:
-    """Do what the command does, and return the page; arguments are its options."""
+    """Execute the command and return the page; arguments are its options."""
     check_reports(reports)
     if save is not None:
         check_output_folder(save)

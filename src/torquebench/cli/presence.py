@@ -182,7 +182,7 @@ else:
                 termios.tcsetattr(self._file, termios.TCSANOW, changed)
 
         def give_back(self) -> None:
-            """Leave the terminal as it was."""
+            """Restore the terminal."""
             before, self._before = self._before, None
             if before is not None:
                 with contextlib.suppress(termios.error):  # the terminal has been closed

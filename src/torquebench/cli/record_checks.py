@@ -119,7 +119,7 @@ def review(
     reject: Annotated[bool, typer.Option("--reject", help="It isn't accepted.")] = False,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
-    """Enter who has checked a record."""
+    """Enter the review of a record."""
     from torquebench.records import Registry
 
     subject, number = _subject(record)

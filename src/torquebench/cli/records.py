@@ -62,7 +62,7 @@ finish.register(app)
 
 
 class Kind(StrEnum):
-    """What can be listed."""
+    """Kinds of lists."""
 
     all = "all"
     runs = "runs"

@@ -18,7 +18,7 @@ __all__ = ["tell_recovered", "tell_unfinished", "tell_warnings"]
 
 
 def tell_recovered(station: Station, *, but: str = "") -> None:
-    """Say which runs were found open or unregistered, what was kept of them and what to do.
+    """List the recovered and newly registered runs, the data kept, and the remedy.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
 
 
 def tell_unfinished(runs: list[UnfinishedRun]) -> None:
-    """Say which runs aren't finished and what to do."""
+    """List the unfinished runs and the remedy."""
     for run in runs:
         warn(f"{run.found}: {run.remedy}")
 

@@ -25,7 +25,7 @@ __all__ = ["print_efficiency", "print_record", "rehearsal_table"]
 def rehearsal_table(
     reducer: ReducerDescription, parts: Sequence[ReducerTestRehearsal], *, simulated: bool
 ) -> Table:
-    """Return what a test would do: durations, and the largest torques and speeds."""
+    """Return the rehearsal of a test: durations, and the largest torques and speeds."""
     said = " - simulated" if simulated else ""
     table = narrow_table(
         f"Planned test of {escape(reducer.name)}{said}",
@@ -50,7 +50,7 @@ def rehearsal_table(
 
 
 def print_record(record: ReducerTestRecord) -> None:
-    """Print the values with U, limits and verdicts of every part, and what must be known."""
+    """Print the values with U, limits, verdicts and remarks of every part."""
     said = " - simulated" if record.simulated else ""
     specimen = f" {record.serial}" if record.serial else ""
     said = f"{', short test' if record.short else ''}{said}"

@@ -23,7 +23,7 @@ __all__ = ["placement_table", "staircase_tables"]
 def staircase_tables(
     description: BenchDescription, side: Side, profile: Profile, rehearsal: Rehearsal[Any]
 ) -> Iterable[RenderableType]:
-    """Yield what a rehearsed calibration will load.
+    """Yield the loads of a rehearsed calibration.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def staircase_tables(
 
 
 def _placing(profile: Profile, coarse: int) -> str:
-    """Return what follows the coarse series of an adaptive profile, in words."""
+    """Describe the part of an adaptive profile after the coarse series."""
     settings = profile.adaptive
     assert settings is not None
     end = f"until {settings.points} points are measured"

@@ -216,7 +216,7 @@ def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
 
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
-    """Return what was identified of a chain that turns: largest value and U of each part."""
+    """Return the identified effects of a rotating chain: largest value and U of each."""
     import numpy as np
 
     from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature

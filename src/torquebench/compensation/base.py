@@ -64,23 +64,22 @@ _ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
 class CompensationModel(Estimator, ABC):
     """Base of all compensation models: scikit-learn regressors from reading to true torque.
 
-    ``fit(X, y)`` takes readings (and what else is known) and the standard's torque, ``predict(X)``
+    ``fit(X, y)`` takes readings (and further columns) and the standard's torque, ``predict(X)``
     gives the compensated torque and, on demand, its standard uncertainty.
 
     A subclass repeats the three parameters below in its constructor, may override the minimum
-    numbers of points and implements `_fit` and `_predict`. They get checked float64 arrays in
-    N·m, sorted by reading (so that a fit doesn't depend on the order of the rows), and scale
-    inside. `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one
-    underscore and don't start with one are the model's state: floats, integers, strings, booleans,
-    arrays, lists, tuples, dicts with string keys and dataclasses that are registered with
-    `state.storable`. What can be recomputed from them starts with an underscore
-    and is recomputed in `_after_restore`.
+    numbers of points and implements `_fit` and `_predict`. They get checked float64 arrays in N·m,
+    sorted by reading (so that a fit doesn't depend on the order of the rows), and scale inside.
+    `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
+    and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
+    lists, tuples, dicts with string keys and dataclasses that are registered with `state.storable`.
+    Values that are recomputed from them in `_after_restore` start with an underscore.
 
     Parameters
     ----------
     range_nm : float, optional
-        Range of the chain in N·m, the full scale (FS). From the data when None. Readings beyond
-        what was calibrated stay refused.
+        Range of the chain in N·m, the full scale (FS). From the data when None. Readings outside
+        the calibrated range are still refused.
     range_margin : float, default 0.02
         Share of the calibrated range by which a reading may lie outside it.
     outliers : {"downweight", "refuse", "keep"}, default "downweight"

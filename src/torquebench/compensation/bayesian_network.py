@@ -93,7 +93,7 @@ class _Problem:
         self.weight_squares = np.add.reduceat(flat * flat, self.starts)
 
     def linearise(self) -> None:
-        """Evaluate the Jacobian and what it is used in."""
+        """Evaluate the Jacobian and its products."""
         self.J = jacobian(self.parameters, self.x, self.hidden_outputs)
         self.J *= self.root_weights[:, None]
         self.pull = self.J.T @ self.errors

@@ -63,9 +63,9 @@ class Outlier:
     series : int
         Its series (0 where that column isn't given).
     reading_nm, standard_nm : float
-        What was read and what the standard gave, in N·m.
+        Readings and standard values, in N·m.
     residual_nm : float
-        Deviation of the standard's value from what its neighbours make expect, in N·m.
+        Deviation of the standard's value from the one expected from its neighbours, in N·m.
     scatter_nm : float
         Standard deviation of the other points about their neighbours, in N·m.
     """
@@ -134,7 +134,7 @@ def check_points(
     Raises
     ------
     InputError
-        Naming what was found.
+        With the finding.
     """
     count = points.y.size
     distinct = np.unique(points.reading).size
@@ -210,7 +210,7 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
 def find_outliers(points: CalibrationPoints) -> tuple[list[int], list[Outlier]]:
     """Find points far outside the values of all their neighbours.
 
-    A robust quadratic per direction with branch terms takes the trend away. A point's residual is
+    A robust quadratic per direction with branch terms removes the trend. A point's residual is
     compared with its three neighbours in reading on either side, over all series and branches. An
     outlier is beyond every neighbour by six times the local scatter (more with few points) and by
     0.05 % of the largest torque. A step at torque reversal or an engagement bump isn't an outlier,
@@ -377,7 +377,7 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
 
 
 def trend_free(X: FloatArray, y: FloatArray) -> FloatArray:
-    """Take a robust quadratic per direction, with branch terms, away from the standard's values.
+    """Subtract a robust quadratic per direction, with branch terms, from the standard's values.
 
     Parameters
     ----------

@@ -88,7 +88,7 @@ def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
     ----------
     X : data frame or array of shape (n, k)
     columns : int, optional
-        How many columns of `FEATURES` are wanted; by default up to the first that isn't there.
+        Number of columns of `FEATURES`; by default up to the first missing one.
 
     Raises
     ------

@@ -73,7 +73,7 @@ def propose_points(
     y : array_like of shape (n,)
         Standard torque in N·m.
     count : int
-        How many points to propose, 1 to 150; better a few at a time.
+        Number of proposed points, 1 to 150; preferably a few at a time.
     criterion : {"worst", "integrated"}
         Whether the largest or the root mean square standard uncertainty over the range counts.
 

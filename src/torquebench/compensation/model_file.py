@@ -35,7 +35,7 @@ class Provenance:
     transducer_serial : str
         Serial number of the transducer, "" when not known.
     counter_identity : str
-        Which clock counted the pulses, "" when not known.
+        Timebase of the counter, "" if unknown.
     training_data_sha256 : str
         Hash of the calibration data.
     metrics : mapping of str to float
@@ -47,9 +47,9 @@ class Provenance:
     unit : str
         Unit of readings and torques.
     effects : tuple of mapping
-        What else is known of the measuring chain, as `torquebench.chain` reads it.
+        Effects of the measuring chain, as stored by `torquebench.chain`.
     contradictions : tuple of str
-        What the calibration contradicts: itself, this model or the one before; empty for a
+        Contradictions of the calibration with itself, this model or the previous one; empty for a
         plausible one.
     accepted : str
         Person and reason if it is used nevertheless, otherwise "".
@@ -93,14 +93,14 @@ class StoredModel:
         Parameters
         ----------
         transducer_serial, counter_identity : str, optional
-            What the bench has; None omits it.
+            The bench's values; None omits it.
         range_nm : float, optional
             Range that is to be measured in N·m; at most the calibrated one.
 
         Raises
         ------
         ModelMismatchError
-            Naming what differs.
+            With the differences.
         """
         made_with = self.provenance
         for what, present, stored in (

@@ -122,7 +122,7 @@ def nguyen_widrow_start(
     hidden : int
         Number of hidden neurons.
     size : float, default 1
-        Factor on the input weights: 2 for what MATLAB does, below 1 for a smoother start.
+        Factor on the input weights: 2 as in MATLAB, below 1 for a smoother start.
 
     Returns
     -------
@@ -230,7 +230,7 @@ def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatA
 
 
 def rounding(diagonal: FloatArray) -> float:
-    """Return what rounding makes of a matrix with this diagonal: less can't keep it definite."""
+    """Return a matrix's rounding error by its diagonal, which keeps it positive definite."""
     return float(4.0 * diagonal.size * np.finfo(np.float64).eps * np.max(diagonal))
 
 

@@ -120,8 +120,8 @@ class PhysicsModel(CompensationModel):
     table. A drift of the zero during the calibration is estimated and excluded. The coefficients
     have wide normal priors and are integrated out; the noise comes from the marginal likelihood by
     fixed-point iteration (MacKay, Neural Computation 4 (1992) 415, eq. 4.10) and the step's width
-    is averaged over a grid, weighted by the same likelihood. What the form can't follow is part of
-    the uncertainty (`discrepancy`).
+    is averaged over a grid, weighted by the same likelihood. The form's error is part of the
+    uncertainty (`discrepancy`).
 
     Parameters
     ----------

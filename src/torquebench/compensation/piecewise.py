@@ -211,12 +211,11 @@ def approximate(
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
     that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
-    the largest one is enlarged by what the deviation's own curvature allows between the points,
-    three times over: enough for a square root that begins at an interval's edge, as loops and
-    reversals make it. That is a proof for curves with no other feature narrower than the points'
-    distance, which nothing here can exclude; the intervals are narrowed, near zero and elsewhere
-    on their own, until the bound is met. Full
-    scale is an edge as well: models taper there.
+    the largest one is increased by three times the change between the points that its curvature
+    allows. That covers a square root at an interval's edge, as caused by loops and reversals. That
+    is a proof for curves with no other feature narrower than the points' distance, which nothing
+    here can exclude; the intervals are narrowed, near zero and elsewhere on their own, until the
+    bound is met. Full scale is an edge as well: models taper there.
 
     Parameters
     ----------
@@ -233,7 +232,7 @@ def approximate(
     branch_aware : bool
         Whether the curve depends on the branch.
     name : str
-        What the curve is, for messages.
+        Name of the curve, for messages.
 
     Returns
     -------

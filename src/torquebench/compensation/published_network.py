@@ -112,8 +112,8 @@ class PublishedNetworkModel(CompensationModel):
 
     Input and target are scaled to -1 to 1; 50 hidden neurons with tanh, one linear output, batch
     gradient descent on the mean square error. The articles give neither learning rate nor epochs
-    nor start, and the start decides what plain gradient descent reaches: from the usual
-    Nguyen-Widrow weights it never gets smooth between the points, from small weights it does,
+    nor start. The result of plain gradient descent depends on the start: from the usual
+    Nguyen-Widrow weights it doesn't become smooth between the points, from small weights it does,
     slowly.
 
     Parameters
@@ -146,10 +146,9 @@ class PublishedNetworkModel(CompensationModel):
 
     Notes
     -----
-    Sources: Z. Yu, Y. Zhang, Journal of Sensors, 2021; Z. Yu, Y. Zhang, W. Yu, X. Liu,
-    Measurement and Control, 2022, doi 10.1177/00202940221103308. The uncertainty isn't theirs: it
-    is that of the network linearised at the end of the training, with the weights' way from the
-    start as measure of their prior variance.
+    Sources: Z. Yu, Y. Zhang, Journal of Sensors, 2021; Z. Yu, Y. Zhang, W. Yu, X. Liu, Measurement
+    and Control, 2022, doi 10.1177/00202940221103308. The uncertainty is an addition: the network is
+    linearised after training, with the weights' change as a measure of their prior variance.
 
     Examples
     --------

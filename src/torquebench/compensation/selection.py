@@ -304,8 +304,8 @@ def compare(
 
     Points of one step (repeats, both branches) are always held out together. A fold holds every
     k-th step, so neighbours on both sides stay in; the outermost steps always stay in and aren't
-    scored, because a model never has to extrapolate. What a model chooses for itself
-    (regularisation, smoothing) it chooses again in every fold.
+    scored, because a model never has to extrapolate. A model's own choices (regularisation,
+    smoothing) are repeated in every fold.
 
     Parameters
     ----------

@@ -56,11 +56,11 @@ class InverseFilter:
     interval_s : float
         Sample interval for which it holds.
     delay_s : float
-        By how much its output is later than the torque: chain and filter together.
+        Delay of its output relative to the torque: chain and filter together.
     bandwidth_hz : float
         Frequency at which it is down by 3 dB.
     transfer : TransferFunction
-        What it inverts.
+        The inverted transfer function.
     """
 
     filter: UncertainFilter
@@ -76,12 +76,12 @@ class InverseFilter:
 
     @property
     def raw(self) -> StepResponse:
-        """What a step becomes without the filter."""
+        """Step response without the filter."""
         return step_response(self.transfer, self.interval_s)
 
     @property
     def compensated(self) -> StepResponse:
-        """What a step becomes with it."""
+        """Step response with the filter."""
         return step_response(self.transfer, self.interval_s, self.filter)
 
 
@@ -92,7 +92,7 @@ def design_inverse(
 
     The filter makes chain and filter together a bell-shaped (Gaussian) low-pass with a delay, by
     least squares over all frequencies; a penalty on the size of its coefficients limits the noise
-    at frequencies that the chain blocks. Slow torques stay as they are: the sum of the coefficients
+    at frequencies that the chain blocks. Slow torques aren't changed: the sum of the coefficients
     is 1.
 
     Parameters

@@ -144,7 +144,7 @@ class UncertainFilter:
         return UncertainFilter(np.convolve(self.numerator, before), covariance=covariance)
 
     def stream(self, autocovariance: ArrayLike | None = None) -> FilterStream:
-        """Return what filters one stream.
+        """Return a filter for one stream.
 
         Parameters
         ----------

@@ -98,8 +98,7 @@ def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     Raises
     ------
     InputError
-        Where the runs can't identify the resonance, its damping or the lag, naming which and
-        what would.
+        If the runs can't identify the resonance, its damping or the lag, with the necessary runs.
     """
     from scipy.optimize import least_squares
 
@@ -259,7 +258,7 @@ def identify_inertia(
     time_s, reading_nm, speed_rpm : float64[n]
         At an even rate; nothing is mounted.
     acceleration_rad_s2 : float64[n], optional
-        Where it is measured; by the speed otherwise.
+        If measured; otherwise from the speed.
 
     Raises
     ------

@@ -168,8 +168,8 @@ def additional_torque(
     - ΔT₂ = K_c L (Δr + T/(r ε)),
     - ΔT₃ = T (cos Δθ − 1) + T sin Δθ · L/r.
 
-    The published form keeps what the 2021 article prints, so that its numbers can be traced; it
-    differs, and its terms don't agree in dimension:
+    The published form is the one printed in the 2021 article, so that its numbers can be traced;
+    its terms don't agree in dimension:
 
     - eq. 7 drops μ from the second term of ΔT₁,
     - eq. 13 multiplies by ε where it must divide: ΔT₂ = K_c L (Δr + ε T/r),
@@ -257,7 +257,7 @@ def coefficients(chain: Chain, *, form: Form = "consistent") -> Coefficients:
     chain : Chain
         Geometry, misalignments and coefficients.
     form : {"consistent", "published"}
-        Which equations, see `additional_torque`.
+        Form of the equations, see `additional_torque`.
 
     Returns
     -------

@@ -161,7 +161,7 @@ def circle_twist_per_length(
 
 
 def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
-    """How much more a rectangle twists than a circle of the same area: (a/b) / (2π β_s).
+    """Ratio of the twist of a rectangle to that of a circle of the same area: (a/b) / (2π β_s).
 
     Parameters
     ----------

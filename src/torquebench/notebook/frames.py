@@ -47,7 +47,7 @@ def read_calibration(
     range_nm : float, optional
         Full scale in N·m; without it, that of the file, or the largest torque in it.
     columns : mapping of str to str, optional
-        Headers that don't say what they are, with their unit: ``{"reading": "Anzeige[kNm]"}``; a
+        Assignment of headers with other names, with their unit: ``{"reading": "Anzeige[kNm]"}``; a
         minus sign before the header turns the sign.
     transducer_serial, counter_identity : str
         The chain, where the source doesn't name it.
@@ -98,7 +98,7 @@ def arrow_table(source: Any) -> Any:
     Raises
     ------
     InputError
-        It can't be read, or is no table.
+        It can't be read, or isn't a table.
     """
     if isinstance(source, str | Path):
         import pyarrow.parquet as pq

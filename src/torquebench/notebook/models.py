@@ -189,7 +189,7 @@ def fit(
     ----------
     calibration : CalibrationData, or what `read_calibration` takes
     model : str
-        Kind of model; the recommended one averages over what a chain may show.
+        Kind of model; the recommended one averages over a chain's possible effects.
     reference_percent : float, optional
         U (k = 2) of the reference standard, % of range; it counts in every U.
     outliers : {"downweight", "refuse", "keep"}

@@ -72,7 +72,7 @@ def plot(thing: CalibrationData | Compensation | Comparison, *, ax: Any = None) 
         Points; the fitted curve of each branch with its U (k = 2) and the points; errors of models
         at steps left out.
     ax : matplotlib.axes.Axes, optional
-        Where to draw; a new figure by default.
+        Axes to draw into; a new figure by default.
 
     Raises
     ------

@@ -1,6 +1,6 @@
 """The open bench as OPC UA server: identification, state, live values, results, alarms.
 
-It maps what the panel's service offers and computes nothing itself. Needs the extra `opcua`.
+It maps the values of the panel's service without computations. Needs the extra `opcua`.
 """
 
 import lazy_loader

@@ -56,7 +56,7 @@ class Store:
         self.rejected = self.folder / "rejected"
 
     def prepare(self, host: str) -> None:
-        """Make what is missing, and refuse what is open to others or has expired."""
+        """Create missing files, and refuse files that others can read or that have expired."""
         for folder in (self.folder, self.trusted, self.rejected):
             private_folder(folder)
         if not self.key.is_file():

@@ -41,7 +41,7 @@ Method = Callable[..., Awaitable[Any]]
 
 @dataclass(frozen=True)
 class Methods:
-    """What clients can call on results; see `server`."""
+    """Methods on results for clients; see `server`."""
 
     latest: Method
     by_id: Method
@@ -170,7 +170,7 @@ class AddressSpace:
         return ua.NodeId(f"alarm.{alarm.alarm_id}", self.index)
 
     async def show_alarms(self, standing: Sequence[AlarmView]) -> None:
-        """Show these alarms as conditions of the bench; their events carry what they say."""
+        """Show these alarms as conditions of the bench, with events."""
         wanted = {self.alarm_id(each): each for each in standing}
         for gone in [each for each in self.alarms if each not in wanted]:
             await self.server.delete_nodes([self.alarms.pop(gone)])

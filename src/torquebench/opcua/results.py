@@ -39,7 +39,7 @@ class ResultRecord:
         A run's identifier, or ``NUMBER/FILE`` of a certificate.
     created : datetime.datetime
     part_id : str
-        Serial number of what was calibrated, where it is known.
+        Serial number of the calibrated equipment, if known.
     kind : str
         Kind of the run, or "certificate".
     simulated : bool

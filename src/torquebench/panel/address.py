@@ -18,7 +18,7 @@ ANY_ADDRESS = "*"
 
 @dataclass(frozen=True)
 class Address:
-    """Where the panel listens.
+    """Address of the panel.
 
     Parameters
     ----------
@@ -33,8 +33,7 @@ class Address:
     names : tuple of str
         Further names that this machine is called by in its network.
     proxy : str
-        Address of a reverse proxy that is believed whose requests it passes on; empty where
-        there is none.
+        Address of a trusted reverse proxy; empty without one.
     """
 
     host: str = "127.0.0.1"
@@ -102,7 +101,7 @@ class Address:
             )
 
     def url(self, port: int) -> str:
-        """Return what to open in a browser."""
+        """Return the URL for a browser."""
         host = f"[{self.host}]" if ":" in self.host else self.host
         return f"{'https' if self.secure else 'http'}://{host}:{port}"
 

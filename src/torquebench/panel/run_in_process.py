@@ -46,7 +46,7 @@ def run_in_process(
     ProcessEndedError
         It was cancelled.
     TorquebenchError
-        What the function raised.
+        The function's error.
     BenchError
         The process died, or the function failed otherwise.
     """

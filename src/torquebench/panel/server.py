@@ -37,9 +37,9 @@ RESTING_S = 30
 
 
 class _NothingToSearch:
-    """In place of `gc` where NiceGUI, as it starts, looks through all objects for its server.
+    """Replaces `gc` for NiceGUI, which at its start searches all objects for its server.
 
-    Nothing here needs what it finds. But a tuple that another thread is just building must not be
+    The result isn't needed here. But a tuple that another thread is just building must not be
     looked at: CPython 3.11 then ends that thread's work with a SystemError, and acquisition, the
     supervisor and the live hub are at work by then.
     """
@@ -100,7 +100,7 @@ def serve(
         Stays open.
     address : Address
     on_ready : callable
-        Told the URL once connections are accepted.
+        Called with the URL once connections are accepted.
     """
     address.check()
     listening = listen(address)

@@ -27,9 +27,9 @@ class Item:
     number : int
     title : str
     theirs : str
-        What the papers state.
+        Statement of the papers.
     command : str
-        Which command shows it by itself.
+        The command that shows it alone.
     """
 
     number: int
@@ -40,7 +40,7 @@ class Item:
 
 @dataclass(frozen=True)
 class Answer:
-    """What this bench gives for an item.
+    """Result of this bench for an item.
 
     Attributes
     ----------

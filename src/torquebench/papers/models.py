@@ -155,7 +155,7 @@ def node_trials(tables: ModuleTables) -> tuple[NodeTrial, ...]:
 
 @dataclass(frozen=True, eq=False)
 class FittedModule:
-    """A module with its models and what they do on fresh points.
+    """A module with its models and their errors on fresh points.
 
     Attributes
     ----------

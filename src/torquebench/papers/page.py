@@ -87,7 +87,7 @@ def papers_page(
     Parameters
     ----------
     benches : sequence of BenchResult
-        The first gives the figures; several simulated ones show what the seed does.
+        The first gives the figures; several simulated ones show the influence of the seed.
     study : sequence of Row
         Of `study.run_study`.
     seeds : int

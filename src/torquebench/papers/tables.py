@@ -55,7 +55,7 @@ _KINDS = ("calibration", "same-points", "other-points", "alone")
 
 @dataclass(frozen=True)
 class ModuleTables:
-    """What was measured of one module.
+    """Measured data of one module.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class ModuleTables:
 
     @property
     def rising(self) -> CalibrationData:
-        """The rising points of the calibration: what the papers load."""
+        """The rising points of the calibration, as loaded by the papers."""
         return self.calibration.subset(self.calibration.branch > 0)
 
     @property
@@ -88,7 +88,7 @@ class ModuleTables:
 
 @dataclass(frozen=True)
 class FrictionTable:
-    """No-load torque of the standard reducer as the input module reads it, and as it is known.
+    """No-load torque of the standard reducer: read by the input module, and certified.
 
     Attributes
     ----------
@@ -151,7 +151,7 @@ class BenchTables:
 
 @dataclass(frozen=True)
 class PapersSettings:
-    """What is measured on a bench.
+    """Measurements on a bench.
 
     Attributes
     ----------
@@ -204,11 +204,11 @@ def measure_tables(
     station : Station
     settings : PapersSettings
     certified : tuple of CertifiedFriction
-        Of the standard reducer that will be mounted; without it, what the bench brings along.
-        Without either, no friction is measured.
+        Of the standard reducer to be mounted; by default the bench's own. Without either, no
+        friction is measured.
     progress : Progress
     mounted : MountingRecord, optional
-        What was found at the mounting.
+        Record of the mounting.
 
     Raises
     ------
@@ -379,7 +379,7 @@ def read_tables(folder: Path) -> BenchTables:
     `calibration-SIDE.csv` (or another format, see `read_table`) is needed of one side at least;
     `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read
     where they are. So are `certificate-SIDE.csv` (of the calibrator), `reducer.csv` (quantities of
-    a test) and `bench.csv` (what the bench consists of). Columns are those of `fit`, the friction's
+    a test) and `bench.csv` (components of the bench). Columns are those of `fit`, the friction's
     `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and `known_u_nm`.
 
     Raises

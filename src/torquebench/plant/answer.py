@@ -15,7 +15,7 @@ __all__ = ["Answer"]
 
 @dataclass(frozen=True)
 class Answer:
-    """A table and what follows from it.
+    """A table and its conclusions.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class Answer:
     facts : mapping of str to value
         Single values that follow, by their names with units.
     notes : tuple of str
-        What to know about it, in sentences.
+        Remarks, in sentences.
     simulated : bool
         Whether any of it comes from a simulated bench.
 

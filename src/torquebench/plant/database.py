@@ -53,7 +53,7 @@ class BenchState:
     last_contact : datetime or None
         When it last sent something.
     runs, folders : int
-        How many runs are known, and how many sealed folders have arrived.
+        Numbers of known runs and of sealed folders that have arrived.
     replaced_by : int or None
         Number of the bench that went on in its place.
     """
@@ -385,11 +385,11 @@ class Plant(PlantDatabase):
         Parameters
         ----------
         limit, offset : int
-            How many, and how many of the newest to pass over.
+            Number of rows, and number of the newest rows to skip.
         withdrawn : bool, optional
             Only withdrawn runs, or only those that aren't.
         **filters
-            What a field of `PlantRun` is to be, such as ``kind="test-hysteresis"``,
+            Required value of a field of `PlantRun`, such as ``kind="test-hysteresis"``,
             ``bench_key=3``, ``batch="B-17"``.
 
         Raises
@@ -480,7 +480,7 @@ class Plant(PlantDatabase):
         return int(marked or 0)
 
     def links(self, bench: int, after: int = 0) -> Iterator[Link]:
-        """Yield what a bench has sent, link by link, in the order of its chain."""
+        """Yield the links that a bench has sent, in the order of its chain."""
         names = ("sequence", "table", "key", "recorded", "content", "previous_sha256", "sha256")
         query = (
             select(*(links.c[name] for name in names))
@@ -502,7 +502,7 @@ class Plant(PlantDatabase):
         Returns
         -------
         int, list of str
-            How many entries were checked, and what is wrong with them.
+            Number of checked entries, and the findings.
         """
         checked, last, problems = 0, ChainHead(0, "0" * 64), []
 

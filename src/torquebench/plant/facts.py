@@ -84,8 +84,8 @@ def facts_of(results: Any) -> RunFacts:
 def points_table(results: Any, started: datetime) -> bytes | None:
     """Return the points of a calibration, check or verification as a Parquet file (zstd).
 
-    None where the run has none. What holds for all points (transducer, range) is a column, so that
-    thousands of such files are one table.
+    None where the run has none. Values common to all points (transducer, range) are columns, so
+    that thousands of such files form one table.
 
     Parameters
     ----------

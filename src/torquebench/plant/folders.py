@@ -111,7 +111,7 @@ class FolderStore:
         Raises
         ------
         RecordError
-            A file isn't as it was sealed, or the store doesn't take it.
+            A file doesn't match its seal, or the store refuses it.
         """
         sealed = (folder / MANIFEST).read_bytes()
         if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
@@ -132,7 +132,7 @@ class FolderStore:
         return PushedFolder(url, size, tuple(name for name in files if name in STAYS))
 
     def verify(self, url: str, manifest_sha256: str) -> list[str]:
-        """Return what isn't as it was sealed in a folder that has arrived."""
+        """Return the differences of an arrived folder from its seal."""
         try:
             sealed = self.read(f"{url}/{MANIFEST}")
         except RecordError as error:

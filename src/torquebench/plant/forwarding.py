@@ -46,7 +46,7 @@ MISSING = 200
 
 @dataclass
 class Forwarded:
-    """What one round of sending did.
+    """Result of one round of sending.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class Forwarded:
     size : int
         Bytes of the folders.
     withdrawn : list of str
-        What was withdrawn here because the plant withdrew it, in words.
+        Local records that the plant has withdrawn, in words.
     problems : list of str
         Folders that couldn't be sent, and why; they are tried again next time.
     """
@@ -108,7 +108,7 @@ class BenchLink(PlantDatabase):
         return _Mine(row.bench_key, row.name, row.plant, row.folders, row.first_sha256, head)
 
     def append(self, entries: list[dict[str, Any]]) -> ChainHead:
-        """Append links of the chain; the plant checks that they continue what it has."""
+        """Append links of the chain; the plant checks that they continue its last link."""
         query = text("SELECT sequence, sha256 FROM plant.append(CAST(:links AS json))")
         with self.transaction() as connection:
             row = connection.execute(query, {"links": json.dumps(entries)}).one()
@@ -124,7 +124,7 @@ class BenchLink(PlantDatabase):
             return [(row.run_id, row.manifest_sha256) for row in rows]
 
     def arrived(self, pushed: list[dict[str, Any]]) -> int:
-        """Say which folders have arrived, and what they say; return how many were new."""
+        """Report arrived folders with their facts; return the number of new ones."""
         query = text("SELECT plant.arrived(CAST(:pushed AS json))")
         with self.transaction() as connection:
             return int(connection.scalar(query, {"pushed": json_text(pushed)}) or 0)
@@ -143,7 +143,7 @@ def forward(
     *,
     told: Callable[[str], None] = lambda _said: None,
 ) -> Forwarded:
-    """Send the plant everything that it doesn't have yet, and take in what it withdrew.
+    """Send the plant everything that it doesn't have yet, and apply its withdrawals.
 
     May be interrupted anywhere and restarted: it continues from the end of the chain in the plant.
 
@@ -301,7 +301,7 @@ def _note_link(registry: Registry, mine: _Mine, head: ChainHead) -> None:
 
 
 def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) -> str:
-    """Enter at a bench that the plant withdrew one of its runs; return what was done, in words.
+    """Enter at a bench that the plant withdrew one of its runs; return a message.
 
     A model that was fitted to it is taken out of use.
     """

@@ -52,7 +52,7 @@ WHERE (CAST(:type AS text) IS NULL OR r.specimen_type = :type)
 
 @dataclass(frozen=True)
 class SpecimenFilter:
-    """Which tested specimens are requested.
+    """Filter of tested specimens.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ def _title(rows: Sequence[Any], asked: str) -> str:
 
 
 def specimens(plant: Plant, wanted: SpecimenFilter) -> Answer:
-    """Return what every specimen of a type was found to have, over time.
+    """Return the results of every specimen of a type, over time.
 
     Returns
     -------
@@ -247,7 +247,7 @@ def charts(
     plant : Plant
     wanted : SpecimenFilter
     base : int, optional
-        How many of the first values the limits are computed from; all by default.
+        Number of first values from which limits are computed; all by default.
     weight, width : float
         Of the EWMA chart; see `torquebench.plant.statistics.ewma_chart`.
 

@@ -67,7 +67,7 @@ WHERE bench_key = :bench
 
 @dataclass(frozen=True)
 class Reevaluation:
-    """What was done.
+    """Result of a re-evaluation.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ class Reevaluation:
     done, known : int
         Runs that were evaluated now, and that had been before.
     problems : int
-        Of those now, how many couldn't be.
+        Number of runs that couldn't be evaluated now.
     """
 
     label: str
@@ -102,8 +102,8 @@ def reevaluate(
 ) -> Reevaluation:
     """Refit and evaluate recorded runs with this version, and store the results in addition.
 
-    May be broken off and begun again: what is kept under the label isn't done twice. Results
-    don't depend on the scheduler, to the last bit.
+    May be interrupted and restarted: results stored under the label aren't repeated. Results don't
+    depend on the scheduler, to the last bit.
 
     Parameters
     ----------
@@ -318,15 +318,15 @@ def _version() -> str:
 
 
 def differences(plant: Plant, label: str = __version__, against: str | None = None) -> Answer:
-    """Return what changed: every value that this evaluation finds otherwise.
+    """Return the changes: every value that differs in this evaluation.
 
     Parameters
     ----------
     plant : Plant
     label : str, optional
-        Which evaluation; that of this version by default.
+        Label of the evaluation; by default of this version.
     against : str, optional
-        Another one to compare with; by default what was found when it was measured.
+        Label for comparison; by default the original results.
     """
     query = """
         SELECT n.bench_key || ' ' || b.name AS bench, n.run_id, n.values, n.problem,

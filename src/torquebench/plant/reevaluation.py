@@ -41,7 +41,7 @@ class RunTask:
         Of a check or verification: kind and calibration of its models, by the names that the
         result has them under.
     earlier : mapping of str to float
-        What was found when it was measured, by the names of `Reevaluated.values`.
+        Original results, by the names of `Reevaluated.values`.
     """
 
     bench_key: int
@@ -55,7 +55,7 @@ class RunTask:
 
 @dataclass(frozen=True)
 class Reevaluated:
-    """What this version makes of a run.
+    """Results of a run with this version.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ class Reevaluated:
     values : str
         Names with units to numbers, as canonical JSON: equal bits give equal text.
     problem : str
-        Why there are none; empty where there are.
+        Reason for missing results; otherwise empty.
     """
 
     bench_key: int
@@ -76,9 +76,9 @@ class Reevaluated:
 def reevaluate_run(task: RunTask) -> Reevaluated:
     """Fit and evaluate one recorded run with this version.
 
-    A calibration is fitted again with the models that it was begun with; a check or verification
-    is evaluated with its models fitted again; of a reducer test, whose folder keeps budgets, U
-    and verdicts are computed again. Every file is checked against the manifest first.
+    A calibration is fitted again with the models that it was begun with; a check or verification is
+    evaluated with its models fitted again; for a reducer test, U and verdicts are computed again
+    from the stored budgets. Every file is checked against the manifest first.
 
     Nothing of it depends on the processor's other work: one thread, no clock, no chance.
 

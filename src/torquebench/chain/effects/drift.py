@@ -27,7 +27,7 @@ class Drift(Effect):
     percent_per_year : float
         Limit of the change, % of the torque a year.
     interval_h : float
-        Time from one calibration to the next, h: what counts where the age isn't known.
+        Calibration interval, h: used if the age is unknown.
     """
 
     title: ClassVar[str] = "drift since calibration"

@@ -28,9 +28,8 @@ class Dynamics(Effect):
     """The inverse of an identified transfer function, as a filter along the stream.
 
     It works on readings at the rate that it was designed for. Its output is later than the torque
-    by `delay_s`. Readings at another rate stay as they are, and what the chain is late by enters as
-    an uncertainty that grows with the rate of change; readings without a time are treated as
-    steady.
+    by `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as an
+    uncertainty that grows with the rate of change; readings without a time are treated as steady.
 
     Parameters
     ----------
@@ -43,7 +42,7 @@ class Dynamics(Effect):
     delay_s : float
         Delay of chain and filter together.
     late_s : float
-        By how much the chain alone is late for slow changes.
+        Delay of the chain alone for slow changes.
     """
 
     title: ClassVar[str] = "dynamics of shaft and transducer"
@@ -109,7 +108,7 @@ class Dynamics(Effect):
         return self.stream().components(readings, torque_nm)
 
     def stream(self) -> Effect:
-        """Return what filters one stream."""
+        """Return a filter for one stream."""
         return _FollowedDynamics(self.record, self, _Memory(self.filter().stream()))
 
 

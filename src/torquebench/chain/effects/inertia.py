@@ -22,12 +22,12 @@ class Inertia(Effect):
     Parameters
     ----------
     moment_nm_s2 : float
-        What a reading rises by per acceleration, N·m per rad/s²: the moment of inertia in kg·m²,
-        with the sign of the mounting.
+        Change of a reading per acceleration, N·m per rad/s²: the moment of inertia in kg·m², with
+        the sign of the mounting.
     uncertainty_nm_s2 : float
         Its standard uncertainty.
     largest_rad_s2 : float
-        Largest acceleration of the bench: what counts where none is known.
+        Largest acceleration of the bench, used if none is known.
     """
 
     title: ClassVar[str] = "inertia between transducer and flange"

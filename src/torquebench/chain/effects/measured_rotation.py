@@ -38,13 +38,13 @@ class MeasuredRotation(Effect):
 
     The zero's shift is the part that is the same in both directions, the drag the part that turns
     round with the speed. Drag that grows with the load is a share of the torque's size against the
-    speed, the span over speed a share of the torque. Running-in is a part of the drag that dies
-    away with time.
+    speed, the span over speed a share of the torque. Running-in is a part of the drag that decays
+    with time.
 
     Parameters
     ----------
     calibrated_c : float
-        Temperature of the static curve, °C: what counts where none is known.
+        Temperature of the static curve, °C, used if none is known.
     low_rpm, high_rpm : float
         Speeds between which it was measured, 1/min; one farther out by more than a tenth is
         refused.
@@ -55,8 +55,8 @@ class MeasuredRotation(Effect):
     even_nm, even_uncertainty_nm, odd_nm, odd_uncertainty_nm : table
         Shift of the zero, drag (N·m at positive speed), and their standard uncertainties.
     load_at_nm : tuple of float
-        Nodes of the torque's size, N·m; empty where no calibration against a turning reference
-        identified what grows with the load.
+        Nodes of the torque's size, N·m; empty if no calibration against a rotating reference
+        identified the load-dependent part.
     load_nm, load_uncertainty_nm : table
         Drag by the load over speed and torque, N·m.
     span, span_uncertainty : tuple of float

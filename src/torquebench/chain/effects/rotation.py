@@ -33,7 +33,7 @@ class Rotation(Effect):
     drag_nm : float
         Limit of the drag of bearings between transducer and flange, N·m.
     largest_rpm : float
-        Largest speed of the bench, 1/min: what counts where none is measured.
+        Largest speed of the bench, 1/min, used if none is measured.
     """
 
     title: ClassVar[str] = "rotation"

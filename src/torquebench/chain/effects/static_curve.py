@@ -81,11 +81,11 @@ class StaticCurve(Effect):
         return int(self.model.n_features_in_)
 
     def inside(self, reading_nm: FloatArray) -> np.ndarray[Any, np.dtype[np.bool_]]:
-        """Tell which readings were calibrated; not one that is no number."""
+        """Return which readings are within the calibrated range; False for NaN."""
         return np.asarray((reading_nm >= self.low_nm) & (reading_nm <= self.high_nm))
 
     def stream(self) -> Effect:
-        """Return what finds the branch by the readings before, where there are branches."""
+        """Return the tracker that finds the branch from earlier readings, if there are branches."""
         if self.branch_aware and self.table is not None:
             return _FollowedCurve(self.record, self, HistoryCompensator(self.table))
         return self

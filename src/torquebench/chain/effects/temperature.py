@@ -33,9 +33,9 @@ class Temperature(Effect):
     calibrated_c : float
         Mean temperature of the transducer during the calibration, °C.
     low_c, high_c : float
-        Temperatures between which the bench is used, °C: what counts where none is measured.
+        Range of temperatures in which the bench is used, °C, if none is measured.
     deviation_k : float
-        Limit of what the probe and the gradient to the transducer get wrong, K.
+        Limit of the error of the probe and of the gradient to the transducer, K.
     """
 
     title: ClassVar[str] = "temperature of zero and span"

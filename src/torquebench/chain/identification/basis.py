@@ -98,9 +98,9 @@ class Block:
     ----------
     name : str
     group : str
-        The table that it counts for, "" for what only the calibration itself has.
+        The table to which it contributes, "" for effects of the calibration only.
     columns : callable
-        From circumstances to float64 array of shape (n, k).
+        Function from conditions to float64 array of shape (n, k).
     scale : float
         Usual size of the weights, 1e-4 of full scale.
     spread : float
@@ -261,7 +261,7 @@ def blocks(runs: int) -> tuple[Block, ...]:
 
 
 def running_in_columns(time_s: float) -> Columns:
-    """Return columns of a drag that dies away within a time."""
+    """Return columns of a drag that decays with a time constant."""
 
     def columns(c: Circumstances) -> FloatArray:
         left = c.turning * np.exp(-np.maximum(c.time_s, 0.0) / time_s)

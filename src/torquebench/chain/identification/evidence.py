@@ -31,7 +31,7 @@ class Normal:
     square : float
         Sum of squares of the target.
     rows : float
-        Number of rows, as far as they are independent.
+        Effective number of independent rows.
     """
 
     matrix: FloatArray
@@ -41,11 +41,11 @@ class Normal:
 
     @classmethod
     def of(cls, columns: FloatArray, target: FloatArray) -> Normal:
-        """Return those of rows."""
+        """Return the matrices of rows."""
         return cls(columns.T @ columns, columns.T @ target, float(target @ target), target.size)
 
     def widened(self, columns: FloatArray, more: FloatArray, target: FloatArray) -> Normal:
-        """Return those of the same rows with more columns."""
+        """Return the matrices of the same rows with more columns."""
         across = columns.T @ more
         return Normal(
             np.block([[self.matrix, across], [across.T, more.T @ more]]),
@@ -178,7 +178,7 @@ def gain(
     fit: Posterior,
     scale: float,
 ) -> float:
-    """Return what a further block, the last one, adds to the logarithm of the evidence.
+    """Return the gain in log evidence by a further, last block.
 
     Parameters
     ----------

@@ -67,7 +67,7 @@ class Identified:
     series : int array of shape (n,)
         Number of the stretch of points under the same circumstances, in the order of time.
     remarks : tuple of str
-        What wasn't identified, and what would do it.
+        Effects that weren't identified, and the runs that would identify them.
     """
 
     effects: tuple[Effect, ...]
@@ -245,7 +245,7 @@ class _Data:
         return frozenset(found)
 
     def gaps(self) -> list[str]:
-        """Return what isn't identified, and what would do it."""
+        """Return the effects that aren't identified, and the runs that would identify them."""
         has_runs = bool(self.runs)
         said = {
             "zero": f"zero over temperature: all data lie within {LEAST_KELVIN:g} K; an empty run "

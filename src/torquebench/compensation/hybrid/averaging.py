@@ -40,7 +40,7 @@ class Candidates:
     log_absent : float
         Log prior probability that the effect is absent.
     copies : int
-        How many effects of this kind there may be.
+        Largest number of effects of this kind.
     """
 
     columns: FloatArray

@@ -92,7 +92,7 @@ _SKEW_WAVES = 4  # half waves over a direction; the first is constant
 
 @dataclass(frozen=True)
 class EffectPoints:
-    """Where effects are evaluated.
+    """Points at which effects are evaluated.
 
     Attributes
     ----------
@@ -293,7 +293,7 @@ def at_zero_time(u: FloatArray, branch: FloatArray) -> EffectPoints:
 def step_columns(points: EffectPoints, widths: FloatArray, shift: float) -> FloatArray:
     """Return reversal steps, shape (2 k, 1, n), or (2 k, 2, n) where they may be shifted.
 
-    Columns of a candidate: the step, and what it changes by if it isn't passed just at zero.
+    Columns of a candidate: the step, and its change if the reversal isn't exactly at zero.
     """
     x = points.u / widths[:, None]
     smooth, rational = np.tanh(x), x / (1.0 + np.abs(x))

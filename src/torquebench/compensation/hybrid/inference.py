@@ -130,7 +130,7 @@ def deviation_variance(u: FloatArray) -> FloatArray:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is averaged over outside the effects.
+    """Parameters that are averaged outside the effects.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class Setting:
     amplitude : float
         Amplitude of the deviation, before the problem's prior scale.
     drift : int
-        Which kind of drift, -1 for none.
+        Kind of drift, -1 for none.
     drift_amplitude : float
         Its amplitude, before the problem's prior scale.
     growth : float

@@ -45,12 +45,12 @@ class HybridModel(CompensationModel):
     """Physics, smooth deviation and structured effects, averaged over everything unknown.
 
     The additional torque is equation 15 in consistent form with constants per direction, a smooth
-    Gaussian process per direction for what isn't quadratic, and a sum of structured effects: a step
-    at torque reversal, hysteresis, ripple of an unknown period, up to three local bumps. Which
-    shapes a chain shows isn't picked but averaged by evidence, as are noise and smoothness
-    (`inference`, `search`, `averaging`). Zero drift during the calibration, steady or relaxing, is
-    a nuisance parameter and marginalised (`drift`); noise with heavy tails, or noise that grows
-    with the load, is recognised.
+    Gaussian process per direction for the rest, and a sum of structured effects: a step at torque
+    reversal, hysteresis, ripple of an unknown period, up to three local bumps. Shapes aren't
+    selected but averaged by evidence, as are noise and smoothness (`inference`, `search`,
+    `averaging`). Zero drift during the calibration, steady or relaxing, is a nuisance parameter and
+    marginalised (`drift`); noise with heavy tails, or noise that grows with the load, is
+    recognised.
 
     Parameters
     ----------

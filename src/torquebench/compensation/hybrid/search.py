@@ -51,7 +51,7 @@ def explore(problem: Problem, start_noise: float) -> tuple[Problem, list[Member]
     ----------
     problem : Problem
     start_noise : float
-        Where to start looking, as a fraction of full scale.
+        Start of the search, as a fraction of full scale.
 
     Returns
     -------

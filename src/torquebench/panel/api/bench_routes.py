@@ -243,7 +243,7 @@ def alarms(
 def acknowledge(
     service: Service, caller: Caller, body: AcknowledgeBody = ALL_ALARMS
 ) -> AlarmView | None:
-    """Clear the latched alarm by name, once its cause is gone; null where there was none.
+    """Clear the latched alarm by name, once its cause is gone; null if there was none.
 
     With the identifiers of the checked alarms, a later one stays.
     """
@@ -280,13 +280,13 @@ def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -
 
 @router.get("/sides/{side}/effects")
 def effects(service: Watched, side: Side) -> list[EffectView]:
-    """Return what every effect of a side's measuring chain makes of the newest window."""
+    """Return the state of every effect of a side's measuring chain at the newest window."""
     return [EffectView.model_validate(each) for each in service.effects(side)]
 
 
 @router.post("/sides/{side}/switches", status_code=204)
 def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> Response:
-    """Leave corrections of a side out until the bench is closed; what they correct is in U then."""
+    """Switch off corrections of a side until the bench is closed; U then contains them."""
     service.switch_off(caller, side, body.off, body.reason)
     service.wait_for_live()
     return Response(status_code=204)
@@ -294,6 +294,6 @@ def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -
 
 @router.post("/bench/reopen", status_code=204)
 def reopen(service: Service, caller: Caller) -> Response:
-    """Close the bench and open it again by the settings as they are now."""
+    """Close the bench and open it again with the present settings."""
     service.reopen(caller)
     return Response(status_code=204)

@@ -116,7 +116,7 @@ class VerificationDetails(BaseModel):
 
 
 class ZeroOfSide(BaseModel):
-    """The zero of one side, and what it is away from the nominal one."""
+    """The zero of one side, and its deviation from the nominal one."""
 
     frequency_hz: float
     zero_nm: float
@@ -195,7 +195,7 @@ class TorqueAngleLoop(BaseModel):
 
 
 class ReducerOutcome(BaseModel):
-    """What one part of a test found."""
+    """Result of one part of a test."""
 
     name: str
     title: str

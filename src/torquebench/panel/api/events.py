@@ -109,7 +109,7 @@ async def events(
         Query(pattern=r"^[0-9a-f]{12}$", description="Of this job only; ends with it."),
     ] = None,
 ) -> EventStream:
-    """Tell what happens, from what is on: `job`, `points` of jobs, `prompt` and `alarm`.
+    """Send events from now on: `job`, `points` of jobs, `prompt` and `alarm`.
 
     The stream ends with the job that it was requested, with the token, and with the server.
     """

@@ -33,7 +33,7 @@ def jobs(service: Watched) -> list[JobView]:
 
 @router.get("/jobs/{job_id}")
 def job(service: Watched, job_id: JobId) -> JobView:
-    """Return a job as it is right now."""
+    """Return the present state of a job."""
     return service.jobs.get(job_id)
 
 

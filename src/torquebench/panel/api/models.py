@@ -41,7 +41,7 @@ Name = Annotated[str, Field(min_length=1, max_length=128)]
 
 
 class Body(BaseModel):
-    """What a request carries: known fields only."""
+    """Request body: known fields only."""
 
     model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
 
@@ -68,7 +68,7 @@ class OpenedSession(BaseModel):
 
 
 class WhoAmI(BaseModel):
-    """Who a token belongs to."""
+    """Owner of a token."""
 
     name: str
     role: Role
@@ -84,7 +84,7 @@ class PasswordBody(Body):
 
 
 class LeaseBody(Body):
-    """How to take the command."""
+    """How to take the command lease."""
 
     force: Flag = Field(default=False, description="Take it over; for metrologists and above.")
 
@@ -108,7 +108,7 @@ class ActivateBody(ReasonBody):
 
 
 class AcknowledgeBody(Body):
-    """Which alarms were checked."""
+    """Identifiers of the checked alarms."""
 
     alarm_ids: Annotated[
         list[Annotated[str, Field(max_length=64)]] | None,
@@ -144,7 +144,7 @@ class SignOffBody(Body):
 
 
 class CertificateBody(Body):
-    """A metrologist's signature under a certificate, and what it is to be like."""
+    """A metrologist's signature under a certificate, and the certificate's options."""
 
     password: Secret
     languages: Annotated[
@@ -171,7 +171,7 @@ class UserBody(Body):
 
 
 class UserChangeBody(Body):
-    """What changes of an account."""
+    """Changes of an account."""
 
     role: Role | None = None
     active: Flag | None = None

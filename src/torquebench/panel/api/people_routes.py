@@ -132,6 +132,6 @@ def log(
     limit: Annotated[int, Query(ge=1, le=1000)] = 100,
     before: Annotated[int | None, Query(ge=1, le=2**53)] = None,
 ) -> list[Event]:
-    """Return what was done in the panel, the newest first; for metrologists and above."""
+    """Return the actions in the panel, the newest first; for metrologists and above."""
     require(caller, "metrologist")
     return service.log(limit, before)

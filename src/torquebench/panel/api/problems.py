@@ -61,7 +61,7 @@ _STATUS: tuple[tuple[type[TorquebenchError], int, str], ...] = (
 
 
 class ProblemDetails(BaseModel):
-    """Why a request was refused: what was found, what is allowed, what to do."""
+    """The reason of a refusal: found, allowed and remedy."""
 
     type: str = Field(description="A name for programs, such as torquebench:LeaseError.")
     title: str

@@ -98,7 +98,7 @@ def runs(
 
 @router.get("/runs/{run_id}")
 def run(service: Watched, run_id: RunId) -> RunDetail:
-    """Return everything about one run, and whether its files are as they were sealed."""
+    """Return all data of one run, and whether its files still match the seal."""
     return service.records.run(run_id)
 
 

@@ -29,7 +29,7 @@ OWN_POLICY = (
 COMPILED_POLICY = OWN_POLICY.replace(
     "script-src 'self'", "script-src 'self' 'unsafe-inline' 'unsafe-eval'"
 )
-"""NiceGUI hands its pages over as inline scripts, and evaluates what the server sends later."""
+"""NiceGUI sends its pages as inline scripts, and evaluates later messages of the server."""
 SAFE_METHODS = frozenset({"GET", "HEAD", "OPTIONS"})
 
 

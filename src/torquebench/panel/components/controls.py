@@ -162,7 +162,7 @@ class Field:
         self.control.props["value"] = value
 
     def wrong(self, text: str) -> None:
-        """Say what is wrong with the value; an empty text takes it back."""
+        """Show the error of the value; an empty text removes it."""
         self._wrong.set_text(text)
         if text:
             self.control.props["aria-invalid"] = "true"

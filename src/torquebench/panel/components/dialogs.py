@@ -16,10 +16,10 @@ __all__ = ["ask", "sheet"]
 
 @contextmanager
 def sheet(title: str) -> Iterator[Any]:
-    """Open a dialog around what is made inside; it deletes itself when it closes.
+    """Open a dialog with the elements created inside; it is removed when it closes.
 
-    It is in its place from the first moment: a button that still moves is missed. It belongs to
-    the page as a whole: what it was opened from may be rebuilt before it closes.
+    It is in its place from the first moment: a button that still moves is missed. It belongs to the
+    whole page, since the element that opened it may be rebuilt meanwhile.
     """
     with ui.context.client.content:
         dialog = ui.dialog()

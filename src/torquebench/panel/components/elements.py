@@ -160,7 +160,7 @@ def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
 
 
 def to_the_top() -> None:
-    """Scroll the page up to what has just been opened there."""
+    """Scroll the page to the part that was just opened."""
     ui.run_javascript("window.scrollTo(0, 0)")
 
 

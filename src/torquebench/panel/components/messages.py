@@ -34,7 +34,7 @@ class Messages:
             ui.timer(SHOWN_S, lambda: self._take(shown), once=True)
 
     def problem(self, error: TorquebenchError) -> None:
-        """Say what was found, what is allowed and what to do, until it is dismissed."""
+        """Show found, allowed and remedy of an error until it is dismissed."""
         found, more = self._text.refusal(error)
         self._show(found, "bad", more)
 

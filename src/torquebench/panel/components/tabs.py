@@ -17,7 +17,7 @@ class Tabs:
     Parameters
     ----------
     label : str
-        What the parts are parts of.
+        Name of the group of parts.
     titles : mapping of name to title
     views : mapping of name to callable
         Each makes a part.

@@ -18,7 +18,7 @@ DECIMALS: dict[Side, int] = {"input": 4, "output": 3}
 
 
 class EffectsTable:
-    """One side's effects: what each adds, its uncertainty, whether it holds, its switch.
+    """One side's effects: correction, uncertainty, validity and switch of each.
 
     Parameters
     ----------

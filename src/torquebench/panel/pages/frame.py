@@ -37,7 +37,7 @@ LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
 
 
 def head(text: Text, look: str, title: str) -> None:
-    """Put into the page's head what every page needs."""
+    """Fill the page's head with the common elements."""
     ui.page_title(page_title(title))
     ui.add_head_html(head_html(text, look))
 
@@ -74,7 +74,7 @@ STOP = {
     "data-stop": "1",
     "aria-keyshortcuts": "F8",
 }
-"""What makes a button stop the bench: the browser posts it past everything else."""
+"""Attributes of a stop button: the browser posts the stop with priority."""
 
 
 class _Frame:

@@ -45,7 +45,7 @@ def duration_words(seconds: float) -> str:
 def problem_note(
     text: Text, problem: Problem | TorquebenchError, kind: str = "bad", *, title: str = ""
 ) -> None:
-    """Show why something is refused or failed, and what to do."""
+    """Show the reason of a refusal or failure, and the remedy."""
     found, more = text.refusal(problem)
     with note(found, kind, title=title, live=True):
         if more:
@@ -70,7 +70,7 @@ class JobControls:
         self._frame = box("div", "line")
 
     def refresh(self, job: JobView) -> None:
-        """Offer what can be done now."""
+        """Offer the possible actions."""
         shown = (job.job_id, job.state, job.can_finish, self._visitor.commands)
         if shown == self._shown:
             return
@@ -152,7 +152,7 @@ class JobPanel:
         self.frame.set_visibility(False)
 
     def refresh(self, job: JobView | None) -> None:
-        """Show the job as it is now; None hides the panel."""
+        """Show the job's present state; None hides the panel."""
         self.frame.set_visibility(job is not None)
         self._visitor.shown_jobs.discard(self._job_id)
         if job is None:

@@ -123,7 +123,7 @@ class _Tile:
 
 
 class _LivePage:
-    """What an open live page shows."""
+    """Content of an open live page."""
 
     def __init__(self, visitor: Visitor) -> None:
         self.visitor, self.text = visitor, visitor.text

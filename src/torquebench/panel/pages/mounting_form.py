@@ -21,7 +21,7 @@ NUMBERS = {
 
 
 class MountingForm:
-    """Folded away; what isn't filled in isn't recorded."""
+    """Collapsed at first; empty fields aren't recorded."""
 
     def __init__(self, text: Text) -> None:
         with box("details"):

@@ -16,7 +16,7 @@ __all__ = ["open_recording"]
 
 
 def open_recording(visitor: Visitor) -> None:
-    """Ask for what a recording needs, and begin it."""
+    """Ask for the data of a recording, and start it."""
     text = visitor.text
 
     def start() -> None:

@@ -67,7 +67,7 @@ class Visitor:
 
     @property
     def actor(self) -> Actor:
-        """Who does something now: this keeps the session alive."""
+        """The actor of an action: this keeps the session alive."""
         return self.service.people.actor(self.token)
 
     @property
@@ -85,7 +85,7 @@ class Visitor:
         return allows(self.looker.role, role)
 
     def attempt(self, action: Callable[[], Any], done: str = "") -> bool:
-        """Do something; say what is refused, or what is done; return whether it was."""
+        """Run an action; show the refusal or the success; return whether it succeeded."""
         try:
             action()
         except TorquebenchError as error:

@@ -88,7 +88,7 @@ IDLE_PERIOD_S = 0.05
 class BenchService:
     """An open bench with everything that a panel does with it.
 
-    Use `open`; see the package's docstring for what belongs where.
+    Use `open`; the package's docstring lists the parts.
 
     Attributes
     ----------
@@ -163,7 +163,7 @@ class BenchService:
         Raises
         ------
         InputError
-            The description is wrong, or contradicts what was changed in the panel.
+            The description is wrong, or contradicts the panel's changes.
         BenchError
             An instrument doesn't answer.
         RecordError
@@ -223,7 +223,7 @@ class BenchService:
             return True
 
     def reopen(self, actor: Actor) -> None:
-        """Close the bench and open it again, by the settings as they are now.
+        """Close the bench and open it again, with the present settings.
 
         Raises
         ------
@@ -397,7 +397,7 @@ class BenchService:
         self.station.audit.write(f"panel: {what}", who=actor.label, **details)
 
     def log(self, limit: int = 100, before: int | None = None) -> list[Event]:
-        """Return what was done, the newest first; `before` is an event's number."""
+        """Return the log of actions, the newest first; `before` is an event's number."""
         return self._store.events(min(max(limit, 1), 1000), before)
 
     def laboratory_people(self) -> tuple[str, ...]:
@@ -490,7 +490,7 @@ class BenchService:
         self.refresh_compensation(side)
 
     def effects(self, side: Side) -> tuple[EffectState, ...]:
-        """Return what every effect of a side's measuring chain makes of the newest window.
+        """Return the state of every effect of a side's measuring chain at the newest window.
 
         Nothing where the side isn't compensated.
         """

@@ -226,7 +226,7 @@ class PanelStore:
             note(connection, who, what, **details)
 
     def events(self, limit: int = 100, before: int | None = None) -> list[Event]:
-        """Return what was done, the newest first; `before` is an event's number."""
+        """Return the log of actions, the newest first; `before` is an event's number."""
         query = select(events).order_by(events.c.id.desc()).limit(limit)
         if before is not None:
             query = query.where(events.c.id < before)
@@ -271,7 +271,7 @@ def note(connection: Connection, who: str, what: str, **details: Any) -> None:
 
 
 def utc_text() -> str:
-    """Return this moment as it is stored."""
+    """Return the present time in its stored form."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
 
 

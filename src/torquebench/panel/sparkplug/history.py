@@ -27,7 +27,7 @@ class Kept:
 
 
 class History:
-    """Records in the order in which they were read; the oldest go when there is no more room.
+    """Records in the order in which they were read; the oldest are removed first.
 
     It also keeps the number of the last connection, which goes on from process to process.
 

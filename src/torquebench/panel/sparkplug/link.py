@@ -132,7 +132,7 @@ class Link:
         self._thread = threading.Thread(target=self._run, name="torquebench-mqtt", daemon=True)
 
     def start(self) -> None:
-        """Connect; what comes of it is an event."""
+        """Connect; the result is an event."""
         self._thread.start()
 
     def _run(self) -> None:
@@ -150,8 +150,8 @@ class Link:
     def mark(self) -> int | None:
         """Request an event once the broker has read everything so far; None without connection.
 
-        A broker reads in order and answers every UNSUBSCRIBE, also of what wasn't subscribed
-        (MQTT 3.1.1, 3.10.4). That is all the confirmation there is for messages with QoS 0.
+        A broker reads in order and answers every UNSUBSCRIBE, even without a subscription (MQTT
+        3.1.1, 3.10.4). That is all the confirmation there is for messages with QoS 0.
         """
         marker: int | None = self._client.unsubscribe(self._marker_topic)[1]
         return marker

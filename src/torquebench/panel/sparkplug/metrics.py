@@ -46,7 +46,7 @@ class MetricSpec:
         Levels are separated by "/"; no name is also a folder of others.
     datatype : DataType
     text : str
-        What it is.
+        Description.
     unit : str
         Sent as the property `engUnit`.
     deadband : str
@@ -176,7 +176,7 @@ METRICS: Mapping[str, tuple[MetricSpec, ...]] = {
 
 @dataclass(frozen=True)
 class Reading:
-    """What a metric is right now.
+    """Present value of a metric.
 
     Parameters
     ----------
@@ -193,7 +193,7 @@ class Reading:
 
 @dataclass(frozen=True)
 class Readings:
-    """What is published of the bench right now.
+    """Published state of the bench.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class Metric:
 
 @dataclass(frozen=True)
 class Payload:
-    """What one message carries.
+    """Content of one message.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ def decode(data: bytes, types: Mapping[int, DataType] | None = None) -> Payload:
     Raises
     ------
     InputError
-        The bytes are no payload.
+        The bytes aren't a payload.
     """
     message = _payload_class()()
     try:

@@ -79,7 +79,7 @@ class Publisher:
     read : callable
         Reads the bench; None where it can't be read at the moment.
     note : callable
-        Told in words when a broker is connected or lost, and when a command is refused.
+        Called with a message when a broker is connected or lost, and when a command is refused.
 
     Raises
     ------

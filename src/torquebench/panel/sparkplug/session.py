@@ -47,7 +47,7 @@ class Topics:
 
 @dataclass(frozen=True)
 class Message:
-    """What is published: at most once, and never retained; a will at least once."""
+    """QoS of published messages: at most once, never retained; of a will at least once."""
 
     topic: str
     payload: bytes
@@ -98,7 +98,7 @@ class Session:
         return device in self._born
 
     def death(self, now: int) -> Message:
-        """Return the death of the node: the will of CONNECT, and what a clean end publishes."""
+        """Return the death of the node: the will of CONNECT, also published on a clean end."""
         self._born.clear()
         metric = Metric(BDSEQ, timestamp=now, datatype=DataType.INT64, value=self.bdseq)
         payload = Payload((metric,), now)

@@ -21,7 +21,7 @@ Step = Annotated[float, Field(ge=0, allow_inf_nan=False)]
 
 
 class Deadband(BaseModel):
-    """By how much a value must change before it is sent again; 0 sends every change."""
+    """Smallest change of a value that is sent; 0 sends every change."""
 
     model_config = ConfigDict(frozen=True, extra="forbid")
 
@@ -54,7 +54,7 @@ class Tls(BaseModel):
 
 
 class Broker:
-    """Where one broker listens.
+    """Address of one broker.
 
     Examples
     --------
@@ -176,7 +176,7 @@ class SparkplugSettings(BaseModel):
 
 
 def load_settings(path: Path) -> SparkplugSettings:
-    """Read a settings file and check what it names.
+    """Read a settings file and check the files that it names.
 
     Raises
     ------

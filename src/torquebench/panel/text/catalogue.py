@@ -18,7 +18,7 @@ JOINTS: Mapping[Language, str] = {"en": "; ", "zh": "；"}
 
 
 class Refusal(Protocol):
-    """An error, or what is kept of one."""
+    """An error, or its stored parts."""
 
     @property
     def found(self) -> str:
@@ -65,7 +65,7 @@ def choose_language(wanted: str | None, accepted: str | None) -> Language:
     Parameters
     ----------
     wanted : str or None
-        What was chosen on the panel.
+        The choice on the panel.
     accepted : str or None
         The browser's Accept-Language header.
 
@@ -129,7 +129,7 @@ class Text:
         return words[:1].upper() + words[1:] + ("" if words.endswith(end) else end)
 
     def refusal(self, error: Refusal) -> tuple[str, str]:
-        """Say what was found, and in one line what is allowed and what to do."""
+        """Describe an error: found, and in one line allowed and remedy."""
         allowed = error.allowed and self("alarms.allowed", allowed=self.core(error.allowed))
         more = (allowed, self.core(error.remedy))
         return self.core(error.found), JOINTS[self.language].join(part for part in more if part)

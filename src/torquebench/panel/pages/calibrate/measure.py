@@ -36,7 +36,7 @@ TYPING_S = 0.4
 
 
 class PrepareStep:
-    """Choose module and profile, see what would happen, begin."""
+    """Choose module and profile, preview, start."""
 
     def __init__(self, page: CalibratePage) -> None:
         self._page, self._text = page, page.text
@@ -190,7 +190,7 @@ def _as_before(value: Any, options: Mapping[str, str]) -> str:
 
 
 def preview_panel(text: Text, preview: JobPreview) -> None:
-    """Show what a job would do, with durations and limits."""
+    """Show the preview of a job, with durations and limits."""
     rows = [
         (text("preview.duration"), duration_words(preview.duration_s)),
         (text("preview.points"), str(preview.points)),

@@ -68,7 +68,7 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 
 
 def interrupted_note(visitor: Visitor) -> None:
-    """Offer to finish what is measured, and to continue where the newest calibration stopped."""
+    """Offer to finish measured runs, and to resume the newest calibration."""
     unfinished_notes(visitor, measured_only=True)
     found = visitor.service.interrupted()
     if found is None:

@@ -19,7 +19,7 @@ __all__ = ["VerifyStep"]
 
 
 class VerifyStep:
-    """Start a verification, watch it, see what it found."""
+    """Start a verification, watch it, see its results."""
 
     def __init__(self, page: CalibratePage) -> None:
         self._page, self._text = page, page.text

@@ -88,7 +88,7 @@ class CalibrationWorkflow:
 
     @property
     def verified(self) -> dict[str, dict[str, Any]]:
-        """What the verification found of every model, by the model's name; empty before it."""
+        """The verification's results by the model's name; empty before it."""
         if self.verify is None or self.verify.result is None:
             return {}
         found = {each["model_id"]: each for each in self.verify.result.details["models"].values()}

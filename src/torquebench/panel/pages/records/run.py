@@ -31,7 +31,7 @@ UNIT = re.compile("_(nm_per_s|rad_s|nm|hz|rpm|deg|c|s)$")
 
 
 def run_title(text: Text, kind: str) -> str:
-    """Say what kind of run it was."""
+    """Show the kind of the run."""
     name = kind.removeprefix("test-").removesuffix("-short")
     if not kind.startswith("test-") or name not in TESTS:
         return text.maybe(f"run_kind.{kind}", kind)
@@ -40,7 +40,7 @@ def run_title(text: Text, kind: str) -> str:
 
 
 def doubt_notes(text: Text, doubts: Iterable[str], most: int = 5) -> None:
-    """Say what is doubtful about records, each once."""
+    """Show doubts about records, each once."""
     said = list(dict.fromkeys(doubts))
     for each in said[:most]:
         note(text.core(each), "warn", title=text("records.doubtful"))

@@ -61,7 +61,7 @@ def _moment(day: str) -> str:
 
 
 class TableEntry:
-    """The form of a table: file, circumstances, what was found in it, and entering it.
+    """The form of a table: file, circumstances, findings, and entering it.
 
     Parameters
     ----------

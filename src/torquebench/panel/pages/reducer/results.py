@@ -39,7 +39,7 @@ def number(value: float) -> str:
 
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
-    """Return a value and its expanded uncertainty to the same digit, or what is known of them.
+    """Return a value and its expanded uncertainty, rounded to the same digit, as far as known.
 
     Examples
     --------
@@ -168,7 +168,7 @@ def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
 
 
 def comparison(visitor: Visitor, result: JobResult) -> None:
-    """Compare what was found with earlier runs of the same test."""
+    """Compare the results with earlier runs of the same test."""
     text, records = visitor.text, visitor.service.records
     found: list[tuple[str, dict[str, _Quantity]]] = []
     for run_id in result.run_ids:

@@ -21,7 +21,7 @@ STANDARD = "standard-reducer"
 
 
 class StandardForm:
-    """What is mounted, and by how much it may be wrong."""
+    """The mounted reducer, and the tolerance."""
 
     def __init__(self, visitor: Visitor, on_start: Callable[[], None]) -> None:
         self._visitor, self._on_start = visitor, on_start

@@ -60,7 +60,7 @@ def parsed(text: str, before: Any) -> Any:
 
 
 def change_lines(text: Text, differences: Sequence[Difference]) -> None:
-    """List what differs: name and key, what was and what is."""
+    """List the differences: name and key, old and new value."""
     with box("ul", "stack change"):
         for each in differences:
             with box("li", "line"):

@@ -59,7 +59,7 @@ def setting_title(text: Text, key: str) -> str:
 
 
 def group_title(text: Text, group: str) -> str:
-    """Return what a group of settings is called.
+    """Return the title of a group of settings.
 
     Examples
     --------

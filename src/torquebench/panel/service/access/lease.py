@@ -48,7 +48,7 @@ class CommandLease:
     Parameters
     ----------
     note : callable
-        Called with an actor and what he did, and keeps it.
+        Called with an actor and the action, to log it.
     lives : callable
         Whether a session of this identifier is still open.
     working : callable

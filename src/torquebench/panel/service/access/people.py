@@ -197,7 +197,7 @@ class People:
     def identify(self, name: str, password: str, address: str) -> Actor:
         """Return the person with a name and password, for a connection that is its own session.
 
-        `signed_in` doesn't know it: ask `user` before what the person does later.
+        `signed_in` doesn't contain it: check `user` before later actions of the person.
 
         Raises
         ------

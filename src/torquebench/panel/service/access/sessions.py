@@ -36,7 +36,7 @@ def at_once(action: Callable[[], None]) -> None:
 
 
 def token_sha256(token: str) -> str:
-    """Return what is kept of a token: it is random enough for a plain hash."""
+    """Return the stored hash of a token, which is random enough for a plain hash."""
     return hashlib.sha256(token.encode()).hexdigest()
 
 

@@ -152,7 +152,7 @@ class CalibrateRequest(MountedRequest):
 
 
 class ResumeRequest(MountedRequest):
-    """Go on with an interrupted calibration; side and profile are those of its run."""
+    """Resume an interrupted calibration; side and profile are those of its run."""
 
     run_id: RunId
     models: tuple[ModelName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
@@ -221,7 +221,7 @@ def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
 
 
 def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
-    """Refuse what the bench or the software can't do."""
+    """Refuse requests that the bench or the software can't fulfil."""
     description = place.station.description
     confirm_clear(description, request.bench_clear)
     _choices(request.models, request.network)
@@ -268,7 +268,7 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
 
 
 def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
-    """Go on with an interrupted calibration at its interrupted series, then fit and register."""
+    """Resume an interrupted calibration at its interrupted series, then fit and register."""
     station = context.station
     choices = _choices(request.models)
     interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
@@ -327,7 +327,7 @@ def _fitted(
 
 
 def calibration_job_result(done: FinishedCalibration) -> JobResult:
-    """Return what a calibration's job found."""
+    """Return the result of a calibration's job."""
     result, registered = done.measured.result, done.registered
     numbers = {name: entry.model_id for name, entry in registered.models.items()}
     found = calibration_result(registered.calibration, result.data, done.fitted, numbers)
@@ -427,7 +427,7 @@ def _side_of(station: Station, entry: CalibrationEntry) -> Side:
 
 
 def check_verification(place: Workplace, request: VerifyRequest) -> None:
-    """Refuse what isn't there, or isn't this bench's."""
+    """Refuse records that don't exist, or aren't this bench's."""
     station = place.station
     confirm_clear(station.description, request.bench_clear)
     entry = station.registry.calibration(request.calibration_id)

@@ -33,7 +33,7 @@ class UnfinishedView:
         Its state: "interrupted" must be resumed on its bench, the others can be finished without
         measuring.
     found, remedy : str
-        What is the matter with it, and what to do at a terminal.
+        Its state in words, and the command that finishes it.
     """
 
     run_id: str

@@ -113,7 +113,7 @@ class Job:
             self._stage_since, self._detail = time.monotonic(), ""
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Say how many steps are done, and what is at work."""
+        """Report the number of finished steps and the present one."""
         with self._lock:
             self._done, self._detail = done, detail
 
@@ -129,7 +129,7 @@ class Job:
     # -- requests of people -----------------------------------------------------------------
 
     def change(self, before: Sequence[JobState], after: JobState) -> bool:
-        """Go from one of some states to another; False where it is in none of them."""
+        """Change from one of some states to another; False where it is in none of them."""
         with self._lock:
             if self.state not in before:
                 return False
@@ -150,7 +150,7 @@ class Job:
         self.ended.set()
 
     def view(self) -> JobView:
-        """Return the job as it is right now."""
+        """Return the present state of the job."""
         with self._lock:
             return JobView(
                 job_id=self.job_id,

@@ -46,7 +46,7 @@ class EndedJob:
 
 
 class JobLog:
-    """Keeps beginning and end of every job; what is open when it is made was interrupted.
+    """Stores start and end of every job; jobs still open at the server's start were interrupted.
 
     Parameters
     ----------

@@ -43,7 +43,7 @@ def limits(description: BenchDescription) -> tuple[dict[str, float], dict[str, f
 def staircase_preview(
     description: BenchDescription, side: Side, kind: str, title: str, rehearsal: Rehearsal[Any]
 ) -> JobPreview:
-    """Return what a staircase on one side would do."""
+    """Return the preview of a loading sequence on one side."""
     torque_limit, speed_limit = limits(description)
     moves = [
         (move.time_s, float(move.value))

@@ -43,7 +43,7 @@ class InterruptedView:
     interrupted : datetime.datetime
         When its last point was taken, UTC.
     points, kept, total : int
-        How many points were taken, how many of them stay, and how many it takes in all.
+        Numbers of measured points, of points that are kept, and of all points.
     """
 
     run_id: str
@@ -86,7 +86,7 @@ def _calibrates(kind: str) -> bool:
 
 
 def recall(jobs: JobRunner, station: Station, actor: Actor, calibration_id: int) -> JobView:
-    """List what a registered calibration's jobs found as if they had just been done."""
+    """List the jobs of a registered calibration as if they had just been done."""
     measured, verified = recalled(station, calibration_id)
     view = jobs.recall(actor, "calibrate", {"side": measured.details["side"]}, measured)
     if verified is not None:
@@ -95,7 +95,7 @@ def recall(jobs: JobRunner, station: Station, actor: Actor, calibration_id: int)
 
 
 def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResult | None]:
-    """Return what the jobs of a registered calibration found: its fit and its last verification.
+    """Return the results of a registered calibration: its fit and its last verification.
 
     Raises
     ------

@@ -78,7 +78,7 @@ def crossing(
     Parameters
     ----------
     time_s, value : float64[n]
-        NaN is no value.
+        NaN isn't a value.
     level : float
     rising : bool
     armed : bool
@@ -116,7 +116,7 @@ def _signal(
 
 
 def run_record(context: JobContext, request: RecordRequest) -> JobResult:
-    """Wait for what begins the recording, and record until it ends."""
+    """Wait for the trigger, and record until the end."""
     station, job = context.station, context.job
     name, note = plain(request.name, 80), plain(request.note, 500)
     began_s, trigger = _begin(context, request)

@@ -71,8 +71,8 @@ class StandardReducerRequest(MountedRequest):
     """Check the bench from end to end: a standard reducer's certified friction against measured.
 
     Input driven in steps of speed, output free. `reducer` names a description with certified
-    friction; without it, what the simulated bench brings along. The largest error and the largest
-    difference between repeats are evaluated by `tolerance_percent_fs`.
+    friction; without it, the simulated bench's own. The largest error and the largest difference
+    between repeats are evaluated by `tolerance_percent_fs`.
     """
 
     reducer: ProfileName | None = None

@@ -48,9 +48,9 @@ class JobRequest(BaseModel):
 
 
 class MountedRequest(JobRequest):
-    """What a job is requested that works with something mounted.
+    """Request of a job with a mounted part.
 
-    `mounting` is what was found at the mounting, for the record, the report and the certificate.
+    `mounting` is the record of the mounting, for the run, the report and the certificate.
     """
 
     mounting: MountingRecord = MountingRecord()
@@ -58,7 +58,7 @@ class MountedRequest(JobRequest):
 
 @dataclass(frozen=True)
 class Workplace:
-    """Where a job works: the open bench, and the settings that name profiles and reducers."""
+    """Surroundings of a job: the open bench, and the settings with profiles and reducers."""
 
     station: Station
     settings: SettingsStore
@@ -66,7 +66,7 @@ class Workplace:
 
 @dataclass(frozen=True)
 class JobContext(Workplace):
-    """What a job works with.
+    """Objects that a job uses.
 
     Parameters
     ----------
@@ -99,9 +99,9 @@ class JobKind:
     run : callable
         Does it, on the job's thread.
     preview : callable or None
-        Says what it would do; None if it moves nothing.
+        Returns its preview; None if it moves nothing.
     check : callable
-        Refuses what can't be done, before anything is started.
+        Refuses impossible requests before the start.
     role : str
         Who may start it.
     moves : bool
@@ -137,7 +137,7 @@ class JobRunner:
     prompts : PromptQueue
     kinds : mapping of str to JobKind
     note : callable
-        Called with an actor, what was done, and details.
+        Called with an actor, the action, and details.
     log : JobLog
         Reports the results of jobs to the users who started them.
     on_done : callable
@@ -193,7 +193,7 @@ class JobRunner:
         InputError
             The request is wrong, or this kind moves nothing.
         LimitError, InterlockError
-            What the bench would refuse.
+            An operation that the bench would refuse.
         BusyError
             A job is under way.
         """
@@ -260,7 +260,7 @@ class JobRunner:
     def recall(
         self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult
     ) -> JobView:
-        """List a job of the records as done: what it found can then be resumed.
+        """List a job of the records as done, so that its results can be continued.
 
         Raises
         ------
@@ -490,7 +490,7 @@ class JobRunner:
             yield
 
     def close(self) -> None:
-        """Abort what is under way and wait for its end; refuses further jobs.
+        """Abort the running job and wait for its end; refuse further jobs.
 
         A second call waits for the first one's work.
         """

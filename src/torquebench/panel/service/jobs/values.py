@@ -106,10 +106,10 @@ class JobPreview:
     time_s, target_nm : tuple of float
         The torque commanded to the loaded side over time, for a staircase; empty otherwise.
     mounts : tuple of str
-        What the person at the bench will have to mount, in order.
+        The mountings that the person at the bench will make, in order.
     remarks : tuple of str
     doubts : tuple of str
-        What would make the result doubtful, such as an expired standard or a wrong clock.
+        Doubts about the result, such as an expired standard or a wrong clock.
     """
 
     kind: str
@@ -160,7 +160,7 @@ class JobResult:
 
 @dataclass(frozen=True)
 class JobView:
-    """A job as it is right now.
+    """The present state of a job.
 
     Parameters
     ----------
@@ -173,14 +173,14 @@ class JobView:
     can_finish : bool
         Whether it runs until a user finishes it.
     stage : str
-        What is at work.
+        The present step.
     done, total : int, int or None
         Steps of the stage; None if unknown.
     detail : str
     stages : tuple of JobStage
-        What is over.
+        The finished stages.
     points : int
-        How many points `jobs.points` has.
+        Number of points in `jobs.points`.
     started, finished : datetime.datetime
         UTC; `finished` is None while it is open.
     problem : Problem or None

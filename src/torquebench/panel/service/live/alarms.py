@@ -13,7 +13,7 @@ __all__ = ["AlarmView", "StopReport", "alarm_view"]
 
 @dataclass(frozen=True)
 class AlarmView:
-    """An alarm: its cause, what to do, and what has become of it.
+    """An alarm: cause, remedy and history.
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class AlarmView:
         "warning" or "critical": the latter has stopped the bench.
     kind, source : str
     found, allowed, remedy : str
-        Cause with value and unit, the limit, and what to do.
+        Cause with value and unit, limit, and remedy.
     bench_time_s : float
     raised : datetime.datetime
     stands : bool
@@ -58,7 +58,7 @@ class AlarmView:
 
 @dataclass(frozen=True)
 class StopReport:
-    """What a stop did.
+    """Result of a stop.
 
     Parameters
     ----------

@@ -59,7 +59,7 @@ MEANINGFUL_SPEED_RPM = 1.0
 
 @dataclass(frozen=True)
 class Signal:
-    """One live signal: its name in increments, what it is, and its unit."""
+    """One live signal: its name in increments, its description, and its unit."""
 
     name: str
     title: str
@@ -122,7 +122,7 @@ class LiveTrend:
     Parameters
     ----------
     sequence : int
-        Go on with `LiveHub.since` from here.
+        Sequence number for the next call of `LiveHub.since`.
     time_s : float64[n]
     values, low, high : mapping of signal name to float64[n]
     """
@@ -153,7 +153,7 @@ class LatestValue:
 
     @property
     def stale(self) -> bool:
-        """Whether it is too old to be shown as what the bench reads now."""
+        """Whether it is too old to be shown as the present reading."""
         return self.age_s > STALE_AFTER_S
 
 
@@ -183,7 +183,7 @@ class LiveHub:
     viewer : Viewer
         A viewer of the acquisition, which is drained here.
     mounted : callable, optional
-        Tells what is between the flanges: efficiency needs a reducer.
+        Returns the mounting: efficiency needs a reducer.
 
     Examples
     --------
@@ -328,7 +328,7 @@ class LiveHub:
 
     @property
     def clock_offset_s(self) -> float:
-        """What makes the wall's clock (s since 1970) out of bench time."""
+        """Function from bench time to the wall clock (s since 1970)."""
         with self._lock:
             return self._clock_s - self._bench_s
 
@@ -447,7 +447,7 @@ TORQUE_SIGNALS = tuple(
 
 
 def torque_windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
-    """Return every window of the torques in a block, by signal; what isn't there is missing."""
+    """Return every window of the torques in a block, by signal, if available."""
     found: dict[str, LiveWindows] = {}
     for side in SIDES:
         channels = {"raw": torque_channel(side), "reference": reference_channel(side)}

@@ -19,7 +19,7 @@ Finite = Annotated[float, Field(allow_inf_nan=False)]
 
 
 class Scale(BaseModel):
-    """How far an axis goes: as far as the values, as the bench's range, or to fixed ends.
+    """Range of an axis: the values', the bench's, or fixed.
 
     Parameters
     ----------
@@ -65,7 +65,7 @@ class BandLayout(BaseModel):
         return tuple(dict.fromkeys(self._axis(name) for name in self.signals))
 
     def axis(self, name: str) -> int:
-        """Which scale a signal has: 0 the left one, 1 the right one."""
+        """Scale of a signal: 0 the left one, 1 the right one."""
         return self.axes.index(self._axis(name))
 
     def _axis(self, name: str) -> tuple[str, str]:

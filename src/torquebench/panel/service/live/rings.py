@@ -121,7 +121,7 @@ class TrendMemory:
     capacity : int
         Rows kept at each level.
     factors : sequence of int
-        How many rows of a level make one of the next.
+        Number of rows of a level in one row of the next.
     """
 
     def __init__(self, signals: int, capacity: int, factors: tuple[int, ...]) -> None:
@@ -159,7 +159,7 @@ class TrendMemory:
 
 
 def nan_mean(values: Array) -> Array:
-    """Mean over the last axis of what is a number; NaN without any.
+    """Mean over the last axis without NaN; NaN without any.
 
     Examples
     --------

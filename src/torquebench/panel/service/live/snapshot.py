@@ -20,7 +20,7 @@ BenchState = Literal["stopped", "idle", "running", "paused"]
 
 @dataclass(frozen=True)
 class CompensationState:
-    """Which model compensates a side.
+    """The model that compensates a side.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class CompensationState:
 
 @dataclass(frozen=True)
 class SideSnapshot:
-    """What one side reads.
+    """Readings of one side.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class SideSnapshot:
     compensation : CompensationState or None
         None where the raw reading is all there is.
     compensation_problem : str
-        Why there is none, in words.
+        Reason for a missing value, in words.
     torque : LatestValue
         Compensated where `compensation` is, else the raw reading, N·m.
     uncertainty : LatestValue
@@ -159,7 +159,7 @@ def side_snapshots(
     live: LiveHub,
     states: Mapping[Side, tuple[CompensationState | None, str]],
 ) -> dict[Side, SideSnapshot]:
-    """Return what both sides read."""
+    """Return the readings of both sides."""
     values = live.latest()
     found: dict[Side, SideSnapshot] = {}
     for side in SIDES:

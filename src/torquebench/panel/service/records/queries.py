@@ -60,7 +60,7 @@ def report_path(registry: Registry, run_id: str) -> Path:
 
 
 class RecordQueries:
-    """The registry of the open bench, as far as it is checked.
+    """The registry of the open bench, and its checks.
 
     Parameters
     ----------

@@ -64,7 +64,7 @@ Needed = Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x
 
 
 class TableRequest(BaseModel):
-    """A calibration that was measured on another bench, as CSV text, and what it is compared with.
+    """A calibration of another bench, as CSV text, and the profile for comparison.
 
     The columns are `reading_nm` and `standard_nm`, in measuring order, and `series`, `branch`,
     `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … if they are known.
@@ -170,7 +170,7 @@ class TableView:
 
 @dataclass(frozen=True)
 class EnteredTable:
-    """What a table became: a calibration, and the sealed run that keeps it byte by byte."""
+    """The entered table: a calibration, and the sealed run with the original bytes."""
 
     calibration_id: int
     run_id: str
@@ -217,7 +217,7 @@ class TableImport:
     settings : SettingsStore
         Names the profiles.
     note : callable
-        Called with an actor, what was done, and details.
+        Called with an actor, the action, and details.
     people : callable
         Returns the names of the laboratory's people: one of them has measured.
     """
@@ -242,7 +242,7 @@ class TableImport:
         Raises
         ------
         InputError
-            A wrong field, or what in the table can't be used, with line and column.
+            A wrong field, or an unusable cell of the table, with line and column.
         NotFoundError
             There is no such profile.
         """

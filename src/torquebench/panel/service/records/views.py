@@ -102,14 +102,14 @@ class RunDetail:
     ----------
     run : RunView
     metadata : mapping
-        What was known when it started.
+        Metadata at the start.
     results : object
-        What it found, as JSON; None without results.
+        Its results, as JSON; None without results.
     tables : tuple of RunTable
     calibration_id : int or None
         The calibration that it measured.
     changes : tuple of str
-        What isn't as it was when the run was sealed; empty where it is intact.
+        Changes since the run was sealed; empty if it is intact.
     """
 
     run: RunView

@@ -89,7 +89,7 @@ def nested(leaves: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def differences(before: Mapping[str, Any], after: Mapping[str, Any]) -> tuple[Difference, ...]:
-    """Return what differs between two nested documents, by key.
+    """Return the differences between two nested documents, by key.
 
     Examples
     --------

@@ -167,12 +167,12 @@ class SettingsStore:
         )
 
     def faults(self, section: str, name: str, document: Mapping[str, Any]) -> dict[str, InputError]:
-        """Return what is wrong with single values of a document, by their dotted keys."""
+        """Return the errors of single values of a document, by their dotted keys."""
         found = find_section(section)
         return faults_of(found.model, document, f"{section} {name}")
 
     def allowed(self, section: str, key: str) -> str:
-        """Return in words what a value may be: its range with unit, or its choices."""
+        """Return the allowed values in words: range with unit, or choices."""
         return allowed_at(find_section(section).model, key)
 
     def change(
