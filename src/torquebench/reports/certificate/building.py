@@ -175,7 +175,9 @@ def build_record(
             + "; ".join(UNREVIEWED[each] for each in unreviewed),
             "verified within its tolerance on fresh points, checked by a second person before it "
             "went into use, authorised by somebody who didn't measure",
-            "verify it, have it checked, put its model into use again, or have somebody else sign",
+            "verify it (`torquebench verification`), have it checked "
+            "(`torquebench records review`), put its model into use again "
+            "(`torquebench records use`), or have somebody else sign",
         )
     earlier = registry.certificates(calibration.calibration_id)
     mounting = _mounting(source)
