@@ -11,16 +11,16 @@ SHARES = 100
 
 
 class Progress(Protocol):
-    """The person who shows stages of work: a bar in the terminal, a job of the panel, or nobody."""
+    """Display of the stages of work: a bar in the terminal, a job of the panel, or none."""
 
     def start(self, title: str, total: int | None = None) -> None:
         """Begin a stage of `total` steps (None if it is unknown); ends the stage before."""
 
     def reach(self, done: int, detail: str = "") -> None:
-        """Say how many steps are done, and what is at work."""
+        """Report the number of finished steps and the present one."""
 
     def finish(self, detail: str = "") -> None:
-        """End the stage, with what came out of it in a few words."""
+        """End the stage, with its result in a few words."""
 
 
 class NoProgress:

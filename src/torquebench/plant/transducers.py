@@ -88,7 +88,7 @@ ORDER BY f.points_url
 
 
 def due(plant: Plant, within_days: int = 30, *, today: date | None = None) -> Answer:
-    """Return what is to be calibrated and where: transducers, and standards by their certificates.
+    """Return due transducers with their bench, and standards by their certificates.
 
     Parameters
     ----------

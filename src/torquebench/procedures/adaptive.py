@@ -70,7 +70,7 @@ def load_adaptively(
     profile : Profile
         With a table ``[adaptive]``.
     steps : sequence of Step
-        The coarse series, or what prepares the bench where an interrupted calibration goes on.
+        The coarse series, or the preparation of the bench for a resumed calibration.
     on_row : callable
         Called with every recorded step and its steady value by field.
     data : callable

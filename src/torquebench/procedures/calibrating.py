@@ -26,7 +26,7 @@ __all__ = ["StaircaseResult", "calibrate", "staircase_metadata", "verify"]
 
 @dataclass(frozen=True)
 class StaircaseResult:
-    """What a calibration or a verification measured.
+    """Measured data of a calibration or a verification.
 
     Parameters
     ----------

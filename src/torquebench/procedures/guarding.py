@@ -31,7 +31,7 @@ SPEED_MARGIN_RPM = 30.0
 
 
 def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
-    """Return what loading a clamped side up to a torque needs.
+    """Return the limits needed for loading a clamped side up to a torque.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
 
 
 def turning_limits(devices: BenchDevices, side: Side, largest_rpm: float) -> StepLimits:
-    """Return what turning a side up to a speed needs, rpm."""
+    """Return the limits needed for turning a side up to a speed, rpm."""
     drive = devices.context.description.module(side).drive
     return StepLimits(
         side,

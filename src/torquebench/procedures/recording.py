@@ -21,12 +21,12 @@ LONGEST_RECORDING_S = 86400.0
 
 @dataclass(frozen=True)
 class RecordedSpan:
-    """What a recording covers.
+    """Time range of a recording.
 
     Parameters
     ----------
     start_s, stop_s : float
-        Bench time, s, without what was kept from before the start.
+        Bench time, s, without the part before the start.
     """
 
     start_s: float

@@ -44,9 +44,9 @@ class Move:
     time_s : float
         Bench time since the plan's start, without waiting longer for settling, s.
     device : str
-        What is commanded.
+        Commanded quantity.
     value : object
-        To what.
+        Commanded value.
     """
 
     time_s: float
@@ -56,7 +56,7 @@ class Move:
 
 @dataclass(frozen=True)
 class Rehearsal(Generic[Result]):
-    """What a plan would do.
+    """Result of a rehearsal.
 
     Parameters
     ----------
@@ -69,7 +69,7 @@ class Rehearsal(Generic[Result]):
     duration_s : float
         Bench time that it takes, without waiting longer for settling, s.
     result : object
-        What the plan returns when every reading is what was commanded.
+        Return value of the plan if every reading equals its command.
     """
 
     moves: list[Move]
@@ -80,7 +80,7 @@ class Rehearsal(Generic[Result]):
 
 
 def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
-    """Go through a plan without moving anything, and refuse it where the bench would refuse it.
+    """Rehearse a plan without moving anything, and refuse it where the bench would.
 
     Parameters
     ----------
@@ -225,7 +225,7 @@ class _Stage:
     # -- messages ---------------------------------------------------------------------------
 
     def answer(self, message: Msg) -> Any:
-        """Do what the run engine would do with a message, in the books only."""
+        """Apply a message to the predicted state, as the run engine would to the bench."""
         if message.command == "set":
             self._begin(message)
         elif message.command == "wait":

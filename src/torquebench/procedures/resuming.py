@@ -14,7 +14,7 @@ __all__ = ["Resumption", "complete_series", "preparation", "steps_again", "steps
 
 @dataclass(frozen=True)
 class Resumption:
-    """What an interrupted calibration still has to load, and what it has measured before.
+    """Remaining steps of an interrupted calibration, and its measured points.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> t
     steps : sequence of Step
         Of the whole calibration.
     points : collection of (series, index)
-        What is to be measured again.
+        Points to be measured again.
 
     Examples
     --------

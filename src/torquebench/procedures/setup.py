@@ -33,7 +33,7 @@ RUN_DOWN_S = 15.0
 
 @dataclass(frozen=True)
 class Setup:
-    """What is mounted and in which modes before a procedure loads anything.
+    """Mounting and modes for a procedure.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class Setup:
     side : {"input", "output"}
         The driven module.
     mounting : {"calibrator", "verification_standard", "reducer"}
-        What is between the flanges.
+        Mounting between the flanges.
     opposite : {"locked", "free"}
         Mode of the other module.
     """
@@ -80,7 +80,7 @@ def other_side(side: Side) -> Side:
 
 
 def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
-    """Mount, clamp and couple what the procedure needs; both drives are off afterwards.
+    """Mount, clamp and couple as the procedure needs; both drives are off afterwards.
 
     Raises
     ------
@@ -116,7 +116,7 @@ def rail_to_end(devices: BenchDevices) -> Plan[None]:
 
 
 def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
-    """Have the operator turn the standard or seat it again, and go on as it was set up."""
+    """Let the operator turn or re-seat the standard, and restore the setup."""
     yield from power_off(devices)
     yield from bps.mv(devices.clamp, False)
     yield from bps.mv(devices.seat, seating)

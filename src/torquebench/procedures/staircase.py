@@ -177,6 +177,6 @@ def load_staircase(
     on_row : callable
         Called with every recorded step and its steady value by field.
     done, total : int
-        For progress, where these steps are a part of a run: steps before them, and in all.
+        For progress, if these steps are part of a run: number of steps before them, and of all.
     """
     yield from _Loader(devices, setup, steps, done, total or done + len(steps)).run(on_row)

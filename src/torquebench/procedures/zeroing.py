@@ -114,7 +114,7 @@ def zero_modules(
 def preload(
     devices: BenchDevices, side: Side, torque_nm: float, *, on_s: float, off_s: float
 ) -> Plan[None]:
-    """Load a module once and take the load off, so that its memory is that of a loaded chain."""
+    """Load a module once and unload it, so that its hysteresis starts from a loaded state."""
     torque = devices.module(side).drive.torque
     for target, duration_s in ((torque_nm, on_s), (0.0, off_s)):
         yield from bps.checkpoint()

@@ -23,7 +23,7 @@ _CHECKSUM = b"sha256"
 
 
 class ArrowStream:
-    """What is appended reaches the disk together, each batch with a checksum of its values.
+    """Appended data are written together, each batch with a checksum of its values.
 
     That happens at the latest with the first call after `FLUSH_INTERVAL_S` or `CAPACITY`, so a
     kill costs less than a second. Calls may come from any thread.
@@ -121,7 +121,7 @@ class ArrowStream:
 
 
 class WholeBatches:
-    """The batches of an Arrow stream that are as they were written, one at a time.
+    """The undamaged batches of an Arrow stream, one at a time.
 
     An incomplete end, as after a kill, is left out; `torn_bytes` then gives its size. So is a batch
     whose checksum is wrong; `damaged` gives their number.

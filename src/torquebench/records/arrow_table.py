@@ -35,7 +35,7 @@ class ArrowReadings:
     Parameters
     ----------
     origin : str
-        What messages call it.
+        Its name in messages.
     schema : pyarrow.Schema
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `columns.understood`.

@@ -66,7 +66,7 @@ class CalibrationRecords(Database):
         profile_name, profile_sha256 : str
             The profile that was followed.
         measured_by : str
-            Who did it. Who checked it is entered later; see `review`.
+            Who did it. Its review is entered later; see `review`.
         due : datetime.date, optional
             When the chain is to be calibrated again.
         files : mapping of str to str, optional
@@ -158,7 +158,7 @@ class CalibrationRecords(Database):
         Parameters
         ----------
         calibration : CalibrationEntry
-            What it was fitted to.
+            The calibration that it was fitted to.
         kind : str
             Kind of model.
         file : pathlib.Path
@@ -168,7 +168,7 @@ class CalibrationRecords(Database):
         metrics : mapping, optional
             Errors of its cross-validation.
         contradictions : sequence of Contradiction
-            What its calibration contradicts; then only a person's decision puts it into use.
+            Contradictions of its calibration; it is then activated only by a person's decision.
         created : datetime.datetime, optional
             When, with time zone; now by default.
 
@@ -243,7 +243,7 @@ class CalibrationRecords(Database):
         ----------
         model_id : int
         operator, reason : str
-            Who decided it and why, for the record.
+            Person and reason of the decision.
         despite_contradictions : bool
             Whether the operator, by name and with a reason, takes a model whose calibration
             contradicts itself.
@@ -294,7 +294,7 @@ class CalibrationRecords(Database):
         operator: str = "",
         reason: str = "",
     ) -> None:
-        """Take the compensation of a chain out of use; the history keeps what was active."""
+        """Deactivate the compensation of a chain; the history keeps earlier ones."""
         with self.writing() as session:
             session.add(
                 ActivationRow(
@@ -313,8 +313,8 @@ class CalibrationRecords(Database):
         Raises
         ------
         ModelMismatchError
-            Where the transducer has a model in use, but only together with another counter: a
-            timebase error is part of what was calibrated.
+            If the transducer's active model belongs to another counter: a timebase error is part of
+            the calibration.
         """
         latest = {
             activation.counter_identity: activation.model_id
@@ -365,7 +365,7 @@ class CalibrationRecords(Database):
         performed: datetime | None = None,
         measured_by: str = "",
     ) -> None:
-        """Register what a verification found for a model.
+        """Register a verification's results for a model.
 
         Raises
         ------
@@ -389,7 +389,7 @@ class CalibrationRecords(Database):
             )
 
     def verifications(self, model_id: int) -> list[VerificationEntry]:
-        """Return what verifications found for a model, the oldest first."""
+        """Return the verifications of a model, the oldest first."""
         query = (
             select(VerificationRow)
             .where(VerificationRow.model_key == model_id)

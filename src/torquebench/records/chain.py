@@ -34,7 +34,7 @@ class ChainHead:
 
 @dataclass(frozen=True)
 class Link:
-    """One record as it was entered.
+    """One record as entered.
 
     Parameters
     ----------
@@ -129,7 +129,7 @@ def seal(head: ChainHead, table: str, key: int, recorded: datetime, content: str
 
 
 def broken_links(links: Iterable[Link]) -> Iterator[tuple[Link, str]]:
-    """Yield every link that isn't what was once appended, with what is wrong with it.
+    """Yield every link that has changed since it was appended, with the defect.
 
     Parameters
     ----------
@@ -151,7 +151,7 @@ def broken_links(links: Iterable[Link]) -> Iterator[tuple[Link, str]]:
 def changed_fields(
     registered: Mapping[str, Any], present: Mapping[str, Any]
 ) -> list[tuple[str, Any, Any]]:
-    """Return the fields in which a row differs from what was registered, with both values.
+    """Return the fields in which a row differs from its registration, with both values.
 
     A field that a later version of the schema added isn't compared.
 

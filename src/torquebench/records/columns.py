@@ -176,7 +176,7 @@ DIRECTION_REMEDY = (
 
 
 def word_values(column: str) -> Mapping[str, int]:
-    """Return what each word of a column ``branch`` or ``direction`` means: +1, -1 or 0."""
+    """Return the meaning of each word of a column ``branch`` or ``direction``: +1, -1 or 0."""
     return {"branch": BRANCH_WORDS, "direction": _DIRECTIONS}[column]
 
 
@@ -209,8 +209,8 @@ def chosen_columns(
     required : sequence of str
         Quantities that there must be.
     mapping : sequence of str
-        ``name=Header[unit]`` of headers that don't say what they are; a minus sign before the
-        header turns the sign, ``counts/N`` is the unit of an encoder with N counts per revolution.
+        ``name=Header[unit]`` for headers with other names; a minus sign before the header turns the
+        sign, ``counts/N`` is the unit of an encoder with N counts per revolution.
 
     Raises
     ------
@@ -356,7 +356,7 @@ def with_unit(name: str, unit: str, origin: str) -> str:
 
 
 def unit_of(header: str) -> str:
-    """Return the unit that a header names, or what follows its last underscore."""
+    """Return the unit in a header, or the text after its last underscore."""
     unit = _HEADER_UNIT.search(header)
     return next(filter(None, unit.groups())) if unit else header.rpartition("_")[2]
 

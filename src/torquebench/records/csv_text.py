@@ -53,9 +53,9 @@ class CsvTable:
     lines : sequence of int
         Number of the line that each row ends on, from 1.
     remarks : mapping of str to str
-        What comment lines of the form ``# key = value`` say.
+        Values of comment lines of the form ``# key = value``.
     counted : str
-        What `lines` counts.
+        Unit of `lines`.
 
     Examples
     --------
@@ -243,7 +243,7 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     origin : str
         Name of the file, for messages.
     before : int, default 0
-        How many lines of the file are before the text, for messages.
+        Number of lines of the file before the text, for messages.
 
     Raises
     ------

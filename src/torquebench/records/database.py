@@ -84,7 +84,7 @@ Row = TypeVar("Row", bound=Base)
 
 
 class UnavailableError(RecordError):
-    """The registry's database can't be used at the moment; what it holds is unchanged."""
+    """The registry's database can't be used at the moment; its content is unchanged."""
 
 
 def lost_registry(data_dir: Path) -> str:
@@ -166,7 +166,7 @@ class Database:
             A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
             ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
         longest_s : float
-            How long to go on trying where its server doesn't answer, s.
+            How long to retry if its server doesn't answer, s.
 
         Raises
         ------
@@ -230,7 +230,7 @@ class Database:
     def session(self) -> Iterator[Session]:
         """Yield a session that reads one state of the registry.
 
-        Inside `writing` of the same thread it reads what that transaction has added, too.
+        Inside `writing` of the same thread it also reads the rows added by that transaction.
 
         Raises
         ------
@@ -305,9 +305,9 @@ class Database:
         told: Callable[[str], None] | None = None,
         longest_s: float = PATIENCE_S,
     ) -> Result:
-        """Do something with the registry, again and again while its server doesn't answer.
+        """Run an operation on the registry, with retries while its server doesn't answer.
 
-        A file is tried once: what is wrong with it doesn't repair itself.
+        For a file there is one attempt, since its defects are permanent.
 
         Parameters
         ----------
@@ -316,7 +316,7 @@ class Database:
         told : callable, optional
             Called once with the problem, before the first repeated attempt.
         longest_s : float
-            How long to go on trying, s.
+            How long to retry, s.
 
         Raises
         ------
@@ -342,7 +342,7 @@ class Database:
         return self.known_head
 
     def stored(self, path: Path) -> str:
-        """Return a path as it is stored; see the parameter `root`."""
+        """Return the stored form of a path; see the parameter `root`."""
         resolved = path.resolve()
         inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()

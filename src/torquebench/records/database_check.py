@@ -75,7 +75,7 @@ def mend_schema(registry: Database) -> list[str]:
     Returns
     -------
     list of str
-        What was made again.
+        Recreated indexes and triggers.
     """
     present, expected = _schema(registry), _expected_schema(registry.dialect)
     mended = []

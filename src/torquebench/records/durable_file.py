@@ -13,10 +13,9 @@ __all__ = ["DurableFile"]
 class DurableFile:
     """Appends whole pieces; one that the disk refuses is taken back and ends the file.
 
-    A raw file may take a part of what it is given (a disk that becomes full does) and say so only
-    by a number. This one continues until all is written, and where that fails it goes back to the
-    end of what was synchronised, so that no reader meets half a piece. It has the methods that
-    PyArrow needs of a file.
+    A raw file may write only a part of the data (on a full disk) and report that only by a number.
+    This one continues until all is written. On failure it returns to the synchronised end, so that
+    no reader gets a partial piece. It has the methods that PyArrow needs of a file.
 
     Parameters
     ----------
@@ -44,7 +43,7 @@ class DurableFile:
         self._synchronised = self._file.tell()
 
     def failure(self, error: OSError) -> RecordError:
-        """Take back what wasn't synchronised; return the error to raise."""
+        """Remove unsynchronised data; return the error to raise."""
         self.failed = True
         try:
             self._file.truncate(self._synchronised)

@@ -92,7 +92,7 @@ def read_edges(folder: Path) -> Iterator[RecordedEdges]:
     Raises
     ------
     RecordError
-        Where the file isn't what it should be.
+        If the file isn't a valid archive.
     """
     if (folder / EDGE_ARCHIVE).exists():
         yield from _archived(folder / EDGE_ARCHIVE)

@@ -37,7 +37,7 @@ _SCHEMA = pa.schema(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RecordedEdges:
-    """One block of one channel as it was recorded."""
+    """One recorded block of one channel."""
 
     channel: str
     block: EdgeBlock

@@ -53,15 +53,15 @@ class Equipment:
     Parameters
     ----------
     kind : str
-        What it is.
+        Kind of equipment.
     serial : str
         Its serial number; of a counter, the identity of its timebase; of a bench, its name.
     manufacturer, model : str
-        As on its name plate.
+        From its name plate.
     range_nm : float, optional
         Its full scale in N·m.
     details : mapping
-        What else is known: class, nominal zero, timebase frequency.
+        Further data: class, nominal zero, timebase frequency.
     """
 
     kind: EquipmentKind
@@ -79,9 +79,9 @@ class Component:
     Parameters
     ----------
     whole, part : tuple of kind and serial
-        What it is fitted into, and what it is.
+        The whole, and the part fitted into it.
     role : str
-        What it does there, such as ``"output.transducer"``.
+        Role, such as ``"output.transducer"``.
     fitted : datetime.datetime
         Since when.
     """
@@ -95,7 +95,7 @@ class Component:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Something done to a piece of equipment that may change what it indicates.
+    """Work on a piece of equipment that may change its indication.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ class Adjustment:
     what : str
         Such as ``"span set"``, ``"repaired"``, ``"model put into use"``.
     before, after : mapping
-        Settings or indications before and after, as far as they were read.
+        Settings or indications before and after, if recorded.
     performed_by, checked_by : str
         The persons who performed and who reviewed it.
     """
@@ -161,7 +161,7 @@ class Zeroing:
     Parameters
     ----------
     zero_hz, zero_nm : float
-        Frequency, and what it is away from the nominal zero in N·m.
+        Frequency, and its deviation from the nominal zero in N·m.
     """
 
     transducer_serial: str
@@ -214,7 +214,7 @@ class RunSummary:
     run_id : str
         Identifier and name of the folder.
     kind : str
-        What the run did, such as ``"calibrate-output"``.
+        Kind of run, such as ``"calibrate-output"``.
     started, finished : datetime.datetime
         In UTC; `finished` is None while the run is open.
     status : str
@@ -290,7 +290,7 @@ class ModelEntry:
     Parameters
     ----------
     model_id, calibration_id : int
-        Its number, and that of the calibration that it was fitted to.
+        Its number, and its calibration's.
     kind : str
         Kind of model, such as ``"polynomial"``.
     file : pathlib.Path
@@ -316,7 +316,7 @@ class ModelEntry:
 
     @property
     def contradictions(self) -> "tuple[Contradiction, ...]":
-        """What the calibration contradicts: why the model isn't to be put into use."""
+        """Contradictions of the calibration, because of which the model shouldn't be activated."""
         if "contradictions" not in self.metrics:
             return ()
         from torquebench.calibration import Contradiction  # not imported for lists of models
@@ -358,7 +358,7 @@ class Activation:
 
 @dataclass(frozen=True)
 class VerificationEntry:
-    """What a verification found for one model; `summary` holds its numbers."""
+    """Result of a verification for one model; `summary` holds its numbers."""
 
     model_id: int
     run_id: str | None
@@ -378,7 +378,7 @@ class CheckEntry:
     verdict : str
         ``"pass"``, ``"conditionalPass"``, ``"conditionalFail"`` or ``"fail"``.
     worst_percent_fs, tolerance_percent_fs : float
-        Largest error found, and what is allowed, in % of full scale.
+        Largest error, and the tolerance, in % of full scale.
     """
 
     transducer_serial: str
@@ -396,7 +396,7 @@ class CheckEntry:
 
 @dataclass(frozen=True)
 class CertificateEntry:
-    """A certificate that was issued: what is stored, listed, exported and sent.
+    """An issued certificate, as stored, listed, exported and sent.
 
     Parameters
     ----------
@@ -407,7 +407,7 @@ class CertificateEntry:
     files : mapping of str to str
         SHA-256 by file name.
     summary : mapping
-        What it states, in short: see `of_record`.
+        Summary of its statements: see `of_record`.
     supersedes : str
         Number of the certificate that it replaces; empty for a first one.
     superseded_by : str
@@ -449,7 +449,7 @@ class CertificateEntry:
         calibration_id : int
             Of the calibration that it states, in this registry.
         **more : str
-            What else to note in the summary.
+            Further entries of the summary.
         """
         conformity = record["conformity"] or {}
         summary = {

@@ -34,7 +34,7 @@ class EquipmentRecords(Database):
     """Equipment, components, adjustments, certificates of standards, zeroings."""
 
     def add_equipment(self, equipment: Equipment) -> None:
-        """Register equipment, or add what is known of it now where that has changed."""
+        """Register equipment, or its changed data."""
         with self.writing() as session:
             row = equipment_row(session, equipment.kind, equipment.serial)
             known = _latest_description(session, row)
@@ -73,7 +73,7 @@ class EquipmentRecords(Database):
         performed_by: str = "",
         reason: str = "",
     ) -> None:
-        """Enter that a part is fitted into a whole, taking the place of what was there.
+        """Enter that a part is fitted into a whole, replacing the earlier part.
 
         Nothing is entered where the part is there already.
         """
@@ -95,7 +95,7 @@ class EquipmentRecords(Database):
             session.add(ComponentRow(part=part_row, change="fitted", **common))
 
     def components(self, whole: tuple[EquipmentKind, str]) -> list[Component]:
-        """Return what is fitted into a whole now, by role."""
+        """Return the parts fitted into a whole at present, by role."""
         with self.session() as session:
             kind, serial = whole
             row = session.scalar(
@@ -117,7 +117,7 @@ class EquipmentRecords(Database):
     # Adjustments
 
     def add_adjustment(self, adjustment: Adjustment) -> None:
-        """Register something done to a piece of equipment that may change what it indicates."""
+        """Register work on a piece of equipment that may change its indication."""
         with self.writing() as session:
             fields = asdict(adjustment)
             kind, serial = fields.pop("kind"), fields.pop("serial")
@@ -125,7 +125,7 @@ class EquipmentRecords(Database):
             session.add(AdjustmentRow(equipment=equipment_row(session, kind, serial), **fields))
 
     def adjustments(self, serial: str) -> list[Adjustment]:
-        """Return what was done to a piece of equipment, the oldest first."""
+        """Return the work on a piece of equipment, the oldest first."""
         query = (
             select(AdjustmentRow)
             .join(AdjustmentRow.equipment)

@@ -32,9 +32,9 @@ class CheckedLine:
     number : int
         From 1, without gaps, over all documents of a run.
     name, document : str, dict
-        What was written.
+        The written document.
     text : bytes
-        The line as it was written, without its line feed.
+        The original line without its line feed.
     """
 
     number: int
@@ -53,7 +53,7 @@ class Damage:
         The documents that were lost, by the numbers around them; at the end of a file by its
         line feeds. Where none was lost, `last_line` is smaller than `first_line`.
     offset, bytes : int
-        Where it begins in the file, and its size.
+        Its position in the file, and its size.
     """
 
     first_line: int
@@ -63,7 +63,7 @@ class Damage:
 
     @property
     def lines(self) -> int:
-        """How many documents were lost."""
+        """Number of lost documents."""
         return self.last_line - self.first_line + 1
 
     def __str__(self) -> str:
@@ -107,7 +107,7 @@ def checked_line(run_id: str, number: int, name: str, document: Any) -> bytes:
 
 
 def read_lines(content: bytes, run_id: str) -> ReadLines:
-    """Return every line of a file that is as it was written, and what is damaged.
+    """Return every undamaged line of a file, and the damages.
 
     Examples
     --------
@@ -135,7 +135,7 @@ def read_lines(content: bytes, run_id: str) -> ReadLines:
 
 
 def with_copies(read: ReadLines, copies: Iterable[CheckedLine]) -> ReadLines:
-    """Return what was found with the lines between others that a second file still has.
+    """Return the lines, completed by those that a second file still has.
 
     A damage without a missing line is left out.
     """

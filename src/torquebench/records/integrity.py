@@ -58,7 +58,7 @@ _REMEDIES: dict[str, str] = {
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that isn't as it was entered.
+    """One difference from the entries.
 
     Parameters
     ----------
@@ -70,9 +70,9 @@ class Finding:
     where : str
         Table and number of the row, or the path of the file.
     field : str
-        Which field; empty where it isn't known.
+        Field; empty if unknown.
     found, registered : str
-        What is there now, and what was entered.
+        Present and entered value.
     remedy : str
         The way back.
     """
@@ -86,12 +86,12 @@ class Finding:
 
     @property
     def way_back(self) -> str:
-        """What to do about it."""
+        """Remedy."""
         return self.remedy or _REMEDIES.get(self.kind, FROM_BACKUP)
 
     @property
     def place(self) -> str:
-        """Where it is, with the field if it is known."""
+        """Place, with the field if known."""
         return f"{self.where}, {self.field}" if self.field else self.where
 
     @property
@@ -112,18 +112,18 @@ class Finding:
 
 @dataclass(frozen=True)
 class IntegrityReport:
-    """What a check of all records found.
+    """Result of a check of all records.
 
     Parameters
     ----------
     head : ChainHead
         The end of the chain.
     records, runs, files : int
-        How many rows, sealed run folders and single files were compared.
+        Numbers of compared rows, sealed run folders and single files.
     findings : tuple of Finding
-        Empty where everything is as it was entered.
+        Empty if all records match their entries.
     audit_lines : int
-        How many lines of the audit log were compared.
+        Number of compared lines of the audit log.
     remarks : tuple of str
         Unchanged records with doubts: clocks that ran backwards, standards whose certificate had
         expired.
@@ -168,15 +168,15 @@ def anchor_of(text: str) -> ChainHead:
 def check_records(
     registry: RunRecords, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
 ) -> IntegrityReport:
-    """Compare every record with what was entered.
+    """Compare every record with its entry.
 
     Parameters
     ----------
     registry : Database
         The open registry.
     anchors : tuple of ChainHead
-        Ends of the chain that were noted down earlier, on a certificate for instance. Who
-        rewrites the whole chain can't make it pass through them again.
+        Ends of the chain that were noted down earlier, on a certificate for instance. Even a
+        rewritten chain can't reproduce them.
     folders : bool, default True
         Whether run folders and files are compared too, which reads all of them.
 
@@ -326,7 +326,7 @@ def _readable(rows: Iterable[Any]) -> Iterator[Any]:
 
 
 def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, ...]:
-    """Return what was changed in the rows that a calibration's certificate rests on.
+    """Return the changes in the rows on which a calibration's certificate is based.
 
     Those of the calibration, its run, its chain and its standard, their certificates, and the
     models that were fitted to it: a few rows, however long the registry is.
@@ -388,7 +388,7 @@ def _differences(row: Any, link: Link) -> Iterator[Finding]:
 
 
 def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
-    """Return what isn't as it was in a sealed run folder; empty where it is intact.
+    """Return the changes of a sealed run folder; empty if it is intact.
 
     Parameters
     ----------

@@ -51,7 +51,7 @@ _WAITING = 1
 
 @dataclass(frozen=True)
 class CompensatedFile:
-    """What `compensate_file` has done.
+    """Result of `compensate_file`.
 
     Parameters
     ----------
@@ -505,7 +505,7 @@ class _CsvSink:
         return ("\n".join(lines.to_pylist()) + "\n").encode()
 
     def write(self, lines: Any) -> None:
-        """Append what `encoded` returned."""
+        """Append the result of `encoded`."""
         self._file.write(lines)
 
     def close(self) -> None:

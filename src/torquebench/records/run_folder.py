@@ -66,7 +66,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
     Parameters
     ----------
     kind : str
-        What the run does, such as ``"calibrate-output"``: letters, digits and hyphens.
+        Kind of run, such as ``"calibrate-output"``: letters, digits and hyphens.
     started : datetime.datetime, optional
         When it starts, with time zone; now by default.
 
@@ -104,7 +104,7 @@ class Recovery:
     lost_at_end : int
         Number of lost documents after the last complete one.
     damaged_files : tuple of str
-        Files of which a part or all couldn't be read; each is kept as it was found.
+        Files that couldn't be read completely; each is kept unchanged.
     """
 
     documents: int
@@ -128,7 +128,7 @@ class RunWriter:
     path : pathlib.Path
         The run's folder, which must not exist yet.
     metadata : mapping
-        What is known before the run starts.
+        Metadata at the start.
     """
 
     def __init__(self, path: Path, metadata: Mapping[str, Any]) -> None:
@@ -245,7 +245,7 @@ class RunWriter:
         return self._edges.acknowledged_tick
 
     def write_results(self, results: Any) -> None:
-        """Write what the run found as ``results.json``.
+        """Write the run's results to ``results.json``.
 
         Parameters
         ----------
@@ -308,7 +308,7 @@ class RunWriter:
             self._edges.close()
 
     def discard(self) -> None:
-        """Take the whole folder away again: of a run that couldn't be begun."""
+        """Remove the whole folder of a run that couldn't be started."""
         self.close()
         shutil.rmtree(self.path, ignore_errors=True)
 
@@ -357,7 +357,7 @@ class RunFolder:
         runs : pathlib.Path
             Folder of all runs.
         metadata : mapping
-            What is known before: operator, serials, profile and its hash, bench, simulated or not.
+            Metadata: operator, serials, profile and its hash, bench, simulated or not.
         kind : str
             What the run does, such as ``"calibrate-output"``.
         run_id : str, optional
@@ -391,7 +391,7 @@ class RunFolder:
 
     @property
     def metadata(self) -> dict[str, Any]:
-        """What was known before the run started.
+        """Metadata at the start.
 
         Of a run that isn't sealed, by its checksum; where that is wrong, from its copy.
 
@@ -446,7 +446,7 @@ class RunFolder:
 
     @property
     def results(self) -> Any:
-        """What the run found, or None where it has no results."""
+        """Results of the run; None if it has none."""
         path = self.path / _RESULTS
         return read_json(path) if path.exists() else None
 
@@ -641,7 +641,7 @@ def _checked_json(content: Mapping[str, Any]) -> str:
 
 
 def _read_checked_json(path: Path) -> dict[str, Any] | None:
-    """Return what `_checked_json` has written; None if it has changed."""
+    """Return the content written by `_checked_json`; None if it has changed."""
     try:
         content = json.loads(path.read_bytes())
         digest = content.pop("sha256")

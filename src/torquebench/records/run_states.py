@@ -37,7 +37,7 @@ _FOLLOWS: Mapping[str, Any] = {
 
 
 class RunStateRecords(RunRecords):
-    """Runs by what has become of them."""
+    """Runs by their state."""
 
     def entered_runs(self, run_ids: Iterable[str]) -> dict[str, bool]:
         """Return which of some runs are registered, and whether their ends are."""

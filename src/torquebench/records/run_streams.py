@@ -29,7 +29,7 @@ class Column:
     values : ndarray, shape (n,)
         NaN where there is no number.
     unit : str
-        As in the SI; "1" for codes and "" where it isn't known.
+        SI symbol; "1" for codes and "" if unknown.
     description : str
     """
 
@@ -88,7 +88,7 @@ def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
 
 
 def run_attributes(folder: RunFolder) -> dict[str, str | int | float | bool]:
-    """Return what a file of a run's streams has to say of the run, flat."""
+    """Return the run's metadata for a file of its streams, flat."""
     known = folder.metadata
     found: dict[str, str | int | float | bool] = {
         key: str(known[key]) for key in _KNOWN if known.get(key)

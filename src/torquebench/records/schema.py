@@ -84,7 +84,7 @@ class Base(DeclarativeBase):
 
 
 class LinkRow(Base):
-    """One link of the hash chain: a row of another table as it was entered."""
+    """One link of the hash chain: a row of another table as entered."""
 
     __tablename__ = "chain"
 
@@ -116,7 +116,7 @@ class EquipmentRow(Base):
 
 
 class DescriptionRow(Base):
-    """What is known of a piece of equipment from a moment on; the latest one holds."""
+    """Data of a piece of equipment from a time on; the latest row is valid."""
 
     __tablename__ = "equipment_descriptions"
 
@@ -150,7 +150,7 @@ class ComponentRow(Base):
 
 
 class AdjustmentRow(Base):
-    """Something done to a piece of equipment that may change what it indicates."""
+    """Work on a piece of equipment that may change its indication."""
 
     __tablename__ = "adjustments"
 
@@ -335,7 +335,7 @@ class ActivationRow(Base):
 
 
 class VerificationRow(Base):
-    """What a verification found for one model."""
+    """Result of a verification for one model."""
 
     __tablename__ = "verifications"
 

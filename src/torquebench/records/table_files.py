@@ -48,7 +48,7 @@ _NEEDED = {
 
 @dataclass(frozen=True)
 class ArrowFile:
-    """A table in a file that is no text.
+    """A table in a binary file.
 
     Parameters
     ----------
@@ -160,14 +160,14 @@ def numbers_of(column: Any) -> NDArray[Any]:
 
 
 def remarks_of(schema: Any) -> dict[str, str]:
-    """Return what a schema's metadata say of the whole table."""
+    """Return a schema's metadata of the whole table."""
     notes = {key.decode(): value.decode() for key, value in (schema.metadata or {}).items()}
     own = ("ARROW:schema", "pandas")
     return {key: value for key, value in notes.items() if key not in own and "\n" not in value}
 
 
 def table_text(path: Path, called: str = "") -> str:
-    """Return the text of a table's file; that of a format without text as CSV.
+    """Return the text of a table's file; a binary format as CSV.
 
     Raises
     ------
@@ -211,7 +211,7 @@ def check_readable(path: Path) -> None:
 
 
 def open_table(path: Path, opened: ExitStack) -> ArrowFile:
-    """Open a table that is no text; `opened` closes it.
+    """Open a table in a binary file; `opened` closes it.
 
     Raises
     ------

@@ -65,7 +65,7 @@ def is_parquet(path: Path) -> bool:
 
 
 def is_csv(path: Path) -> bool:
-    """Return whether a file is none of the other formats by its name."""
+    """Return whether a file's name has none of the other formats' endings."""
     return format_of(path) in ("csv", "")
 
 

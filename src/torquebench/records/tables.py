@@ -77,10 +77,9 @@ def read_calibration_csv(
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
     ``acceleration_rad_s2``, ``zero_temperature_c``, ``standard_error_nm`` and (simulated data only)
-    ``true_torque_nm``, in any order; others are passed over. Lines are in measuring order: where
-    there is no branch, it follows from it.
-    Comments such as ``# range_nm = 2000`` may give the range, the side, the transducer's serial
-    and the counter's identity; arguments take precedence over them.
+    ``true_torque_nm``, in any order; others are passed over. Lines are in measuring order, from
+    which a missing branch follows. Comments such as ``# range_nm = 2000`` may give the range, the
+    side, the transducer's serial and the counter's identity; arguments take precedence over them.
 
     Parameters
     ----------
@@ -205,11 +204,11 @@ class ReadingsTable:
     Parameters
     ----------
     table : CsvTable
-        The file's cells as they are, which `write_torque_csv` repeats.
+        The file's original cells, which `write_torque_csv` repeats.
     reading_nm : array of float, shape (n,)
         Readings in N·m.
     branch, series, speed_rpm, temperature_c, standard_error_nm, time_s : array, shape (n,), or None
-        What else is known of them, where the file has it.
+        Further columns, if the file has them.
     simulated : bool
         Whether the file states that its readings are simulated.
     """

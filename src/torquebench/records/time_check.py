@@ -32,7 +32,7 @@ SERVER_TOLERANCE_S = 60.0
 
 
 def time_remarks(registry: Database) -> Iterator[str]:
-    """Yield what is impossible or doubtful in the times of the records, each in one sentence."""
+    """Yield impossible or doubtful times of the records, each as one sentence."""
     for _, said in _ends_before_beginnings(registry):
         yield said
     yield from _entries_before_earlier_ones(registry)
@@ -41,7 +41,7 @@ def time_remarks(registry: Database) -> Iterator[str]:
 
 
 def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tuple[str, ...]]:
-    """Return what is impossible in the times of some runs, of those where something is.
+    """Return impossible times of some runs, by run.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tu
 
 
 def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int, tuple[str, ...]]:
-    """Return what is impossible or doubtful in the times of some calibrations.
+    """Return impossible or doubtful times of some calibrations.
 
     The standard had expired, the clock ran backwards, or the run ended before it began.
 
@@ -133,7 +133,7 @@ def expired_standard(
     registry : Registry
         With the certificates that were entered.
     what, serial : str
-        What the standard is, in words, and its serial.
+        Kind of the standard, in words, and its serial number.
     due : datetime.date or None
         Last day of the certificate that the bench description names.
     today : datetime.date, optional

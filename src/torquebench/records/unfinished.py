@@ -70,7 +70,7 @@ class UnfinishedRun:
 
     @property
     def found(self) -> str:
-        """What is the matter with it, in words."""
+        """Its state, in words."""
         match self.state:
             case RunState.LEFT_OPEN:
                 return f"run {self.run_id} was left open"
@@ -84,7 +84,7 @@ class UnfinishedRun:
 
     @property
     def remedy(self) -> str:
-        """What to do about it."""
+        """Remedy."""
         match self.state:
             case RunState.LEFT_OPEN | RunState.SEALED:
                 return f"`torquebench records finish {self.run_id}` enters it; so does any start"

@@ -19,7 +19,7 @@ _LIMIT = re.compile(r"([≥≤])\s*([-+]?[0-9.]+(?:[eE][-+]?[0-9]+)?)")
 
 @dataclass(frozen=True)
 class Capability:
-    """Capability of a process, with what is known about it.
+    """Capability of a process, with its intervals.
 
     Attributes
     ----------
@@ -68,7 +68,7 @@ def capability(
 ) -> Capability:
     """Return Cp and Cpk of values with their confidence intervals.
 
-    s is that of the values, so that it holds what measuring adds: the process alone is better.
+    s is the values', which includes the measurement's scatter: the process alone is better.
 
     Parameters
     ----------

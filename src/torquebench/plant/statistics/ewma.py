@@ -24,7 +24,7 @@ class EwmaChart:
     average : float64[n]
         Weighted average up to each value.
     centre, sigma : float
-        What the values are expected to be, and their standard deviation.
+        Expected value, and standard deviation.
     lower, upper : float64[n]
         Limits of each average.
     outside : tuple of int
@@ -64,9 +64,9 @@ def ewma_chart(
         Half the width of the limits in standard deviations of the average; with a weight of 0.2
         a false alarm comes once in about 500 values.
     centre, sigma : float, optional
-        What is expected; by default mean and mean moving range/1.128 of the base values.
+        Expected values; by default mean and mean moving range/1.128 of the base values.
     base : int, optional
-        How many of the first values they are computed from; all by default.
+        Number of first values from which they are computed; all by default.
 
     Raises
     ------

@@ -18,7 +18,7 @@ LIMIT = 3.5
 
 @dataclass(frozen=True)
 class GroupDifference:
-    """How the mean of one group differs from that of all others.
+    """Difference of a group's mean from the mean of all others.
 
     Attributes
     ----------
@@ -75,7 +75,7 @@ def outlying_groups(
     ----------
     values : array of float, shape (n,)
     groups : sequence of str, length n
-        Which bench or batch each value belongs to.
+        Bench or batch of each value.
     level : float, default 0.01
         Of the test over all groups together.
 

@@ -15,7 +15,7 @@ __all__ = ["BenchResult", "ComparedBench", "TravellingComparison", "compare_benc
 
 @dataclass(frozen=True)
 class BenchResult:
-    """What one bench found for the specimen.
+    """Result of one bench for the specimen.
 
     Parameters
     ----------
@@ -40,7 +40,7 @@ class ComparedBench:
     ----------
     result : BenchResult
     reference, reference_expanded_uncertainty : float
-        What it is held against.
+        Reference value.
     difference : float
         Its value less the reference.
     en : float
@@ -69,7 +69,7 @@ class TravellingComparison:
     mean, expanded_uncertainty : float
         Weighted mean of all benches with its U (k = 2).
     chi_squared, p_value : float
-        Whether their scatter is what their uncertainties say; below 0.05 it isn't.
+        p-value of their scatter given their uncertainties; below 0.05 it is too large.
     """
 
     benches: tuple[ComparedBench, ...]
@@ -82,7 +82,7 @@ class TravellingComparison:
 def compare_benches(
     results: Sequence[BenchResult], reference: str | None = None
 ) -> TravellingComparison:
-    """Compare benches by what they found for one specimen.
+    """Compare benches by their results for one specimen.
 
     Each is compared with the reference bench, or against the weighted mean of all others, which
     doesn't depend on it.

@@ -29,7 +29,7 @@ __all__ = ["EmptyRunSettings", "empty_run"]
 
 @dataclass(frozen=True)
 class EmptyRunSettings:
-    """How the empty run is made.
+    """Settings of the empty run.
 
     Parameters
     ----------
@@ -37,7 +37,7 @@ class EmptyRunSettings:
         Rising input speeds above 0, 1/min; each in both directions. The output turns by as much
         less as it does through the reducer.
     repeats : int
-        How often all speeds are driven. What is subtracted scatters as the test itself does, so
+        Number of passes over all speeds. The subtracted values scatter like the test itself, so
         that few repeats here would spoil many there.
     settle_s, window_s : float
         Time after a speed is reached, and the shortest window; it is lengthened to whole input
@@ -45,8 +45,7 @@ class EmptyRunSettings:
     zero_s : float
         Length of the zeros before every series and after the last, s.
     rate_rpm_per_s : float
-        How fast the input's speed changes, (1/min)/s, and the output's through the ratio: as in
-        the test.
+        Rate of the input's speed, (1/min)/s, and of the output's by the ratio: as in the test.
     """
 
     speeds_rpm: tuple[float, ...] = (100.0, 400.0, 700.0, 1000.0, 1200.0)

@@ -55,11 +55,11 @@ class BreakawaySettings:
     clockwise, counter_clockwise : bool
         Directions in which the torque rises.
     ramp_s : float
-        Time in which the torque rises to what is expected, s.
+        Time in which the torque rises to the expected value, s.
     expected_nm : float or None
         Torque at which motion is expected; by default from the data sheet or the reducer's size.
     largest_nm : float or None
-        The ramp ends here without motion; by default five times what is expected.
+        The ramp ends here without motion; by default five times the expected torque.
     motion_deg : float or None
         The driven side has moved for certain after so many degrees, a fifth of them within half a
         second; by default 5° of the input and 0.2° of the output.

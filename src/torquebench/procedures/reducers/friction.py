@@ -25,14 +25,14 @@ __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep
 
 @dataclass(frozen=True)
 class FrictionSettings:
-    """Which speeds are driven, how often and for how long.
+    """Speeds, repeats and durations.
 
     Parameters
     ----------
     speeds_rpm : tuple of float
         Rising input speeds above 0, 1/min; driven up, then down without repeating the last.
     repeats : int
-        How often the sweep is repeated.
+        Number of repeats of the sweep.
     clockwise, counter_clockwise : bool
         Directions that are driven.
     settle_s : float
@@ -40,11 +40,11 @@ class FrictionSettings:
     window_s : float
         Shortest averaging window, s; it is lengthened to whole revolutions.
     limit_s : float
-        How much longer to wait for a settled reading, s.
+        Additional waiting time for a settled reading, s.
     zero_s : float
         Length of the zero before the first point, s.
     rate_rpm_per_s : float
-        How fast the speed changes from point to point, (1/min)/s, at most as the drive can.
+        Rate of the speed between points, (1/min)/s, limited by the drive's.
     """
 
     speeds_rpm: tuple[float, ...] = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))

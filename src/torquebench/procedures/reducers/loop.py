@@ -71,7 +71,7 @@ def even_positions(count: int) -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class HysteresisSettings:
-    """How the torque-angle loops are driven.
+    """Settings of the torque-angle loops.
 
     Parameters
     ----------
@@ -131,7 +131,7 @@ class Loop:
 
 @dataclass(frozen=True, eq=False)
 class LoopRecording:
-    """What the torque-angle loops recorded.
+    """Recorded data of the torque-angle loops.
 
     Parameters
     ----------
@@ -155,12 +155,11 @@ def hysteresis_loops(
 ) -> Plan[LoopRecording]:
     """Lock the input and drive torque-angle loops at the output, at several output positions.
 
-    Before the loops of each position the output is turned there, both torques are zeroed, and
-    the output is preloaded to +T and −T, which isn't part of any loop. The torque goes beyond T
-    by as much as a drive may stay below what it is requested, where the reducer allows it. The
-    positions share out one turn of the input too, as the transmission error of the input's
-    orders makes a reducer stiffer at one of its phases than at another. A loop that a pause
-    interrupts is preloaded and driven again.
+    Before the loops of each position the output is turned there, both torques are zeroed, and the
+    output is preloaded to +T and −T, which isn't part of any loop. The torque exceeds T by the
+    drive's largest deviation, if the reducer allows it. The positions share out one turn of the
+    input too, as the transmission error of the input's orders makes a reducer stiffer at one of its
+    phases than at another. A loop that a pause interrupts is preloaded and driven again.
 
     Raises
     ------
@@ -339,8 +338,8 @@ class BenchTwistSettings:
     Parameters
     ----------
     torque_share : float or None
-        Largest torque as a share of the module's range; None: that of the loops that follow, as
-        what a chain adds to the torque counts differently at other torques.
+        Largest torque as a share of the module's range; None: the torque of the following loops, as
+        a chain's additional torque differs at other torques.
     cycles : int
         Cycles 0 → +T → −T → 0.
     cycle_s : float
@@ -365,7 +364,7 @@ class BenchTwistRecording:
     ----------
     recordings : mapping of side to SynchronousRecording
     standard_serial : str
-        What held the flanges.
+        The part that held the flanges.
     """
 
     recordings: dict[Side, SynchronousRecording]

@@ -56,13 +56,13 @@ Row = Mapping[str, Any]
 
 @dataclass(frozen=True)
 class NoLoadSettings:
-    """How the no-load running torque is measured.
+    """Settings of the no-load running torque.
 
     Parameters
     ----------
     sweep : FrictionSettings
         Speeds, repeats, directions and windows; the mean of both directions is free of the zero.
-        What a free output still swings after a change of speed is over after a second.
+        Oscillations of a free output after a change of speed decay within a second.
     warm_up : WarmUp
         Before the first point.
     target_percent : float or None
@@ -103,7 +103,7 @@ class NoLoadSettings:
 
 @dataclass(frozen=True)
 class EfficiencySettings:
-    """Which torques and speeds the efficiency map has, and how long each point takes.
+    """Torques and speeds of the efficiency map, and the duration of each point.
 
     Parameters
     ----------

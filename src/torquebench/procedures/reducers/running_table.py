@@ -36,12 +36,12 @@ class RunningRecording:
     speed_rpm : mapping of side to float64[n]
         Mean speeds, clockwise positive, 1/min.
     torque_nm : mapping of side to float64[n]
-        Torque that the module applies, compensated where `compensated`, less what a standing
-        shaft reads then: interpolated between the zeros before and after, N·m.
+        Torque that the module applies, compensated where `compensated`, less the zero interpolated
+        between the zeros before and after, N·m.
     standard_error_nm : mapping of side to float64[n]
         Standard error of each mean, N·m.
     stated : mapping of side to Torque or None
-        What the measuring chain stated of each point; None without an active one.
+        Torque of the measuring chain at each point; None without an active one.
     zero_uncertainty_nm : mapping of side to float
         Standard uncertainty of the zero, N·m.
     true_torque_nm : mapping of side to float64[n] or None
@@ -49,7 +49,7 @@ class RunningRecording:
     direction, branch, repeat : int[n]
         +1 clockwise; +1 while the speed rises; 1, 2, 3.
     series : int[n]
-        Number of the zero before: points of one series share what that got wrong.
+        Number of the zero before: points of one series share its error.
     temperature_c : float64[n]
         Of the reducer; NaN without a probe.
     time_s : float64[n]

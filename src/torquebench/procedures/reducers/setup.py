@@ -50,7 +50,7 @@ RATIO_TOLERANCE_RAD = np.radians(0.25)
 
 @dataclass(frozen=True)
 class ReducerLimits:
-    """What a plan has to know of the reducer: its ratio and what its data sheet allows.
+    """Data of the reducer for a plan: its ratio and its data sheet's limits.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class ReducerLimits:
     rated_torque_nm : float
         T_N at the output, N·m.
     largest_torque_nm : float
-        What the output may be loaded with at most (acceleration torque), N·m.
+        Largest load of the output (acceleration torque), N·m.
     largest_input_rpm : float
         Largest input speed, 1/min.
 
@@ -352,7 +352,7 @@ def check_followed(
     *,
     slack_nm: float = 0.0,
 ) -> None:
-    """Refuse a point whose drive doesn't reach what it was requested: it saturates.
+    """Refuse a point whose drive doesn't reach its set point: it saturates.
 
     Parameters
     ----------

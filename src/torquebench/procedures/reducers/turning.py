@@ -48,7 +48,7 @@ CHUNK_S = 2.0
 
 @dataclass(frozen=True)
 class TransmissionSettings:
-    """How the transmission error is recorded.
+    """Settings of the transmission error.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ class TransmissionSettings:
     revolutions : float
         Output revolutions that are evaluated, at least 1.
     margin : float
-        What is turned beyond them, output revolutions.
+        Additional turning beyond them, output revolutions.
     clockwise, counter_clockwise : bool
         Directions that are driven.
     settle_s : float
@@ -101,7 +101,7 @@ class AngleRecording:
 
 @dataclass(frozen=True, eq=False)
 class TransmissionRecording:
-    """What a transmission error test recorded.
+    """Recorded data of a transmission error test.
 
     Parameters
     ----------

@@ -159,8 +159,8 @@ def turn_empty(
 ) -> Plan[EmptySummary]:
     """Turn a module with nothing mounted, and record its readings.
 
-    The zero is taken once, at rest before the first series: later series show what temperature
-    does to it. A leg that a pause interrupts is driven again from rest.
+    The zero is measured once, at rest before the first series: later series show the influence of
+    temperature on it. A leg that a pause interrupts is driven again from rest.
 
     Parameters
     ----------
