@@ -26,6 +26,8 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 APPLICATION = "urn:torquebench:reconnecting"
 WARM = 500
 """Reconnections before memory counts: caches fill, and the allocator finds its size."""
+WARM_S = 150.0
+"""Memory counts no sooner, s: live windows are kept for 120 s, recordings begin 60 s back."""
 PASSWORD = "correct horse battery"
 
 
@@ -105,18 +107,20 @@ async def measure(process: psutil.Process, url: str, folder: Path, token: str, c
     """Reconnect; print memory as it goes, and return its growth in %."""
     await certified(folder)
     server = folder / "data" / "opcua" / "certificate.der"
-    started_s, first = time.monotonic(), 0
-    step = max(1, count // 10)
-    for number in range(1, WARM + count + 1):
+    started_s, warm = time.monotonic(), 0
+    while warm < WARM or time.monotonic() - started_s < WARM_S:
         await reconnect(url, folder, server, token)
-        if number == WARM:
-            first = process.memory_info().rss
-            print(f"after {WARM} to warm up: {first / 2**20:.1f} MiB", flush=True)
-        elif number > WARM and (number - WARM) % step == 0:
+        warm += 1
+    first, started_s = process.memory_info().rss, time.monotonic()
+    print(f"after {warm} to warm up: {first / 2**20:.1f} MiB", flush=True)
+    step = max(1, count // 10)
+    for number in range(1, count + 1):
+        await reconnect(url, folder, server, token)
+        if number % step == 0:
             size = process.memory_info().rss
             each_ms = 1000.0 * (time.monotonic() - started_s) / number
             print(
-                f"{number - WARM:6d} reconnections: {size / 2**20:.1f} MiB, "
+                f"{number:6d} reconnections: {size / 2**20:.1f} MiB, "
                 f"{100.0 * (size / first - 1.0):+.2f} %, {each_ms:.0f} ms each",
                 flush=True,
             )

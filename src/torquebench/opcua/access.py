@@ -7,8 +7,10 @@ methods, which the service authorises.
 from __future__ import annotations
 
 import contextlib
+import logging
 import os
 import socket
+from collections.abc import Callable
 from contextvars import ContextVar
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
@@ -37,6 +39,8 @@ __all__ = ["Gate", "GuardedServer", "Store", "caller"]
 APPLICATION_URI = "urn:torquebench:bench"
 VALID_DAYS = 5 * 365
 MOST_REJECTED = 100
+_ITEM_LOGGER = logging.getLogger("asyncua.server.monitored_item_service")
+"""Parent of those of single subscriptions; as a mere name without logger it would keep them."""
 _caller: ContextVar[Actor | None] = ContextVar("caller", default=None)
 
 
@@ -211,6 +215,17 @@ class _Session(InternalSession):
             return list(await super().call(params))
         finally:
             _caller.reset(token)
+
+    async def create_subscription(
+        self,
+        params: ua.CreateSubscriptionParameters,
+        callback: Callable[..., Any],
+        request_callback: Callable[..., Any] | None = None,
+    ) -> ua.CreateSubscriptionResult:
+        made = await super().create_subscription(params, callback, request_callback)
+        # asyncua names a logger after every subscription, and `logging` would keep it for ever
+        logging.root.manager.loggerDict.pop(f"{_ITEM_LOGGER.name}.{made.SubscriptionId}", None)
+        return made
 
     async def create_monitored_items(
         self, params: ua.CreateMonitoredItemsParameters
