@@ -130,6 +130,16 @@ def test_what_a_reducer_test_finds_odd_is_said_in_chinese(path: str) -> None:
             "efficiency at 400 N·m, 100 rpm, mean of both directions, output drives",
             "400 N·m、100 rpm 时的效率，两个方向的平均值，输出端驱动",
         ),
+        ("Due within 60 days of 2026-11-23", "自 2026-11-23 起 60 天内到期"),
+        ("Transducer T-1 over 2 benches", "传感器 T-1，2 个台架"),
+        (
+            "Span of 2 transducers of the kind T10F, 9 calibrations",
+            "T10F 型传感器的量程：2 个传感器，9 次校准",
+        ),
+        ("Capability: backlash, arcmin, of RV-40E", "RV-40E 的过程能力：背隙，arcmin"),
+        ("Control charts: backlash, arcmin, of RV-40E", "RV-40E 的控制图：背隙，arcmin"),
+        ("Outliers: backlash, arcmin, of RV-40E", "RV-40E 的异常值：背隙，arcmin"),
+        ("Benches by specimen S-1: backlash, arcmin", "按试件 S-1 比对台架：背隙，arcmin"),
         ("no heartbeat of the run engine for 2.3 s", "运行引擎已有 2.3 s 没有心跳"),
     ],
 )
