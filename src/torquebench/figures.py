@@ -93,8 +93,10 @@ def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]
 
 def svg_text(figure: Figure) -> str:
     """Return the ``<svg>`` element of a figure."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None})
+    buffer, canvas = io.StringIO(), figure.canvas
+    assert isinstance(canvas, FigureCanvasSVG)  # see `new_figure`
+    # `savefig` draws twice, to lay out first; drawing once does both.
+    canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     return text[text.index("<svg") :]
 

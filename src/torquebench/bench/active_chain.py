@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torquebench.bench.acceleration import Acceleration
 from torquebench.chain import (
     ChainStream,
+    Component,
     EffectState,
     MeasuredRotation,
     MeasuringChain,
@@ -20,7 +21,6 @@ from torquebench.chain import (
     Timebase,
     Torque,
     effect_states,
-    joined,
     rows_of,
 )
 
@@ -160,7 +160,7 @@ class ActiveChain:
         torque = self._stream.push(known)
         if len(torque):
             self._last = known, torque
-        self._recent.append(TimedTorque(readings.time_s, torque))
+        self._recent.append(readings.time_s, torque)
         return torque
 
     def push_fine(self, readings: StreamReadings) -> None:
@@ -168,7 +168,7 @@ class ActiveChain:
         if self._fine is None:
             self._fine = self._stream.copy(), _Recent()
         stream, recent = self._fine
-        recent.append(TimedTorque(readings.time_s, stream.push(self._known(readings))))
+        recent.append(readings.time_s, stream.push(self._known(readings)))
 
     def end_fine(self) -> None:
         """Drop the shorter windows, which are no longer counted."""
@@ -232,32 +232,66 @@ class ActiveChain:
 
 
 class _Recent:
-    """Torque blocks of the last two minutes, for one writer and many readers."""
+    """Torques of the last two minutes, for one writer and many readers.
+
+    Kept as plain arrays: the garbage collection would walk through thousands of components a second
+    of the stream, and hold up acquisition.
+    """
 
     def __init__(self) -> None:
-        self._blocks: deque[TimedTorque] = deque()
+        self._blocks: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque()
+        self._components: tuple[Component, ...] = ()
         self._lock = threading.Lock()
 
-    def append(self, block: TimedTorque) -> None:
-        if not block.time_s.size:
+    def append(self, time_s: NDArray[np.float64], torque: Torque) -> None:
+        if not time_s.size:
             return
+        rows = _rows(torque)
         with self._lock:
-            self._blocks.append(block)
-            oldest_s = float(block.time_s[-1]) - KEPT_S
-            while self._blocks[0].time_s[-1] < oldest_s:
+            self._components = torque.components
+            self._blocks.append((time_s, rows))
+            oldest_s = float(time_s[-1]) - KEPT_S
+            while self._blocks[0][0][-1] < oldest_s:
                 self._blocks.popleft()
 
     def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
         with self._lock:
             blocks = [
-                each
-                for each in self._blocks
-                if each.time_s[-1] >= start_s and each.time_s[0] < stop_s
+                each for each in self._blocks if each[0][-1] >= start_s and each[0][0] < stop_s
             ]
+            components = self._components
         if not blocks:
             return None
-        time_s = np.concatenate([each.time_s for each in blocks])
-        rows = np.flatnonzero((time_s >= start_s) & (time_s < stop_s))
-        if not rows.size:
+        time_s = np.concatenate([each[0] for each in blocks])
+        inside = np.flatnonzero((time_s >= start_s) & (time_s < stop_s))
+        if not inside.size:
             return None
-        return TimedTorque(time_s[rows], joined([each.torque for each in blocks]).at(rows))
+        rows = np.concatenate([each[1] for each in blocks], axis=1)[:, inside]
+        return TimedTorque(time_s[inside], _torque(rows, components))
+
+
+def _rows(torque: Torque) -> NDArray[np.float64]:
+    """Return torques, then uncertainty, addition and place of one component after the other."""
+    columns: list[NDArray[np.float64] | float] = [torque.value_nm]
+    for each in torque.components:
+        columns += (each.uncertainty_nm, each.value_nm)
+        if each.place is not None:
+            columns.extend(each.place.T)
+    rows = np.empty((len(columns), torque.value_nm.size))
+    for row, column in zip(rows, columns, strict=True):
+        row[:] = column
+    return rows
+
+
+def _torque(rows: NDArray[np.float64], components: tuple[Component, ...]) -> Torque:
+    """Return the torques of which these are the rows, by components of such torques."""
+    found: list[Component] = []
+    next_row = 1
+    for each in components:
+        first = next_row + 2
+        next_row = first + (0 if each.place is None else each.place.shape[1])
+        place = None if each.place is None else np.ascontiguousarray(rows[first:next_row].T)
+        found.append(
+            replace(each, uncertainty_nm=rows[first - 2], value_nm=rows[first - 1], place=place)
+        )
+    return Torque(rows[0], tuple(found))

@@ -1,3 +1,4 @@
+import gc
 from functools import cache
 from itertools import pairwise
 
@@ -64,6 +65,32 @@ def test_live_windows_get_what_the_model_says(kind: str) -> None:
     np.testing.assert_array_equal(
         kept.torque.standard_uncertainty_nm, found.standard_uncertainty_nm
     )
+
+
+def test_what_is_remembered_is_nothing_for_the_garbage_collection_to_walk_through() -> None:
+    stream = Stream(active_chain(loop_model("hybrid")))
+    pieces = [stream.push(np.full(3, 0.1 * FULL_SCALE_NM)) for _ in range(10)]
+    gc.collect()
+    before = len(gc.get_objects())
+    pieces += [stream.push(np.full(3, 0.1 * FULL_SCALE_NM)) for _ in range(200)]
+    expected = joined(pieces)
+    del pieces
+    gc.collect()
+    assert len(gc.get_objects()) - before < 200
+    kept = stream.active.window(0.0, 10.0)
+    assert kept is not None
+    np.testing.assert_array_equal(kept.torque.value_nm, expected.value_nm)
+    for one, other in zip(kept.torque.components, expected.components, strict=True):
+        assert (one.name, one.shared, one.distribution) == (
+            other.name,
+            other.shared,
+            other.distribution,
+        )
+        np.testing.assert_array_equal(one.uncertainty_nm, other.uncertainty_nm)
+        np.testing.assert_array_equal(one.value_nm, other.value_nm)
+        assert (one.place is None) == (other.place is None)
+        if one.place is not None and other.place is not None:
+            np.testing.assert_array_equal(one.place, other.place)
 
 
 def test_the_zeros_age_and_temperature_count_in_the_stream() -> None:

@@ -1,3 +1,4 @@
+import gc
 import os
 import sys
 import threading
@@ -45,6 +46,17 @@ def test_a_process_is_lifted_until_its_last_bench_is_closed() -> None:
     second.close()
     second.close()
     assert (niceness(), sys.getswitchinterval()) == before
+
+
+def test_garbage_collection_leaves_out_what_was_there_before_the_bench() -> None:
+    before = [[] for _ in range(3)]
+    assert any(each is before for each in gc.get_objects())
+    with lift_process():
+        during = [[] for _ in range(3)]
+        followed = gc.get_objects()
+        assert not any(each is before for each in followed)
+        assert any(each is during for each in followed)
+    assert any(each is before for each in gc.get_objects())
 
 
 def test_a_refusal_is_said_and_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
