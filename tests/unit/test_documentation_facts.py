@@ -5,10 +5,30 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
+import pytest
 import typer
 
 from torquebench import __version__
+from torquebench.bench.clock import LARGEST_DRIFT
+from torquebench.bench.description import SafetyDescription
+from torquebench.bench.safety import following, priority, signals, supervisor
+from torquebench.campaign.reducers import sampling
+from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import app
+from torquebench.dynamics.design import GAIN_OF_BANDWIDTH
+from torquebench.opcua import access as opcua_access
+from torquebench.opcua import files as opcua_files
+from torquebench.opcua import results as opcua_results
+from torquebench.panel import connections, turns
+from torquebench.panel.api import security, stream
+from torquebench.panel.service.access import lease, login_throttle, sessions
+from torquebench.panel.service.live import hub
+from torquebench.panel.service.records import table_import
+from torquebench.panel.service.settings import documents, store
+from torquebench.procedures import guarding
+from torquebench.procedures.reducers.running import EfficiencySettings
+from torquebench.reducers.running.tare import TRANSFER_SHARE
+from torquebench.station import engine, runs
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -119,3 +139,84 @@ def test_the_version_stands_in_one_place_and_citation_and_changes_follow_it() ->
     assert cited is not None
     assert newest is not None
     assert {cited[1], newest[1]} == {__version__}
+
+
+KIB = 1024
+SAFETY = SafetyDescription.model_fields
+FIGURES = {
+    "explanation/panel-security.md": (
+        f"After five wrong passwords for one person from one address, or "
+        f"{login_throttle.PER_ADDRESS} from one address, within "
+        f"{login_throttle.WINDOW_S / 60:.0f} minutes",
+        f"by {login_throttle.FIRST_PAUSE_S:.0f} s, then twice as long",
+        "after an hour without activity, after twelve hours at the latest",
+        "nothing for two minutes while nothing runs",
+        f"Limits are {security.LARGEST_BODY // KIB**2} MiB for a body, "
+        f"{documents.LARGEST_UPLOAD // KIB} KiB for an uploaded profile and "
+        f"{table_import.LONGEST_TABLE // KIB} KiB for a calibration table",
+        f"lines of more than {table_import.LONGEST_LINE} characters and tables of more than "
+        f"{table_import.MOST_LINES} lines",
+        "Documents deeper than twelve levels",
+        f"Limits for a request are {connections.HEAD_S:.0f} s and "
+        f"{connections.LARGEST_HEAD // KIB} KiB for its head, and {security.BODY_S:.0f} s for its",
+        f"At most {connections.MOST_CONNECTIONS} connections are open, "
+        f"{connections.MOST_OF_ONE} of one address",
+        f"{connections.FOR_STOPS} further connections are accepted for stopping",
+        f"reads nothing for {stream.SLOWEST_S:.0f} s",
+        f"{turns.A_SECOND:.0f} per second in all after the first {turns.AT_ONCE:.0f}; one address "
+        f"may have {turns.MOST_WAITING} waiting",
+    ),
+    "explanation/safety.md": (
+        f"changes by {signals.HELD_SHARE:.0%} of the range".replace("%", " %"),
+        f"within {signals.CLOCKS_APART_S:g} s and two of its periods",
+        f"for {following.DEVIATING_S:g} s and two blocks",
+        f"read every {supervisor.WATCH_PERIOD_S * 1000:.0f} ms in real time",
+        f"doesn't answer for {engine.LOOP_TIMEOUT_S:.0f} s",
+        f"the ramp and {supervisor.UNLOAD_SETTLING_S:g} s of settling",
+        f"If that isn't so {supervisor.GOING_OFF_S:.0f} s after the time of watchdog and ramp",
+        f"Deviations below `following_percent` ({SAFETY['following_percent'].default:.0f} %)",
+        f"allows {guarding.TORQUE_MARGIN * 100:.0f} % of its largest torque (plus "
+        f"{guarding.ZERO_MARGIN * 100:.0f} % of the range before the zero is measured), "
+        f"{guarding.STANDING_RPM:.0f} rpm, {guarding.STANDING_DEG:.0f}°",
+        f"slices of `look_s` ({SAFETY['look_s'].default * 1000:.0f} ms)",
+        f"nice    {priority.NICENESS}",
+        f"switches every {priority.SWITCH_INTERVAL_S * 1000:g} ms",
+    ),
+    "how-to/use-the-panel.md": (
+        f"The newest {hub.ROWS * 0.03:.0f} s are kept with every block",
+        f"the newest {hub.ROWS * 0.3 / 60:.0f} min in rows of 0.3 s",
+        f"It can include up to {runs.LONGEST_BEFORE_S:.0f} s before the start",
+    ),
+    "how-to/publish-by-sparkplug.md": (
+        f"A value older than {hub.STALE_AFTER_S:.0f} s has quality",
+    ),
+    "how-to/connect-by-opc-ua.md": (
+        f"the newest {opcua_results.MOST_RESULTS} as variables",
+        f"after {opcua_files.IDLE_S:.0f} s without a read it is removed",
+    ),
+    "how-to/measure-quick-torques.md": (f"by default {GAIN_OF_BANDWIDTH:g} times the chain's",),
+    "how-to/test-a-reducer.md": (
+        f"at most {EfficiencySettings.most_repeats} times",
+        f"{sampling.POSITION_SHARE * 100:.0f} % of the value for differences between output "
+        "positions if fewer than three were measured",
+        f"{sampling.WARMING_SHARE * 100:.0f} % for friction that decreases",
+        f"contains its scatter and {TRANSFER_SHARE * 100:.0f} % of the drag",
+        f"the uncertainty is {UNCOMPENSATED_SHARE * 100:g} % of full scale",
+    ),
+    "reference/device-protocols.md": (
+        f"agree with the counter's within {LARGEST_DRIFT * 100:g} %",
+    ),
+}
+
+
+@pytest.mark.parametrize("page", FIGURES)
+def test_figures_of_the_documentation_are_those_of_the_code(page: str) -> None:
+    words = " ".join(text(DOCS / page).split())
+    assert [figure for figure in FIGURES[page] if " ".join(figure.split()) not in words] == []
+
+
+def test_figures_that_the_documentation_spells_out_are_those_of_the_code() -> None:
+    assert login_throttle.PER_PERSON_AND_ADDRESS == 5
+    assert (sessions.IDLE_S, sessions.LONGEST_S, lease.IDLE_S) == (3600.0, 12 * 3600.0, 120.0)
+    assert (store.DEEPEST, sampling.LEAST_POSITIONS, opcua_access.VALID_DAYS) == (12, 3, 5 * 365)
+    assert guarding.RATE_MARGIN == 4.0
