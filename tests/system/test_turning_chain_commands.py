@@ -142,8 +142,12 @@ def test_what_turn_writes_is_what_fit_and_apply_take(tmp_path: Path) -> None:
         words = ("turn", "input", "--profile", profile, "--out", table)
         turned = run(*words, cwd=tmp_path)
         assert turned.returncode == 0, turned.stderr
-    fitted = run("fit", "points.csv", "--empty", "empty.csv", "--out", "m.json", cwd=tmp_path)
+    words = ("fit", "points.csv", "--empty", "empty.csv", "--out", "m.json", "--report", "m.html")
+    fitted = run(*words, cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
+    page = (tmp_path / "m.html").read_text()
+    assert "bearing drag" in page
+    assert "not identified: zero over temperature" in page
     assert "inertia" in fitted.stdout
     verified = run("verify", "m.json", "fresh.csv", "--report", "fresh.html", cwd=tmp_path)
     assert verified.returncode == 0, verified.stdout + verified.stderr

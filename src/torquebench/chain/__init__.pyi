@@ -4,6 +4,7 @@ from .acceleration import (
 from .effect import (
     EFFECTS as EFFECTS,
     Effect as Effect,
+    MeasuredPart as MeasuredPart,
     effect_from as effect_from,
     register as register,
 )

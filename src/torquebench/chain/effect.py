@@ -10,13 +10,13 @@ from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component
 from torquebench.errors import InputError
 
-__all__ = ["EFFECTS", "Effect", "Refusal", "effect_from", "register"]
+__all__ = ["EFFECTS", "Effect", "MeasuredPart", "Refusal", "effect_from", "register"]
 
 EFFECTS: dict[str, type[Effect]] = {}
 """All stored effects by the kind named in chain files."""
@@ -35,6 +35,41 @@ class Refusal(NamedTuple):
     rows: NDArray[np.bool_]
     found: str
     allowed: str
+
+
+@dataclass(frozen=True)
+class MeasuredPart:
+    """What was identified of an effect, largest over the range in which it was measured.
+
+    Parameters
+    ----------
+    name : str
+    percent, expanded_uncertainty_percent : float
+        Largest size and largest U (k = 2), % of full scale.
+    measured : str
+        Range in which it was measured, with its unit.
+    """
+
+    name: str
+    percent: float
+    expanded_uncertainty_percent: float
+    measured: str
+
+    @classmethod
+    def of(
+        cls,
+        name: str,
+        values: ArrayLike,
+        standard_u: ArrayLike,
+        full_scale: float,
+        measured: str,
+    ) -> MeasuredPart:
+        """Return a part from its values and standard uncertainties in the unit of full scale."""
+        value, u = (
+            100.0 * float(np.max(np.abs(np.asarray(each)))) / full_scale
+            for each in (values, standard_u)
+        )
+        return cls(name, value, 2.0 * u, measured)
 
 
 @dataclass(frozen=True)
@@ -84,6 +119,10 @@ class Effect(ABC):
     def outside(self, readings: Readings) -> Refusal | None:  # noqa: ARG002 - most refuse none
         """Return which readings the effect refuses, None if it accepts all."""
         return None
+
+    def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:  # noqa: ARG002
+        """Return the parts that measurements of a rotating chain have identified."""
+        return ()
 
     def gaps(self) -> tuple[str, ...]:
         """Name parts of the effect that weren't identified: U doesn't contain them."""

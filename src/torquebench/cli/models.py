@@ -162,6 +162,7 @@ def fit(
     from torquebench.compensation import RECOMMENDED
     from torquebench.reports.fit_report import fit_page
     from torquebench.reports.page_pdf import write_report
+    from torquebench.reports.turning_report import identified_section
 
     points = joined_tables(tables)
     off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
@@ -198,7 +199,11 @@ def fit(
     )
     say_file("Model", result)
     if page is not None:
-        write_report(fit_page(fitted), page)
+        written = fit_page(fitted)
+        if turning.effects:
+            section = identified_section(turning.effects, turning.remarks, points.range_nm)
+            written = replace(written, sections=[*written.sections, section])
+        write_report(written, page)
         say_file("Report", page)
     if fitted.contradictions:
         write_contradictions(

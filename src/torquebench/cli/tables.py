@@ -216,58 +216,17 @@ def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
 
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
-    """Return the identified effects of a rotating chain: largest value and U of each."""
-    import numpy as np
-
-    from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature
+    """Return what was identified of a chain that turns: largest value and U of each part."""
     from torquebench.cli.console import narrow_table
 
     table = narrow_table("identified, largest where it was measured, % FS")
     table.add_column("effect", no_wrap=True)
     for heading in ("value", "± (k = 2)", "measured"):
         table.add_column(heading, justify="right", no_wrap=True)
-
-    def row(name: str, value: object, u: object, where: str, per: float) -> None:
-        sizes = (np.max(np.abs(np.asarray(each, dtype=float))) * per for each in (value, u))
-        size, doubt = (float(each) for each in sizes)
-        table.add_row(name, f"{size:.3g}", f"{2.0 * doubt:.2g}", where)
-
-    percent = 100.0 / range_nm
-    for each in effects:
-        if isinstance(each, MeasuredTemperature):
-            nodes = np.array(each.at_c)
-            here = (nodes >= each.low_c) & (nodes <= each.high_c)
-            where = f"{each.low_c:.3g} to {each.high_c:.3g} °C"
-            zero, zero_u = np.array(each.zero_nm)[here], np.array(each.zero_uncertainty_nm)[here]
-            row("zero over temperature", zero, zero_u, where, percent)
-            if each.span:
-                span, span_u = np.array(each.span)[here], np.array(each.span_uncertainty)[here]
-                row("span over temperature", span, span_u, where, 100.0)
-        elif isinstance(each, MeasuredRotation):
-            nodes = np.array(each.at_c)
-            here = (nodes >= each.low_c - 2.0) & (nodes <= each.high_c + 2.0)
-            where = f"{each.low_rpm:.4g} to {each.high_rpm:.4g} 1/min"
-            for name, value, u in (
-                ("zero over speed", each.even_nm, each.even_uncertainty_nm),
-                ("bearing drag", each.odd_nm, each.odd_uncertainty_nm),
-            ):
-                row(name, np.array(value)[:, here], np.array(u)[:, here], where, percent)
-            if each.load_at_nm:
-                row("drag over load", each.load_nm, each.load_uncertainty_nm, where, percent)
-            if each.span:
-                row("span over speed", each.span, each.span_uncertainty, where, 100.0)
-            if each.running_in_s:
-                row(
-                    "running-in",
-                    each.running_in_nm,
-                    each.running_in_uncertainty_nm,
-                    f"over {each.running_in_s:.3g} s",
-                    percent,
-                )
-        elif isinstance(each, Inertia):
-            most = each.largest_rad_s2
-            where = f"up to {most:.3g} rad/s²"
-            row("inertia", each.moment_nm_s2 * most, each.uncertainty_nm_s2 * most, where, percent)
+    for effect in effects:
+        for part in effect.identified(range_nm):
+            u = f"{part.expanded_uncertainty_percent:.2g}"
+            table.add_row(part.name, f"{part.percent:.3g}", u, part.measured)
     return table
 
 

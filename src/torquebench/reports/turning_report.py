@@ -2,21 +2,51 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData, cell_rows
-from torquebench.chain import Torque
+from torquebench.chain import Effect, Torque
 from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Figure, Section, Table
+from torquebench.reports.page import Facts, Figure, Section, Table
 
-__all__ = ["turning_section"]
+__all__ = ["identified_section", "turning_section"]
 
 MOST_POINTS = 1500
 """Points of a diagram; longer records are thinned out, but keep the worst points."""
 WORST_POINTS = 50
+
+
+def identified_section(
+    effects: Sequence[Effect], remarks: Sequence[str], range_nm: float
+) -> Section:
+    """Return what a fit identified of temperature, rotation and inertia, and what it couldn't.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+    remarks : sequence of str
+        What wasn't identified, and what would identify it.
+    range_nm : float
+    """
+    rows = [
+        (
+            part.name,
+            number(part.percent),
+            number(part.expanded_uncertainty_percent, 2),
+            part.measured,
+        )
+        for effect in effects
+        for part in effect.identified(range_nm)
+    ]
+    header = ("effect", "value, % FS", "U (k = 2), % FS", "measured")
+    table = Table(header, rows, "Largest value and largest U where each effect was measured.")
+    missing = [Facts(tuple(("Remark", each) for each in remarks))] if remarks else []
+    return Section("Temperature, rotation and inertia", "", (table, *missing))
 
 
 def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: float) -> Section:

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from torquebench.chain.effect import Effect, register
+from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
 from torquebench.chain.torque import Component, Shared
 
@@ -36,6 +36,12 @@ class Inertia(Effect):
     moment_nm_s2: float
     uncertainty_nm_s2: float = field(default=0.0, metadata={"least": 0.0})
     largest_rad_s2: float = field(default=0.0, metadata={"least": 0.0})
+
+    def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
+        """Return the torque at the largest acceleration."""
+        most = self.largest_rad_s2
+        size, u = self.moment_nm_s2 * most, self.uncertainty_nm_s2 * most
+        return (MeasuredPart.of("inertia", size, u, range_nm, f"up to {most:.3g} rad/s²"),)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.chain._kernels import rotation
-from torquebench.chain.effect import Effect, Refusal, register
+from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import (
     Numbers,
@@ -107,6 +107,28 @@ class MeasuredRotation(Effect):
             return numbers(value)
 
         return cls(**{name: plain(value) for name, value in values.items()})
+
+    def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
+        """Return the largest values of each table between the measured temperatures."""
+        nodes = np.array(self.at_c)
+        here = (nodes >= self.low_c - 2.0) & (nodes <= self.high_c + 2.0)
+        where = f"{self.low_rpm:.4g} to {self.high_rpm:.4g} 1/min"
+        even, even_u, odd, odd_u = self._tables[:, :, here]
+        parts = [
+            MeasuredPart.of("zero over speed", even, even_u, range_nm, where),
+            MeasuredPart.of("bearing drag", odd, odd_u, range_nm, where),
+        ]
+        if self.load_at_nm:
+            load, load_u = self.load_nm, self.load_uncertainty_nm
+            parts.append(MeasuredPart.of("drag over load", load, load_u, range_nm, where))
+        if self.span:
+            span, span_u = self.span, self.span_uncertainty
+            parts.append(MeasuredPart.of("span over speed", span, span_u, 1.0, where))
+        if self.running_in_s:
+            drag, drag_u = self.running_in_nm, self.running_in_uncertainty_nm
+            over = f"over {self.running_in_s:.3g} s"
+            parts.append(MeasuredPart.of("running-in", drag, drag_u, range_nm, over))
+        return tuple(parts)
 
     @cached_property
     def _tables(self) -> FloatArray:

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from torquebench.chain._kernels import temperature
-from torquebench.chain.effect import Effect, Refusal, register
+from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.grid import Numbers, between, linear, located, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
@@ -65,6 +65,16 @@ class MeasuredTemperature(Effect):
             for name, value in values.items()
         }
         return cls(**plain)
+
+    def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
+        """Return the largest changes of zero and span between the measured temperatures."""
+        here = (self._nodes >= self.low_c) & (self._nodes <= self.high_c)
+        zero, zero_u, span, span_u = self._curves[:, here]
+        where = f"{self.low_c:.3g} to {self.high_c:.3g} °C"
+        parts = [MeasuredPart.of("zero over temperature", zero, zero_u, range_nm, where)]
+        if self.span:
+            parts.append(MeasuredPart.of("span over temperature", span, span_u, 1.0, where))
+        return tuple(parts)
 
     @cached_property
     def _nodes(self) -> FloatArray:
