@@ -7,6 +7,7 @@ from torquebench.calibration import verify
 from torquebench.chain import MeasuringChain, Reference
 from torquebench.compensation import RECOMMENDED, compare, make_model
 from torquebench.records import read_calibration_csv, read_readings_csv
+from torquebench.uncertainty import CertifiedUncertainty
 
 folder = Path(__file__).parent
 data = read_calibration_csv(folder / "calibration-output.csv")
@@ -20,7 +21,9 @@ for score in compare(data.features(), data.standard_nm, range_nm=data.range_nm).
 
 # %% Check it at fresh points off the calibration's grid.
 check = read_calibration_csv(folder / "verification-output.csv")
-chain = MeasuringChain(model, (Reference("certificate 17", 0.4, 40.0),))
+chain = MeasuringChain(
+    model, (Reference("certificate 17", CertifiedUncertainty.flat(0.4, 40.0, 2000.0)),)
+)
 for found in verify(check, {RECOMMENDED: chain}).models:
     print(f"fresh points, {found.name}: {found.against_standard.worst_percent_fs:.3f} % FS worst")
 

@@ -16,6 +16,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import torquebench as tb
+from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.chain import MeasuringChain, Readings, Reference
 from torquebench.compensation import CompensationModel, make_model
 
@@ -66,5 +67,7 @@ drawing = tb.plot(comparison, ax=axes)
 # In a measuring chain it gets U and a budget:
 model = OddSquare(range_nm=calibration.range_nm)
 model.fit(calibration.features(), calibration.standard_nm)
-chain = MeasuringChain(model, (Reference("certificate 17", 0.4, 40.0),))
+chain = MeasuringChain(
+    model, (Reference("certificate 17", CertifiedUncertainty.flat(0.4, 40.0, 2000.0)),)
+)
 print(chain.torque(Readings(np.array([1500.0]))).budget(0).text())

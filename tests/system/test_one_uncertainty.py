@@ -10,8 +10,13 @@ from tests.system.command_line import run
 
 from torquebench.bench import default_bench
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
-from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE, chain_effects
+from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.clock import BenchClock
+from torquebench.bench.description import (
+    BenchDescription,
+    CertifiedPoints,
+    flat_of_range,
+)
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
 from torquebench.calibration import CalibrationData, verify
@@ -25,6 +30,7 @@ from torquebench.panel.service.live.hub import LiveHub
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
+from torquebench.uncertainty import BudgetLine
 
 RANGE_NM = 2000.0
 READING_NM = 1500.0
@@ -40,6 +46,14 @@ class Told:
     expanded_nm: float
 
 
+def certified_bench() -> BenchDescription:
+    """Return the simulated bench with a calibrator whose certificate has a table."""
+    points = CertifiedPoints(torque_nm=[40.0, 2000.0], expanded_uncertainty_nm=[0.02, 0.2])
+    bench = default_bench()
+    calibrator = bench.calibrator.model_copy(update={"certified": {"output": points}})
+    return bench.model_copy(update={"calibrator": calibrator})
+
+
 @pytest.fixture(scope="module")
 def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     share = np.linspace(0.05, 1.0, 15)
@@ -51,7 +65,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = CalibrationData(reading, RANGE_NM * share, np.repeat([1, 2], 30), branch, RANGE_NM)
     model = make_model("physics", range_nm=RANGE_NM).fit(data.features(2), data.standard_nm)
     path = tmp_path_factory.mktemp("chain") / "model.json"
-    store_model(path, model, data, {}, chain_effects(default_bench(), "output", 23.0))
+    store_model(path, model, data, {}, chain_effects(certified_bench(), "output", 23.0))
     return path
 
 
@@ -68,6 +82,11 @@ def by_rows(chain: MeasuringChain) -> Told:
         )
     )
     return Told(float(torque.value_nm[0]), float(torque.expanded_uncertainty_nm[0]))
+
+
+def torque_budget(chain: MeasuringChain) -> tuple[BudgetLine, ...]:
+    reading = Readings(np.array([READING_NM]), branch=np.ones(1))
+    return chain.torque(reading).budget().lines
 
 
 def by_apply(file: Path, folder: Path) -> Told:
@@ -133,7 +152,7 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
         temperature_c=[TEMPERATURE_C], time_s=[0.0], standard_error_nm=[COUNTER_NM],
     )  # fmt: skip
     checked, expanded, _ = judge_check(
-        point, chain, standard_uncertainty_percent=0.0, tolerance_percent_fs=0.1
+        point, chain, standard=flat_of_range(0.0, RANGE_NM), tolerance_percent_fs=0.1
     )
     told["check"] = Told(float(checked[0]), float(expanded[0]))
     found = verify(point, {"chain": chain}).of("chain")
@@ -143,9 +162,9 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
         READING_NM + np.sign(expected.torque_nm - READING_NM) * worst, found.expanded_uncertainty_nm
     )
     reference = StatedReference(
-        "SIM-CAL-1", "", "SIM-CERT-1", "", default_bench().calibrator.expanded_uncertainty_percent
-    )
-    assert CERTIFIED_FROM_SHARE * RANGE_NM < READING_NM
+        "SIM-CAL-1", "", "SIM-CERT-1", "", 0.01,
+        certified=certified_bench().calibrator.uncertainty("output"),
+    )  # fmt: skip
     steps = np.linspace(300.0, 1950.0, 12)
     whole = CalibrationData(
         steps, steps, np.ones(12), np.ones(12), RANGE_NM, speed_rpm=np.zeros(12),
@@ -173,8 +192,11 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
     budget = run("budget", file, "--reading", READING_NM, "--branch", "up", *options, cwd=tmp_path)
     assert "k = 2.00" in " ".join(budget.stdout.split())
 
-    # U says no less than the calibrator alone, 0.02 % of the range
-    assert expected.expanded_nm > 2e-4 * RANGE_NM
+    # the calibrator has its share by the table of its certificate: no flat share of the range
+    standard = [line for line in torque_budget(chain) if line.name == "reference standard"]
+    certified = certified_bench().calibrator.uncertainty("output").at(expected.torque_nm)
+    assert 2.0 * standard[0].contribution == pytest.approx(float(certified), rel=1e-12)
+    assert 0.1 < float(certified) < 0.2
 
 
 def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(file: Path) -> None:
@@ -191,7 +213,7 @@ def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(file: Pat
         direction=number, branch=number, repeat=number, series=number, temperature_c=nothing,
         time_s=nothing, compensated={"output": True}, unsettled=0,
     )  # fmt: skip
-    known = torque_uncertainty(Bench(default_bench(), {}, {}), recording, "output")
+    (known,) = torque_uncertainty(Bench(default_bench(), {}, {}), recording, "output")
     parts = (
         known.relative * size[0], known.zero_nm, known.model_nm, known.drag_nm,
         known.repeatability_nm, steady.component("counter")[0],

@@ -11,8 +11,9 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["ReferenceCertificate", "read_certificate"]
+__all__ = ["ReferenceCertificate", "read_certificate", "read_uncertainty"]
 
 _COLUMNS = ("side", "torque_nm", "error_nm", "expanded_uncertainty_nm")
 
@@ -73,6 +74,11 @@ class ReferenceCertificate:
         error = np.interp(indication, self.torque_nm + self.error_nm, self.error_nm)
         return np.asarray(indication - error)
 
+    @property
+    def certified(self) -> CertifiedUncertainty:
+        """U (k = 2) over the torque."""
+        return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
+
 
 def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
     """Read the certificate of a standard from a CSV file.
@@ -101,3 +107,39 @@ def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
             columns = np.array(sorted(points[side]), dtype=np.float64).T
             found[side] = ReferenceCertificate(columns[0], columns[1], columns[2])
     return found
+
+
+def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
+    """Read U (k = 2) of one reference transducer over the torque from a CSV file.
+
+    Parameters
+    ----------
+    path : path
+        Columns `torque_nm` and `expanded_uncertainty_nm`; a certificate of a bench's standard, with
+        `side`, may be given too.
+    side : {"input", "output", ""}
+        Whose lines are read where the file has both.
+
+    Raises
+    ------
+    InputError
+        With file, line and column.
+    """
+    rows = read_rows(
+        path,
+        ("torque_nm", "expanded_uncertainty_nm"),
+        "certificate",
+        "give the standard's U in %, or the path of its certificate's table",
+    )
+    if side:
+        rows = [row for row in rows if row.cells.get("side", side) == side]
+    points = [
+        [row.number(name) for name in ("torque_nm", "expanded_uncertainty_nm")] for row in rows
+    ]
+    torque, expanded = np.array(sorted(points), dtype=np.float64).reshape(-1, 2).T
+    try:
+        return CertifiedUncertainty.of_table(torque, expanded)
+    except InputError as error:
+        raise InputError(
+            f"certificate {path}: {error.found}", error.allowed, error.remedy
+        ) from error

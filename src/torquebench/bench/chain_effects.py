@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
-from torquebench.bench.description import BenchDescription
+from collections.abc import Sequence
+from datetime import date
+
+from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.roles import Side
 from torquebench.chain import Counter, Drift, Effect, Reference, Rotation, Temperature, Zero
 
-__all__ = ["CERTIFIED_FROM_SHARE", "chain_effects"]
+__all__ = ["chain_effects", "standard_effect"]
 
-CERTIFIED_FROM_SHARE = 0.02
-"""Smallest certified torque of a reference standard, as a share of its range: the first of 50
-steps. Below it the standard's uncertainty falls in proportion, because the standard is zeroed."""
+_DAYS_PER_YEAR = 365.25
+PROBE_K = 0.5
+"""Limit by which a probe on a standard differs from the temperature of its transducer."""
 
 
 def chain_effects(
-    description: BenchDescription, side: Side, calibrated_c: float | None = None
+    description: BenchDescription,
+    side: Side,
+    calibrated_c: float | None = None,
+    calibrated_on: date | None = None,
+    standard_c: Sequence[float] = (),
 ) -> tuple[Effect, ...]:
     """Return the effects of a side's measuring chain that the description states.
 
@@ -25,20 +32,19 @@ def chain_effects(
     calibrated_c : float, optional
         Mean temperature of the transducer during the calibration, °C; the middle of the bench's
         temperatures where none was measured.
+    calibrated_on : datetime.date, optional
+        Day of the calibration; the last day of the standard's certificate where it isn't known.
+    standard_c : sequence of float
+        Temperatures that the standard had in the calibration, °C; empty where none was measured.
     """
-    module, standard = description.module(side), description.calibrator
+    module = description.module(side)
     transducer, conditions = module.transducer, description.conditions
     # a data sheet states shares of the transducer's own nominal torque
     nominal = transducer.nominal_torque_nm
     low, high = conditions.temperature_low_c, conditions.temperature_high_c
-    certified = standard.transducer(side).nominal_torque_nm
     datasheet = f"description of transducer {transducer.serial}"
     effects: list[Effect] = [
-        Reference(
-            f"certificate {standard.certificate_number} of {standard.serial}",
-            1e-2 * standard.expanded_uncertainty_percent * certified,
-            CERTIFIED_FROM_SHARE * certified,
-        ),
+        standard_effect(description, side, calibrated_on, standard_c),
         Temperature(
             datasheet,
             1e-3 * transducer.temperature_zero_percent_per_10k * nominal,
@@ -62,3 +68,38 @@ def chain_effects(
         interval_h = 24.0 * conditions.calibration_interval_days
         effects.append(Drift(datasheet, transducer.drift_percent_per_year, interval_h))
     return tuple(effects)
+
+
+def standard_effect(
+    description: BenchDescription,
+    side: Side,
+    calibrated_on: date | None = None,
+    standard_c: Sequence[float] = (),
+) -> Reference:
+    """Return the effect of the calibrator: its certificate, and what may have changed since.
+
+    A temperature of the calibrator that wasn't measured lies between the limits of the bench.
+    """
+    standard, conditions = description.calibrator, description.conditions
+    transducer = standard.transducer(side)
+    reached = standard_c or (conditions.temperature_low_c, conditions.temperature_high_c)
+    largest_k = max(abs(each - standard.certificate_temperature_c) for each in reached)
+    if standard_c:
+        largest_k += PROBE_K
+    drift = transducer.drift_percent_per_year or 0.0
+    return Reference(
+        f"certificate {standard.certificate_number} of {standard.serial}",
+        standard.uncertainty(side),
+        1e-3 * transducer.temperature_span_percent_per_10k * largest_k,
+        1e-2 * drift * _years_since_certificate(standard, calibrated_on),
+    )
+
+
+def _years_since_certificate(standard: StandardDescription, day: date | None) -> float:
+    """Return the age of a certificate in years; one year where its day isn't stated."""
+    try:
+        performed = date.fromisoformat(standard.certificate_date)
+    except ValueError:  # "unknown", or a date in words
+        return 1.0
+    until = day or standard.certificate_due
+    return 1.0 if until is None else max((until - performed).days, 0) / _DAYS_PER_YEAR

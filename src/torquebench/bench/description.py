@@ -11,14 +11,17 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torquebench.bench.certificate import ReferenceCertificate, read_certificate
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.signals import FrequencyScale
+from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.units import RAD_S_PER_RPM
 from torquebench.validation import ConflictError, parse_toml, validated
 
 __all__ = [
     "BenchDescription",
+    "CertifiedPoints",
     "CounterDescription",
     "DriveDescription",
     "EncoderDescription",
@@ -31,8 +34,10 @@ __all__ = [
     "StandardDescription",
     "TransducerDescription",
     "default_bench",
+    "flat_of_range",
     "load_bench",
     "parse_bench",
+    "stated_uncertainty",
 ]
 
 DEFAULT_BENCH = "simulated.toml"
@@ -236,12 +241,33 @@ class CounterDescription(_Section):
         return self
 
 
+class CertifiedPoints(_Section):
+    """Expanded uncertainty (k = 2) of a reference transducer at its certified torques."""
+
+    torque_nm: list[float]
+    expanded_uncertainty_nm: list[float]
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        self.certified()
+        return self
+
+    def certified(self) -> CertifiedUncertainty:
+        """Return it over the torque."""
+        return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
+
+
 class StandardDescription(_Section):
     """A calibrator or verification standard: two reference transducers and their certificate.
 
     `certificate` may name a CSV file beside the `bench.toml` with the columns `side`,
     `torque_nm`, `error_nm` and `expanded_uncertainty_nm` (k = 2). `certificate_due` is the last
     day on which the certificate counts.
+
+    The uncertainty over the torque is that of `certified`: it comes with `certificate`, or is
+    given for each side. Without it, `expanded_uncertainty_percent` counts, of the nominal torque of
+    the transducer or of each torque. `certificate_temperature_c` is the temperature at which the
+    standard was calibrated, `temperature_probe` the probe that it carries.
     """
 
     serial: Text
@@ -251,13 +277,65 @@ class StandardDescription(_Section):
     certificate_due: date | None = None
     laboratory: Annotated[str, Field(max_length=200)] = ""
     certificate: str | None = None
-    expanded_uncertainty_percent: Annotated[float, Field(gt=0, le=1.0, description="% of range")]
+    certificate_temperature_c: TemperatureC = 23.0
+    temperature_probe: Text | None = None
+    expanded_uncertainty_percent: Annotated[float, Field(gt=0, le=1.0, description="%")]
+    expanded_uncertainty_of: Literal["range", "torque"] = "range"
+    certified: dict[Side, CertifiedPoints] = Field(default_factory=dict)
     input: TransducerDescription
     output: TransducerDescription
 
     def transducer(self, side: Side) -> TransducerDescription:
         """Return the reference transducer of a side."""
         return self.input if side == "input" else self.output
+
+    def uncertainty(self, side: Side) -> CertifiedUncertainty:
+        """Return U (k = 2) over the torque of the reference transducer of a side."""
+        return stated_uncertainty(self.model_dump(), side, self.transducer(side).nominal_torque_nm)
+
+    def certified_by(self, certificates: Mapping[Side, ReferenceCertificate]) -> Self:
+        """Return the standard with what certificates state of sides that it doesn't have yet."""
+        stated = {
+            side: CertifiedPoints(
+                torque_nm=list(each.certified.torque_nm),
+                expanded_uncertainty_nm=list(each.certified.expanded_nm),
+            )
+            for side, each in certificates.items()
+        }
+        return self.model_copy(update={"certified": {**stated, **self.certified}})
+
+
+def stated_uncertainty(
+    standard: Mapping[str, Any], side: str, range_nm: float
+) -> CertifiedUncertainty:
+    """Return U (k = 2) over the torque, of the record that a run keeps of a standard.
+
+    Parameters
+    ----------
+    standard : mapping
+        Fields of a `StandardDescription`; those that a run doesn't have may be absent.
+    side : str
+        "input", "output", or "" where it isn't known.
+    range_nm : float
+        Nominal torque of the transducer where the record doesn't state it.
+    """
+    points = (standard.get("certified") or {}).get(side)
+    if points:
+        return CertifiedPoints.model_validate(points).certified()
+    share = 1e-2 * float(standard["expanded_uncertainty_percent"])
+    if standard.get("expanded_uncertainty_of") == "torque":
+        return CertifiedUncertainty.of_torque(share)
+    return flat_of_range(share, (standard.get(side) or {}).get("nominal_torque_nm", range_nm))
+
+
+CERTIFIED_FROM_SHARE = 0.02
+"""Smallest certified torque of a standard whose certificate isn't known as a table, as a share of
+its range: the first of 50 steps."""
+
+
+def flat_of_range(share: float, range_nm: float) -> CertifiedUncertainty:
+    """Return a U that is a share of a range for all its torques."""
+    return CertifiedUncertainty.flat(share * range_nm, CERTIFIED_FROM_SHARE * range_nm, range_nm)
 
 
 class SafetyDescription(_Section):
@@ -396,6 +474,29 @@ class BenchDescription(_Section):
                 changed[side] = module.model_copy(update={"encoder": encoder})
         return self.model_copy(update=changed)
 
+    def certified_by(self, brought: Mapping[Mounting, Mapping[Side, ReferenceCertificate]]) -> Self:
+        """Return the description with the uncertainties that certificates of standards state.
+
+        Parameters
+        ----------
+        brought : mapping
+            Certificates that come with the instruments; a file of the description comes first.
+
+        Raises
+        ------
+        InputError
+            A certificate can't be read.
+        """
+        changed: dict[str, StandardDescription] = {}
+        for name in ("calibrator", "verification_standard"):
+            standard: StandardDescription = getattr(self, name)
+            known = brought.get(name, {})
+            if standard.certificate is not None:
+                known = read_certificate(standard.certificate)
+            if known:
+                changed[name] = standard.certified_by(known)
+        return self.model_copy(update=changed)
+
     @property
     def serials(self) -> dict[str, str]:
         """Every serial number by its key."""
@@ -420,15 +521,11 @@ class BenchDescription(_Section):
         self._check_serials()
         for side in ("input", "output"):
             module: ModuleDescription = getattr(self, side)
-            if module.temperature_probe not in self.temperatures:
-                raise ConflictError(
-                    f"{side}.temperature_probe",
-                    repr(module.temperature_probe),
-                    "one of " + ", ".join(self.temperatures),
-                    "name a probe of the list `temperatures`",
-                )
+            self._check_probe(f"{side}.temperature_probe", module.temperature_probe)
             for name in ("calibrator", "verification_standard"):
-                nominal = getattr(getattr(self, name), side).nominal_torque_nm
+                standard: StandardDescription = getattr(self, name)
+                self._check_probe(f"{name}.temperature_probe", standard.temperature_probe)
+                nominal = standard.transducer(side).nominal_torque_nm
                 if nominal < module.range_nm:
                     raise ConflictError(
                         f"{name}.{side}.nominal_torque_nm",
@@ -437,6 +534,15 @@ class BenchDescription(_Section):
                         "use a standard that covers the range, or lower the range",
                     )
         return self
+
+    def _check_probe(self, key: str, probe: str | None) -> None:
+        if probe is not None and probe not in self.temperatures:
+            raise ConflictError(
+                key,
+                repr(probe),
+                "one of " + ", ".join(self.temperatures),
+                "name a probe of the list `temperatures`",
+            )
 
     def _check_serials(self) -> None:
         holders: dict[str, str] = {}

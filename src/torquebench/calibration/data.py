@@ -33,6 +33,7 @@ _OPTIONAL = (
     "true_torque_nm",
     "acceleration_rad_s2",
     "zero_temperature_c",
+    "standard_temperature_c",
 )
 
 
@@ -69,6 +70,8 @@ class CalibrationData:
         Angular acceleration of the shaft; 0 where it isn't given, as points are steady.
     zero_temperature_c : array of float, shape (n,), optional
         Temperature of the transducer when the zero that each reading counts from was taken.
+    standard_temperature_c : array of float, shape (n,), optional
+        Temperature of the standard.
     true_torque_nm : array of float, shape (n,), optional
         The true torque in N·m; simulated bench only.
     simulated : bool
@@ -107,6 +110,7 @@ class CalibrationData:
     simulated: bool = False
     acceleration_rad_s2: NDArray[np.float64] | None = None
     zero_temperature_c: NDArray[np.float64] | None = None
+    standard_temperature_c: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):

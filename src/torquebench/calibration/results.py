@@ -1,7 +1,6 @@
 """A calibration's results before and after compensation, side by side."""
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,6 +11,7 @@ from torquebench.calibration.evaluation import StaticEvaluation, evaluate_static
 from torquebench.calibration.series import ZeroHysteresis, loading_series, zero_hysteresis
 from torquebench.calibration.verification import ErrorSummary, summarise_errors
 from torquebench.errors import InputError
+from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["CalibrationResults", "DirectionResults", "SideBySide", "calibration_results"]
 
@@ -82,8 +82,7 @@ def calibration_results(
     data: CalibrationData,
     *,
     resolution_nm: float,
-    reference_uncertainty_percent: float,
-    reference_of_range: bool = False,
+    reference: CertifiedUncertainty,
     torque_nm: ArrayLike | None = None,
     degree: int = 3,
 ) -> CalibrationResults:
@@ -98,10 +97,8 @@ def calibration_results(
         In steps, with nominal torques.
     resolution_nm : float
         Resolution of the indication, in N·m.
-    reference_uncertainty_percent : float
-        Expanded uncertainty (k = 2) of the reference torque, in %.
-    reference_of_range : bool, default False
-        Whether those are % of the range: more of the torque, the smaller the torque is.
+    reference : CertifiedUncertainty
+        Expanded uncertainty (k = 2) of the reference torque.
     torque_nm : array of float, shape (n,), optional
         Compensated torque at every point.
     degree : int, default 3
@@ -117,15 +114,15 @@ def calibration_results(
     >>> data = CalibrationData(
     ...     [5.01, 10.02], [5.0, 10.0], [1, 1], [1, 1], 10.0, nominal_nm=[5.0, 10.0]
     ... )
+    >>> reference = CertifiedUncertainty.of_torque(2e-4)
     >>> found = calibration_results(
-    ...     data, resolution_nm=0.001, reference_uncertainty_percent=0.02, torque_nm=[5.0, 10.0]
+    ...     data, resolution_nm=0.001, reference=reference, torque_nm=[5.0, 10.0]
     ... )
     >>> (clockwise,) = found.directions
     >>> [round(float(side.evaluation.indication_deviation_percent[1]), 6)
     ...  for side in (clockwise.before, clockwise.after)]
     [0.2, 0.0]
     """
-    reference = _Reference(reference_uncertainty_percent, reference_of_range)
     compensated = None
     if torque_nm is not None:
         torque = np.asarray(torque_nm, dtype=np.float64)
@@ -151,21 +148,19 @@ def calibration_results(
     )
 
 
-class _Reference(NamedTuple):
-    percent: float
-    of_range: bool
-
-
 def _side(
-    data: CalibrationData, sign: int, resolution_nm: float, reference: _Reference, degree: int
+    data: CalibrationData,
+    sign: int,
+    resolution_nm: float,
+    reference: CertifiedUncertainty,
+    degree: int,
 ) -> SideBySide:
     torque, series = loading_series(data, sign, tolerance_percent=None)
-    share = data.range_nm / torque if reference.of_range else 1.0
     evaluation = evaluate_static(
         torque,
         series,
         resolution=resolution_nm,
-        reference_uncertainty_percent=reference.percent * share,
+        reference_uncertainty_percent=100.0 * reference.at(sign * torque) / torque,
         scale=1.0,
     )
     decreasing = evaluation.reversibility_percent is not None

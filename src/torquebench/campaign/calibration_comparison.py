@@ -28,7 +28,13 @@ STEPS = 10
 """Number of even steps in each direction of the common range."""
 SAME_RANGE = 0.05
 """Calibrations whose largest torques differ by less than this share have the same range."""
-CALIBRATED = ("static curve", "hysteresis", "mounting")
+CALIBRATED = (
+    "static curve",
+    "hysteresis",
+    "mounting",
+    "temperature of standard",
+    "drift of standard",
+)
 """Components of U that belong to a calibration, not to a later reading."""
 REFERENCE = "reference standard"
 

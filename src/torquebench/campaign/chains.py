@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 
-from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE, chain_effects
+from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
@@ -18,34 +19,31 @@ from torquebench.chain import (
     Temperature,
     Zero,
 )
+from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["bench_effects", "mounting_effect", "reference_effect", "stated_effects"]
 
 
 def reference_effect(
-    percent: float | None, range_nm: float, record: str = "stated with the fit"
+    certified: CertifiedUncertainty | None, record: str = "stated with the fit"
 ) -> tuple[Effect, ...]:
     """Return the effect of a reference standard; none if none is stated.
 
     Parameters
     ----------
-    percent : float or None
-        U (k = 2) in % of the range.
-    range_nm : float
+    certified : CertifiedUncertainty or None
+        U (k = 2) over the torque.
     record : str
         Where that comes from.
     """
-    if percent is None:
-        return ()
-    limit = 1e-2 * percent * range_nm
-    return (Reference(record, limit, CERTIFIED_FROM_SHARE * range_nm),)
+    return () if certified is None else (Reference(record, certified),)
 
 
 def stated_effects(
     chain: MeasuringChain,
     range_nm: float,
     *,
-    reference_percent: float | None = None,
+    reference: CertifiedUncertainty | None = None,
     span_percent_per_10k: float | None = None,
     zero_percent_per_10k: float | None = None,
     drift_percent_per_year: float | None = None,
@@ -58,14 +56,16 @@ def stated_effects(
     chain : MeasuringChain
     range_nm : float
         Full scale, N·m.
-    reference_percent, span_percent_per_10k, zero_percent_per_10k, drift_percent_per_year
+    reference : CertifiedUncertainty, optional
+        U (k = 2) of the standard over the torque.
+    span_percent_per_10k, zero_percent_per_10k, drift_percent_per_year
         As on the command line; None keeps the chain's.
     zero_nm : float, optional
         Standard uncertainty of the zero, N·m.
     """
     known = {type(effect): effect for effect in chain.stored}
     record = "stated on the command line"
-    effects = list(reference_effect(reference_percent, range_nm, record))
+    effects = list(reference_effect(reference, record))
     if span_percent_per_10k is not None or zero_percent_per_10k is not None:
         warmth = known.get(Temperature)
         assert warmth is None or isinstance(warmth, Temperature)
@@ -82,11 +82,18 @@ def stated_effects(
     return tuple(effects)
 
 
-def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple[Effect, ...]:
-    """Return the effects of a calibration that was measured on a bench."""
-    temperature = data.temperature_c
-    calibrated_c = None if temperature is None else float(np.mean(temperature))
-    return chain_effects(description, "input" if data.side == "input" else "output", calibrated_c)
+def bench_effects(
+    description: BenchDescription, data: CalibrationData, day: date | None = None
+) -> tuple[Effect, ...]:
+    """Return the effects of a calibration that was measured on a bench, on a day if it is known."""
+    temperature, standard = data.temperature_c, data.standard_temperature_c
+    return chain_effects(
+        description,
+        "input" if data.side == "input" else "output",
+        None if temperature is None else float(np.mean(temperature)),
+        day,
+        () if standard is None else (float(np.min(standard)), float(np.max(standard))),
+    )
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.description import stated_uncertainty
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
@@ -18,7 +19,7 @@ from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
-from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
+from torquebench.uncertainty import CertifiedUncertainty, Decision, Tolerance, Verdict, decide
 
 __all__ = ["CheckResult", "check_module", "finish_check", "judge_check"]
 
@@ -68,7 +69,7 @@ def judge_check(
     data: CalibrationData,
     chain: MeasuringChain | None,
     *,
-    standard_uncertainty_percent: float,
+    standard: CertifiedUncertainty,
     tolerance_percent_fs: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Decision, ...]]:
     """Return compensated torque, expanded uncertainty and a decision for every point.
@@ -78,12 +79,12 @@ def judge_check(
     data : CalibrationData
     chain : MeasuringChain or None
         In use; None judges the reading itself.
-    standard_uncertainty_percent : float
-        Expanded uncertainty (k = 2) of the check standard, % of the range.
+    standard : CertifiedUncertainty
+        Expanded uncertainty (k = 2) of the check standard over the torque.
     tolerance_percent_fs : float
         Largest error allowed, % of the range.
     """
-    standard = standard_uncertainty_percent / 200.0 * data.range_nm
+    own_standard = 0.5 * standard.at(data.standard_nm)
     if chain is None:
         torque = data.reading_nm
         known = data.standard_error_nm
@@ -91,7 +92,7 @@ def judge_check(
     else:
         compensated = chain.torque(data.readings())
         torque, own = compensated.value_nm, compensated.standard_uncertainty_nm
-    expanded = 2.0 * np.hypot(own, standard)
+    expanded = 2.0 * np.hypot(own, own_standard)
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
     decisions = tuple(
         decide(float(error), float(u), tolerance, full_scale=data.range_nm)
@@ -171,7 +172,7 @@ def finish_check(
         torque, expanded, decisions = judge_check(
             data,
             chain,
-            standard_uncertainty_percent=standard["expanded_uncertainty_percent"],
+            standard=stated_uncertainty(standard, data.side, data.range_nm),
             tolerance_percent_fs=tolerance,
         )
         result = CheckResult(

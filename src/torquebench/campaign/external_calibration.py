@@ -222,7 +222,8 @@ def _metadata(
             "laboratory": reference.laboratory,
             "performed": reference.performed,
             "due": reference.due,
-            "expanded_uncertainty_percent_of_torque": circumstances.reference_percent_of_torque,
+            "expanded_uncertainty_percent": circumstances.reference_percent_of_torque,
+            "expanded_uncertainty_of": "torque",
         },
     }
 

@@ -52,11 +52,13 @@ class MeasuringChain:
     --------
     >>> from torquebench.chain import Reference
     >>> from torquebench.compensation import features, make_model
+    >>> from torquebench.uncertainty import CertifiedUncertainty
     >>> generator = np.random.default_rng(2)
     >>> standard = np.linspace(-2000.0, 2000.0, 50)
     >>> reading = standard / 1.003 + 0.3 * generator.standard_normal(50)
     >>> model = make_model("polynomial").fit(features(reading), standard)
-    >>> chain = MeasuringChain(model, (Reference("certificate 17", 0.4, 40.0),))
+    >>> certified = CertifiedUncertainty.flat(0.4, 40.0, 2000.0)
+    >>> chain = MeasuringChain(model, (Reference("certificate 17", certified),))
     >>> torque = chain.torque(Readings(np.array([1500.0])))
     >>> 0.6 < float(torque.expanded_uncertainty_nm[0]) < 0.9, torque.budget().dominant().name
     (True, 'scatter')

@@ -10,7 +10,7 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say, warn
-from torquebench.cli.options import check_output
+from torquebench.cli.options import ReferenceOption, check_output, stated_reference
 
 if TYPE_CHECKING:
     from torquebench.uncertainty import Budget
@@ -94,9 +94,7 @@ def budget(
     model: ModelArgument,
     reading: Annotated[list[float], typer.Option(help="A reading in N·m; may be repeated.")],
     branch: Annotated[Branch, typer.Option(help="Branch of the reading.")] = Branch.UNKNOWN,
-    reference: Annotated[
-        float | None, typer.Option(min=0, help="U (k = 2) of the reference standard, % of range.")
-    ] = None,
+    reference: ReferenceOption = None,
     span_temperature: Annotated[
         float | None, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
     ] = None,
@@ -146,7 +144,7 @@ def budget(
         stated_effects(
             chain,
             stored.provenance.range_nm,
-            reference_percent=reference,
+            reference=stated_reference(reference, stored.provenance.range_nm),
             span_percent_per_10k=span_temperature,
             zero_percent_per_10k=zero_temperature,
             drift_percent_per_year=drift,

@@ -213,6 +213,7 @@ def _evaluate(
 ) -> CalibrationResults | None:
     """Evaluate and print; uncertainties are the resolution in N·m and the reference's U in %."""
     from torquebench.calibration import calibration_results
+    from torquebench.uncertainty import CertifiedUncertainty
 
     for remark in points.remarks:
         warn(remark)
@@ -226,7 +227,7 @@ def _evaluate(
     results = calibration_results(
         points.data,
         resolution_nm=resolution_nm,
-        reference_uncertainty_percent=reference_percent,
+        reference=CertifiedUncertainty.of_torque(1e-2 * reference_percent),
         torque_nm=None if model is None else _compensated(model, points.data),
     )
     _print_results(results)

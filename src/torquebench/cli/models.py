@@ -15,7 +15,14 @@ from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import answer, out, say, say_file, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.model_parameters import ParameterOption, model_parameters
-from torquebench.cli.options import ColumnOption, RangeOption, WithoutOption, check_output
+from torquebench.cli.options import (
+    ColumnOption,
+    RangeOption,
+    ReferenceOption,
+    WithoutOption,
+    check_output,
+    stated_reference,
+)
 from torquebench.errors import InputError, ModelMismatchError
 
 if TYPE_CHECKING:
@@ -94,10 +101,7 @@ def fit(
     column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
-    reference: Annotated[
-        float | None,
-        typer.Option(min=0, help="U (k = 2) of the reference standard, % of range."),
-    ] = None,
+    reference: ReferenceOption = None,
     profile: Annotated[
         str, typer.Option(help="Profile with the limits of the plausibility checks.")
     ] = "rapid-in-situ",
@@ -165,6 +169,7 @@ def fit(
     from torquebench.reports.turning_report import identified_section
 
     points = joined_tables(tables)
+    certified = stated_reference(reference, points.range_nm, points.side)
     off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
     with TerminalProgress() as progress:
         turning = identify_turning(points, runs, progress)
@@ -190,7 +195,7 @@ def fit(
         table_metrics(fitted),
         (
             *turning.effects,
-            *reference_effect(reference, points.range_nm),
+            *reference_effect(certified),
             *mounting_effect(turning.points),
             *off,
         ),

@@ -16,6 +16,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
+    from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
     "CLOCK_TOLERANCE_PPM",
@@ -27,6 +28,7 @@ __all__ = [
     "DataOption",
     "RangeOption",
     "RealTimeOption",
+    "ReferenceOption",
     "WithoutOption",
     "accepted_counter",
     "bench_description",
@@ -35,6 +37,7 @@ __all__ = [
     "check_output_folder",
     "data_directory",
     "has_registry",
+    "stated_reference",
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
@@ -70,6 +73,14 @@ ColumnOption = Annotated[
 ]
 RangeOption = Annotated[
     float | None, typer.Option("--range", help="Full scale in N·m, the reference of % FS.")
+]
+ReferenceOption = Annotated[
+    str | None,
+    typer.Option(
+        metavar="%|FILE",
+        help="U (k = 2) of the reference standard: % of range, `0.02 of torque`, or the CSV file "
+        "of its certificate with torque_nm and expanded_uncertainty_nm.",
+    ),
 ]
 WithoutOption = Annotated[
     list[str] | None,
@@ -219,3 +230,28 @@ def check_output_folder(path: Path) -> Path:
         what = "standard output, for several files" if str(path) == "-" else f"{path} is a file"
         raise InputError(what, "a folder", "name a folder")
     return path
+
+
+def stated_reference(
+    stated: str | None, range_nm: float, side: str = ""
+) -> CertifiedUncertainty | None:
+    """Return U of a standard over the torque, as `ReferenceOption` states it; None without."""
+    if stated is None:
+        return None
+    from torquebench.bench.certificate import read_uncertainty
+    from torquebench.bench.description import flat_of_range
+    from torquebench.uncertainty import CertifiedUncertainty
+
+    number, _, of = stated.partition(" of ")
+    try:
+        share = 1e-2 * float(number.rstrip("% "))
+    except ValueError:
+        return read_uncertainty(stated, side)
+    if not (0.0 <= share <= 1.0 and of in ("", "range", "torque")):
+        raise InputError(
+            f"--reference {stated!r}",
+            "% of range such as 0.02, % of the torque such as '0.02 of torque', or a file",
+        )
+    return (
+        CertifiedUncertainty.of_torque(share) if of == "torque" else flat_of_range(share, range_nm)
+    )

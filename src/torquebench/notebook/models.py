@@ -12,6 +12,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from torquebench.bench.description import flat_of_range
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.chains import mounting_effect, reference_effect
 from torquebench.campaign.fitting import (
@@ -220,7 +221,12 @@ def fit(
     found = fit_table(data, "the calibration", model, outliers=outliers)
     for remark in (*found.remarks, *map(str, found.contradictions)):
         warnings.warn(remark, FitWarning, stacklevel=2)
-    effects = (*reference_effect(reference_percent, data.range_nm), *mounting_effect(data))
+    stated = (
+        None
+        if reference_percent is None
+        else flat_of_range(1e-2 * reference_percent, data.range_nm)
+    )
+    effects = (*reference_effect(stated), *mounting_effect(data))
     stored = described_model(found.model, data, table_metrics(found), effects, found.contradictions)
     return Compensation(stored, data)
 

@@ -75,7 +75,9 @@ class _Table:
         def column(name: str) -> np.ndarray[Any, Any]:
             return np.array([row[name] for row in self.rows], dtype=np.float64)
 
-        known = all("true_torque_nm" in row for row in self.rows)
+        def optional(name: str) -> np.ndarray[Any, Any] | None:
+            return column(name) if all(name in row for row in self.rows) else None
+
         return CalibrationData(
             reading_nm=column("reading_nm"),
             standard_nm=column("standard_nm"),
@@ -91,7 +93,8 @@ class _Table:
             temperature_c=column("temperature_c"),
             time_s=column("time_s"),
             standard_error_nm=column("reading_standard_error_nm"),
-            true_torque_nm=column("true_torque_nm") if known else None,
+            true_torque_nm=optional("true_torque_nm"),
+            standard_temperature_c=optional("standard_temperature_c"),
         ).zeroed_each_series()
 
 

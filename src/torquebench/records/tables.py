@@ -45,6 +45,7 @@ _OPTIONAL = (
     "true_torque_nm",
     "acceleration_rad_s2",
     "zero_temperature_c",
+    "standard_temperature_c",
 )
 READING_QUANTITIES = (
     "time_s",
@@ -76,10 +77,11 @@ def read_calibration_csv(
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
-    ``acceleration_rad_s2``, ``zero_temperature_c``, ``standard_error_nm`` and (simulated data only)
-    ``true_torque_nm``, in any order; others are passed over. Lines are in measuring order, from
-    which a missing branch follows. Comments such as ``# range_nm = 2000`` may give the range, the
-    side, the transducer's serial and the counter's identity; arguments take precedence over them.
+    ``acceleration_rad_s2``, ``zero_temperature_c``, ``standard_temperature_c``,
+    ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
+    passed over. Lines are in measuring order, from which a missing branch follows. Comments such
+    as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
+    counter's identity; arguments take precedence over them.
 
     Parameters
     ----------
@@ -189,6 +191,7 @@ def calibration_of(
         true_torque_nm=quantity(table, columns, "true_torque_nm"),
         acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
         zero_temperature_c=quantity(table, columns, "zero_temperature_c"),
+        standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
         simulated=is_simulated(noted),
     )
     _check_duplicates(table, data)

@@ -1,11 +1,16 @@
 """Standard uncertainties of a torque by its chain, before a test repeats it."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from itertools import compress
 from math import isfinite
+
+import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 
-__all__ = ["TorqueUncertainty"]
+__all__ = ["KnownTorque", "TorqueUncertainty", "over"]
 
 
 @dataclass(frozen=True)
@@ -41,3 +46,29 @@ class TorqueUncertainty:
         for name, value in vars(self).items():
             if not (isfinite(value) and value >= 0.0):
                 raise InputError(f"standard uncertainty {name} = {value}", "finite, 0 or more")
+
+
+KnownTorque = TorqueUncertainty | Sequence[TorqueUncertainty]
+"""What is known of the torque of all points of a test, or of each of them."""
+
+
+def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUncertainty:
+    """Return what is known of the mean torque of some points; of all without `rows`.
+
+    These are root mean squares: the points of a mean share their errors.
+
+    Examples
+    --------
+    >>> known = [TorqueUncertainty(drag_nm=each) for each in (0.1, 0.7, 9.0)]
+    >>> round(over(known, np.array([True, True, False])).drag_nm, 9)
+    0.5
+    """
+    if isinstance(known, TorqueUncertainty):
+        return known
+    chosen = list(known if rows is None else compress(known, rows))
+    return TorqueUncertainty(
+        **{
+            each.name: float(np.sqrt(np.mean([getattr(one, each.name) ** 2 for one in chosen])))
+            for each in fields(TorqueUncertainty)
+        }
+    )

@@ -177,7 +177,9 @@ class Station:
         with contextlib.ExitStack() as opened:
             lock = BenchLock(description, data_directory(data_dir))
             opened.callback(lock.release)
+            description = description.certified_by({})
             drivers = drivers or open_drivers(description)
+            description = description.certified_by(drivers.certificates)
             if operator is not None:
                 drivers = replace(drivers, operator=operator)
             station = cls(description, drivers, data_directory(data_dir), real_time=real_time)

@@ -11,6 +11,7 @@ from torquebench.uncertainty.budget import (
     coverage_factor,
     welch_satterthwaite,
 )
+from torquebench.uncertainty.certified import CertifiedUncertainty
 from torquebench.uncertainty.decision import (
     Decision,
     Tolerance,
@@ -38,6 +39,7 @@ __all__ = [
     "COVERAGE_PROBABILITY",
     "Budget",
     "BudgetLine",
+    "CertifiedUncertainty",
     "Decision",
     "Distribution",
     "LineFit",

@@ -5,7 +5,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.bench.certificate import ReferenceCertificate, read_certificate
+from torquebench.bench import default_bench
+from torquebench.bench.certificate import (
+    ReferenceCertificate,
+    read_certificate,
+    read_uncertainty,
+)
+from torquebench.bench.description import stated_uncertainty
+from torquebench.bench.roles import SIDES
 from torquebench.errors import InputError
 
 HEADER = "side,torque_nm,error_nm,expanded_uncertainty_nm\n"
@@ -67,3 +74,32 @@ def test_a_wrong_file_is_named_with_its_line(tmp_path: Path, content: str, messa
         read_certificate(path)
     with pytest.raises(InputError, match="nowhere"):
         read_certificate(tmp_path / "nowhere.csv")
+
+
+def test_a_file_or_what_the_instruments_bring_states_u_over_the_torque(tmp_path: Path) -> None:
+    path = tmp_path / "calibrator.csv"
+    path.write_text(HEADER + "output,0,0,0.1\noutput,40,0,0.02\noutput,2000,0.1,0.2\n")
+    bench = default_bench()
+    named = bench.calibrator.model_copy(update={"certificate": str(path)})
+    brought = {
+        side: ReferenceCertificate(np.array([1.0, 50.0]), np.zeros(2), np.full(2, 0.002))
+        for side in SIDES
+    }
+    of_file = bench.model_copy(update={"calibrator": named}).certified_by({"calibrator": brought})
+    assert of_file.calibrator.uncertainty("output").at(1020.0) == pytest.approx(0.11)
+    assert of_file.calibrator.uncertainty("input").at(25.0) == pytest.approx(0.01)  # 0.02 % of 50
+    of_driver = bench.certified_by({"calibrator": brought})
+    assert of_driver.calibrator.uncertainty("input").at(25.0) == pytest.approx(0.002)
+    again = type(bench).model_validate(of_driver.model_dump(mode="json"))  # as a run keeps it
+    assert again.calibrator.uncertainty("input") == of_driver.calibrator.uncertainty("input")
+    recorded = of_driver.model_dump(mode="json")["calibrator"]
+    assert stated_uncertainty(recorded, "input", 50.0).at(25.0) == pytest.approx(0.002)
+
+
+def test_u_of_one_transducer_is_read_from_a_file_with_both(tmp_path: Path) -> None:
+    path = tmp_path / "calibrator.csv"
+    path.write_text(HEADER + "output,2000,0,0.2\ninput,50,0,0.01\n")
+    assert read_uncertainty(path, "output").at(-1000.0) == pytest.approx(0.1)
+    path.write_text("torque_nm,expanded_uncertainty_nm\n40,0.02\n20,0.02\n20,0.03\n")
+    with pytest.raises(InputError, match=r"calibrator\.csv: U"):
+        read_uncertainty(path)

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 
 from torquebench.calibration import CalibrationData, calibration_results, load_profile
+from torquebench.uncertainty import CertifiedUncertainty
 
 
 def measured(name, gain):
@@ -27,7 +28,7 @@ def test_both_directions_stand_side_by_side_before_and_after():
     results = calibration_results(
         data,
         resolution_nm=0.001,
-        reference_uncertainty_percent=0.01,
+        reference=CertifiedUncertainty.of_torque(1e-4),
         torque_nm=data.reading_nm / 1.004,
     )
     assert [each.name for each in results.directions] == ["clockwise", "counter-clockwise"]
@@ -45,7 +46,9 @@ def test_both_directions_stand_side_by_side_before_and_after():
 
 def test_what_was_not_measured_gives_no_class_and_says_why():
     results = calibration_results(
-        measured("rapid-in-situ", 1.0), resolution_nm=0.001, reference_uncertainty_percent=0.01
+        measured("rapid-in-situ", 1.0),
+        resolution_nm=0.001,
+        reference=CertifiedUncertainty.of_torque(1e-4),
     )
     for direction in results.directions:
         assert direction.after is None
@@ -63,7 +66,7 @@ def test_reversing_cycles_have_a_zero_hysteresis_before_and_after():
     results = calibration_results(
         data,
         resolution_nm=0.001,
-        reference_uncertainty_percent=0.01,
+        reference=CertifiedUncertainty.of_torque(1e-4),
         torque_nm=data.standard_nm,
     )
     assert results.zero_before.mean_nm == pytest.approx(0.04)

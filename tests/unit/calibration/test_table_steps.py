@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from torquebench.calibration import CalibrationData, calibration_results, own_steps
+from torquebench.uncertainty import CertifiedUncertainty
 
 
 def table(*rows: tuple[float, int, int]) -> CalibrationData:
@@ -75,7 +76,7 @@ def test_what_is_left_evaluates() -> None:
     found = own_steps(table(*rows, (50.0, 1, 1)))
     assert found.data is not None
     results = calibration_results(
-        found.data, resolution_nm=0.001, reference_uncertainty_percent=0.02
+        found.data, resolution_nm=0.001, reference=CertifiedUncertainty.of_torque(2e-4)
     )
     (clockwise,) = results.directions
     assert clockwise.before.evaluation.torque_nm.tolist() == [10.0, 35.0, 70.0, 95.0]

@@ -16,6 +16,7 @@ from torquebench.records import Registry
 from torquebench.reports.calibration_comparison import calibration_comparison_page
 from torquebench.reports.page import render_page
 from torquebench.reports.page_pdf import write_report
+from torquebench.uncertainty import CertifiedUncertainty
 
 START = datetime(2025, 3, 3, 9, 0, tzinfo=UTC)
 
@@ -79,7 +80,7 @@ def test_the_same_chain_twice_has_not_changed(registry: Registry) -> None:
 
 
 def test_only_different_standards_count(registry: Registry) -> None:
-    stated = (Reference("certificate", 0.3, 5.0),)
+    stated = (Reference("certificate", CertifiedUncertainty.flat(0.3, 5.0, 100.0)),)
     one = calibrate(registry, 1.001, months=0, effects=stated)
     same = calibrate(registry, 1.002, months=1, effects=stated)
     other = calibrate(registry, 1.002, months=2, standard="S-2", effects=stated)

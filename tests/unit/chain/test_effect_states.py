@@ -16,6 +16,7 @@ from torquebench.chain import (
 )
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
+from torquebench.uncertainty import CertifiedUncertainty
 
 ROTATION = MeasuredRotation(
     "empty runs", 23.0, -1200.0, 1200.0, 10.0, 40.0, (0.0, 1200.0), (10.0, 40.0),
@@ -41,7 +42,11 @@ def chain() -> MeasuringChain:
     both = np.tile(branch, 2)
     reading = torque + 0.05 * np.sign(torque) * both * (1.0 - np.tile(share, 2))
     model = make_model("physics", range_nm=50.0).fit(features(reading, both), torque)
-    stored = (ROTATION, Inertia("ramps", 0.002, 1e-5, 300.0), Reference("certificate", 0.01, 1.0))
+    stored = (
+        ROTATION,
+        Inertia("ramps", 0.002, 1e-5, 300.0),
+        Reference("certificate", CertifiedUncertainty.flat(0.01, 1.0, 50.0)),
+    )
     return MeasuringChain(model, stored)
 
 

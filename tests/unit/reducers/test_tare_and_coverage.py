@@ -109,6 +109,21 @@ def test_steps_are_named_by_what_was_asked_for() -> None:
     assert found.points[1].speed_rpm == pytest.approx(speed[1::2].mean())
 
 
+def test_every_torque_has_its_own_uncertainty() -> None:
+    """A standard's flat U is a large share of small torques and a small share of large ones."""
+    load = np.array([100.0, 1000.0])
+    drive = load / 100.0 / 0.8
+    known = [TorqueUncertainty(relative=1e-2 / each) for each in drive]
+    found = evaluate_efficiency(drive, load, [600.0, 600.0], 100.0, input_uncertainty=known)
+    u = [each.efficiency.standard_uncertainty / each.efficiency.value for each in found.points]
+    assert u == pytest.approx(1e-2 / drive)
+    speed = np.array([100.0, 1000.0])
+    drag = [TorqueUncertainty(drag_nm=each) for each in (0.01, 0.03)]
+    no_load = evaluate_no_load(speed, 0.1 + 1e-4 * speed, uncertainty=drag)
+    lines = [line for each in no_load.points for line in each.torque.lines]
+    assert [ln.contribution for ln in lines if ln.name == "bearing drag"] == [0.01, 0.03]
+
+
 def test_intervals_of_efficiency_hold_the_truth() -> None:
     ratio, held, width = 121.0, [], []
     known_in = TorqueUncertainty(relative=5e-4, model_nm=1e-3, drag_nm=1e-3)

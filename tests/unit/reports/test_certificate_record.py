@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
+from torquebench.bench.description import flat_of_range
 from torquebench.calibration import load_profile, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.chain import MeasuringChain, load_chain
@@ -191,7 +192,7 @@ def test_the_certificates_verdict_is_that_of_the_verification(
     worst = result.of("polynomial").against_standard.worst_percent_fs
     tolerance = {Verdict.PASS: 1.0, Verdict.CONDITIONAL_PASS: 1.01 * worst}.get(wanted, 0.05)
     *_, decisions = judge_check(
-        fresh, chain, standard_uncertainty_percent=0.02, tolerance_percent_fs=tolerance
+        fresh, chain, standard=flat_of_range(2e-4, 2000.0), tolerance_percent_fs=tolerance
     )  # as the panel judges it
     assert Verdict.worst(each.verdict for each in decisions) is wanted
 

@@ -11,6 +11,7 @@ import pypdf
 import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
+from torquebench.bench.description import flat_of_range
 from torquebench.calibration import calibration_results, load_profile
 from torquebench.records import Registry
 from torquebench.reports.certificate import (
@@ -48,9 +49,7 @@ def text_of(record: CertificateRecord, language: str) -> str:
 
 def test_the_static_evaluation_is_that_of_the_points(record: CertificateRecord) -> None:
     data = points(STAIRCASE, simulated=True, temperature_drift_k=1.5)
-    results = calibration_results(
-        data, resolution_nm=0.0, reference_uncertainty_percent=0.02, reference_of_range=True
-    )
+    results = calibration_results(data, resolution_nm=0.0, reference=flat_of_range(2e-4, 2000.0))
     first = record.static[0]
     evaluation = results.directions[0].before.evaluation
     assert [(each.direction, each.compensated) for each in record.static] == [

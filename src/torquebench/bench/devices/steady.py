@@ -40,6 +40,7 @@ _UNITS = {
     "standard_uncertainty_nm": "N·m",
     "standard_drift_nm_per_s": "N·m/s",
     "standard_frequency_hz": "Hz",
+    "standard_temperature_c": "°C",
     "true_torque_nm": "N·m",
 }
 _DTYPES = {"settled": "boolean", "samples": "integer"}
@@ -117,6 +118,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
     `standard_drift_nm_per_s`    N·m/s   its slope, likewise
     `standard_frequency_hz`      Hz      mean frequency of its transducer, likewise
+    `standard_temperature_c`     °C      of the standard, if it has a probe, likewise
     `true_torque_nm`             N·m     its true mean over what was settled, simulated bench only
     ===========================  ======  =====================================================
 
@@ -215,6 +217,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
                 "standard_drift_nm_per_s": standard.steady.drift_per_s,
                 "standard_frequency_hz": standard.frequency_hz,
             }
+            probe = self._standard_probe()
+            if probe is not None:
+                values["standard_temperature_c"] = acquisition.temperature_c(probe)
             values["settled"] = reading.steady.settled and standard.steady.settled
         truth = context.drivers.truth
         if truth is not None:
@@ -281,9 +286,16 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             fields += ["torque_nm", "torque_uncertainty_nm"]
         if self._settings.reference:
             fields += [field for field in _UNITS if field.startswith("standard")]
+            if self._standard_probe() is None:
+                fields.remove("standard_temperature_c")
         if self._context.drivers.truth is not None:
             fields.append("true_torque_nm")
         return fields
+
+    def _standard_probe(self) -> str | None:
+        """Return the name of the mounted standard's temperature probe; None without one."""
+        standard = self._context.description.standard(self._context.state.mounted())
+        return None if standard is None else standard.temperature_probe
 
     def _data_key(self, field: str) -> DataKey:
         dtype = _DTYPES.get(field, "number")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -162,52 +163,75 @@ def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
 
 
 def without_tare(
-    bench: Bench, torque_nm: FloatArray, speed_rpm: FloatArray, side: Side, known: TorqueUncertainty
-) -> tuple[FloatArray, TorqueUncertainty]:
+    bench: Bench,
+    torque_nm: FloatArray,
+    speed_rpm: FloatArray,
+    side: Side,
+    known: tuple[TorqueUncertainty, ...],
+) -> tuple[FloatArray, tuple[TorqueUncertainty, ...]]:
     """Subtract an empty run from torques, and replace the corrected components."""
     tare = bench.tares.get(side)
     if tare is None:
         return torque_nm, known
     taken = [tare.at(float(speed)) for speed in speed_rpm]
-    own = np.array([np.hypot(each.scatter_nm, each.transfer_nm) for each in taken])
-    zero = float(np.hypot(known.zero_nm, tare.zero_nm))
-    left = replace(known, zero_nm=zero, drag_nm=root_mean_square(own), speed_nm_per_rpm=0.0)
+    left = tuple(
+        replace(
+            one,
+            zero_nm=hypot(one.zero_nm, tare.zero_nm),
+            drag_nm=hypot(each.scatter_nm, each.transfer_nm),
+            speed_nm_per_rpm=0.0,
+        )
+        for one, each in zip(known, taken, strict=True)
+    )
     return torque_nm - np.array([each.torque_nm for each in taken]), left
 
 
 # -- torque of a running test ---------------------------------------------------------------
 
 
-def torque_uncertainty(bench: Bench, recording: RunningRecording, side: Side) -> TorqueUncertainty:
-    """Return the uncertainty of a side's torque beyond the scatter of the test's repeats.
+def torque_uncertainty(
+    bench: Bench, recording: RunningRecording, side: Side
+) -> tuple[TorqueUncertainty, ...]:
+    """Return the uncertainty of a side's torque at each point beyond the scatter of the repeats.
 
-    It consists of the measuring chain's components at the points, grouped by their behaviour in a
+    It consists of the measuring chain's components at the point, grouped by their behaviour in a
     test: proportional to torque, constant between zeros, changing sign with the speed.
     """
     zeros, stated = recording.zero_uncertainty_nm[side], recording.stated[side]
+    count = recording.torque_nm[side].size
     if stated is None:
-        return _without_chain(bench, side, zeros)
+        return (_without_chain(bench, side, zeros),) * count
     size = np.maximum(np.abs(recording.torque_nm[side]), 1e-9)
     speed = np.abs(recording.speed_rpm[side])
     curve = np.hypot(stated.component("static curve"), stated.component("hysteresis"))
     growing = float(np.min(curve / size))
     rest = np.sqrt(np.maximum(curve**2 - (growing * size) ** 2, 0.0))
-    relative = np.sqrt(sum(np.square(stated.component(name) / size) for name in _RELATIVE))
-    kept = np.sqrt(sum(np.square(stated.component(name)) for name in _ZERO))
-    turning = speed > 0.0
-    by_speed = stated.component("zero over speed")[turning] / speed[turning]
+    relative = sum(np.square(stated.component(name) / size) for name in _RELATIVE)
+    kept = sum(np.square(stated.component(name)) for name in _ZERO)
+    by_speed = stated.component("zero over speed") / np.where(speed > 0.0, speed, np.inf)
     drag = np.hypot(stated.component("bearing drag"), stated.component("running-in"))
-    return TorqueUncertainty(
-        relative=float(np.hypot(growing, root_mean_square(relative))),
-        zero_nm=float(np.hypot(zeros, root_mean_square(kept))),
-        model_nm=root_mean_square(rest),
-        speed_nm_per_rpm=float(np.max(by_speed, initial=0.0)),
-        drag_nm=float(np.max(drag, initial=0.0)),
-        repeatability_nm=root_mean_square(stated.component("scatter")),
+    columns = (
+        np.sqrt(growing**2 + relative),
+        np.sqrt(zeros**2 + kept),
+        rest,
+        by_speed,
+        drag,
+        stated.component("scatter"),
+    )
+    return tuple(
+        TorqueUncertainty(*row) for row in np.stack(np.broadcast_arrays(*columns), 1).tolist()
     )
 
 
-_RELATIVE = ("reference standard", "temperature of span", "time base", "drift", "mounting")
+_RELATIVE = (
+    "reference standard",
+    "temperature of standard",
+    "drift of standard",
+    "temperature of span",
+    "time base",
+    "drift",
+    "mounting",
+)
 _ZERO = ("zero", "zero drift", "temperature of zero")
 
 

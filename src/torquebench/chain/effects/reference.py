@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import ClassVar
+from typing import Any, ClassVar, Self
 
 import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import CertifiedUncertainty, Distribution
 
 __all__ = ["Reference"]
 
@@ -21,24 +23,55 @@ class Reference(Effect):
 
     Parameters
     ----------
-    expanded_uncertainty_nm : float
-        U (k = 2) that its certificate states in N·m: a share of its range.
-    from_nm : float
-        Smallest certified torque. The standard is zeroed, so that below it the uncertainty falls
-        in proportion to the torque.
-    expanded_uncertainty_of_torque : float
-        U (k = 2) as a share of the torque, where the certificate states it so.
+    certified : CertifiedUncertainty
+        U (k = 2) over the torque, as its certificate states it.
+    temperature_of_torque : float
+        Limit by which its span may have changed because it had another temperature in the
+        calibration than in its own, as a share of the torque.
+    drift_of_torque : float
+        Limit of the drift of its span since its own calibration, as a share of the torque.
     """
 
     title: ClassVar[str] = "reference standard"
-    expanded_uncertainty_nm: float = field(default=0.0, metadata={"least": 0.0})
-    from_nm: float = field(default=0.0, metadata={"least": 0.0})
-    expanded_uncertainty_of_torque: float = field(default=0.0, metadata={"least": 0.0})
+    certified: CertifiedUncertainty
+    temperature_of_torque: float = field(default=0.0, metadata={"least": 0.0})
+    drift_of_torque: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return half of U; a span error affects both directions of torque."""
-        size = np.abs(torque_nm)
-        certified = np.minimum(size / self.from_nm, 1.0) if self.from_nm > 0.0 else 1.0
-        fixed = self.expanded_uncertainty_nm * certified
-        half = 0.5 * np.hypot(fixed, self.expanded_uncertainty_of_torque * size)
-        return (Component("reference standard", Shared.CALIBRATION, np.copysign(half, torque_nm)),)
+        """Return half of U, and the limits; a span error affects both directions of torque."""
+        half = np.copysign(0.5 * self.certified.at(torque_nm), torque_nm)
+        limits = (
+            ("temperature of standard", self.temperature_of_torque),
+            ("drift of standard", self.drift_of_torque),
+        )
+        return (
+            Component("reference standard", Shared.CALIBRATION, half),
+            *(
+                Component(
+                    name,
+                    Shared.CALIBRATION,
+                    share / np.sqrt(3.0) * torque_nm,
+                    distribution=Distribution.RECTANGULAR,
+                )
+                for name, share in limits
+                if share > 0.0
+            ),
+        )
+
+    def specification(self) -> dict[str, Any]:
+        """Return kind and fields as JSON-ready values."""
+        return {
+            "kind": self.kind,
+            "record": self.record,
+            "torque_nm": list(self.certified.torque_nm),
+            "expanded_uncertainty_nm": list(self.certified.expanded_nm),
+            "temperature_of_torque": self.temperature_of_torque,
+            "drift_of_torque": self.drift_of_torque,
+        }
+
+    @classmethod
+    def from_specification(cls, values: Mapping[str, Any]) -> Self:
+        """Return the effect that `specification` described."""
+        others = dict(values)
+        points = (tuple(others.pop(name, ())) for name in ("torque_nm", "expanded_uncertainty_nm"))
+        return cls(certified=CertifiedUncertainty(*points), **others)

@@ -27,7 +27,7 @@ from torquebench.reducers.quantities import (
     budget,
     refuse,
 )
-from torquebench.reducers.torque_uncertainty import TorqueUncertainty
+from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty
 from torquebench.uncertainty import Budget
 
 if TYPE_CHECKING:
@@ -153,8 +153,8 @@ def evaluate_efficiency(
     temperature_c: ArrayLike | None = None,
     nominal_torque_nm: ArrayLike | None = None,
     nominal_speed_rpm: ArrayLike | None = None,
-    input_uncertainty: TorqueUncertainty | None = None,
-    output_uncertainty: TorqueUncertainty | None = None,
+    input_uncertainty: KnownTorque | None = None,
+    output_uncertainty: KnownTorque | None = None,
     largest_temperature_range_k: float = 2.0,
     largest_share: float | None = None,
 ) -> EfficiencyMap:
@@ -176,7 +176,8 @@ def evaluate_efficiency(
     nominal_torque_nm, nominal_speed_rpm : array of float, shape (n,), optional
         Set points by which repeats are put together and results are named; by default points
         within 1 % of the largest torque and of the largest speed count as one.
-    input_uncertainty, output_uncertainty : TorqueUncertainty, optional
+    input_uncertainty, output_uncertainty : TorqueUncertainty or sequence of them, optional
+        The same at all points, or of each.
     largest_temperature_range_k : float
         Above this the temperature counts as unsteady, which is a finding.
     largest_share : float, optional

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
-from torquebench.reducers.torque_uncertainty import TorqueUncertainty
+from torquebench.reducers.torque_uncertainty import KnownTorque, over
 from torquebench.uncertainty import Budget
 from torquebench.units import RAD_S_PER_RPM
 
@@ -108,7 +108,7 @@ class SteadyPoints:
 
 
 def points_of(
-    steady: SteadyPoints, known: tuple[TorqueUncertainty, TorqueUncertainty]
+    steady: SteadyPoints, known: tuple[KnownTorque, KnownTorque]
 ) -> tuple[EfficiencyPoint, ...]:
     """Return the mean of the repeats at every torque and speed, by driving side.
 
@@ -118,8 +118,8 @@ def points_of(
     Parameters
     ----------
     steady : SteadyPoints
-    known : pair of TorqueUncertainty
-        Of the input and of the output.
+    known : pair of TorqueUncertainty or of sequences of them
+        Of the input and of the output, the same at all points or of each.
     """
     used = np.isfinite(steady.share)
     torque_step = _clustered(steady.set_torque_nm)
@@ -147,7 +147,7 @@ def points_of(
 def _point(
     steady: SteadyPoints,
     here: NDArray[np.bool_],
-    known: tuple[TorqueUncertainty, TorqueUncertainty],
+    known: tuple[KnownTorque, KnownTorque],
     scatter: float | None,
     freedom: int,
 ) -> EfficiencyPoint:
@@ -157,8 +157,8 @@ def _point(
     turn = 1.0 if steady.driving[here][0] == 1 else -1.0
     parts: list[Contribution] = []
     for name, torque, of, pull, rpm in (
-        ("input", drive, known[0], -turn, speed),
-        ("output", load, known[1], turn, speed / steady.ratio),
+        ("input", drive, over(known[0], here), -turn, speed),
+        ("output", load, over(known[1], here), turn, speed / steady.ratio),
     ):
         size = value / abs(torque)
         signed = pull * float(np.sign(torque))

@@ -30,7 +30,7 @@ from torquebench.reducers.running.no_load_points import (
 )
 from torquebench.reducers.running.tare import Tare
 from torquebench.reducers.saturation import missed_speed
-from torquebench.reducers.torque_uncertainty import TorqueUncertainty
+from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty, over
 from torquebench.uncertainty import Budget
 
 if TYPE_CHECKING:
@@ -110,7 +110,7 @@ def evaluate_no_load(
     branch: ArrayLike | None = None,
     series: ArrayLike | None = None,
     temperature_c: ArrayLike | None = None,
-    uncertainty: TorqueUncertainty | None = None,
+    uncertainty: KnownTorque | None = None,
     tare: Tare | None = None,
     tolerance_rpm: float | None = None,
     largest_temperature_range_k: float = 2.0,
@@ -139,7 +139,8 @@ def evaluate_no_load(
         Points with one zero before them; by default one direction of one repeat.
     temperature_c : array of float, shape (n,), optional
         Of the reducer.
-    uncertainty : TorqueUncertainty, optional
+    uncertainty : TorqueUncertainty or sequence of them, optional
+        Of the torque: the same at all points, or of each.
     tare : Tare, optional
         Of an empty run, to be subtracted; then its uncertainty takes the place of what speed and
         drag may do.
@@ -191,7 +192,8 @@ def evaluate_no_load(
     correction = 0.0
     if reference_temperature_c is not None:
         torque, correction = _at_temperature(torque, warmth, reference_temperature_c, coefficient)
-    common = float(np.hypot(known.zero_nm, np.hypot(known.model_nm, known.drag_nm)))
+    every = over(known)
+    common = float(np.hypot(every.zero_nm, np.hypot(every.model_nm, every.drag_nm)))
     friction = evaluate_friction(
         speed, torque, turn, tolerance_rpm=tolerance_rpm, systematic_uncertainty_nm=common
     )

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.running.friction import FrictionCurve, FrictionResult
 from torquebench.reducers.running.tare import Tare
-from torquebench.reducers.torque_uncertainty import TorqueUncertainty
+from torquebench.reducers.torque_uncertainty import KnownTorque, over
 from torquebench.uncertainty import Budget
 
 __all__ = [
@@ -201,7 +201,7 @@ def scatter_findings(scatter: Scatter) -> list[Finding]:
 def points_of(
     steps: Steps,
     scatter: Scatter,
-    known: TorqueUncertainty,
+    uncertainty: KnownTorque,
     tare: Tare | None,
     correction: float,
 ) -> tuple[NoLoadPoint, ...]:
@@ -209,7 +209,7 @@ def points_of(
     points = []
     for place, centre in enumerate(steps.curve.speed_rpm):
         here = steps.index == place
-        mean, speed = steps.mean(place), float(centre)
+        mean, speed, known = steps.mean(place), float(centre), over(uncertainty, here)
         parts = [
             Contribution("torque zero", known.zero_nm),
             Contribution("compensation model", known.model_nm, sensitivity=np.sign(mean)),

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench import __version__
+from torquebench.bench.description import stated_uncertainty
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import (
     RAW,
@@ -382,7 +383,7 @@ def _judged_points(
     torque, expanded, decisions = judge_check(
         data,
         source.chain,
-        standard_uncertainty_percent=float(standard["expanded_uncertainty_percent"]),
+        standard=stated_uncertainty(standard, data.side, data.range_nm),
         tolerance_percent_fs=tolerance_percent_fs,
     )
     error = torque - data.standard_nm

@@ -84,7 +84,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
     unknown = words["not_stated"]
     transducer = " ".join(part for part in (item.manufacturer, item.model) if part) or unknown
     traceability = [
-        words["reference_text" if reference.of_range else "reference_text_relative"].format(
+        words[reference.label].format(
             model=reference.model or unknown,
             serial=reference.serial,
             certificate=reference.certificate_number or unknown,

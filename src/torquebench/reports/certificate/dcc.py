@@ -306,12 +306,11 @@ class _Writer:
     def _standard(self, parent: ElementTree.Element) -> None:
         reference = self.record.reference
         self._words(parent, "name", "reference")
-        text = "reference_text" if reference.of_range else "reference_text_relative"
         percent = f"{reference.expanded_uncertainty_percent:g}"
         self._words(
             parent,
             "description",
-            text,
+            reference.label,
             model=reference.model,
             serial=reference.serial,
             certificate=reference.certificate_number,

@@ -7,10 +7,11 @@ from datetime import date
 from types import UnionType
 from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
+from torquebench.bench.description import flat_of_range
 from torquebench.errors import RecordError
 from torquebench.records import json_text
 from torquebench.records.entries import sha256_of_record
-from torquebench.uncertainty import Verdict
+from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
 __all__ = [
     "PAYLOAD_PREFIX",
@@ -121,9 +122,12 @@ class Reference:
     Parameters
     ----------
     expanded_uncertainty_percent : float
-        k = 2, in % of the range, or of the torque where `of_range` is false.
+        k = 2, in % of the range, or of the torque where `of_range` is false; the largest one where
+        it is certified over the torque.
     performed, due : datetime.date or None
         Day of its calibration, and last day on which it counts; None if it wasn't stated.
+    certified : CertifiedUncertainty or None
+        Over the torque, where its certificate states a table.
     """
 
     serial: str
@@ -134,6 +138,25 @@ class Reference:
     performed: date | None = None
     due: date | None = None
     of_range: bool = True
+    certified: CertifiedUncertainty | None = None
+
+    @property
+    def label(self) -> str:
+        """Name of the words that state it."""
+        if self.certified is not None:
+            return "reference_text_table"
+        return "reference_text" if self.of_range else "reference_text_relative"
+
+    def uncertainty(self, range_nm: float) -> CertifiedUncertainty:
+        """Return U (k = 2) over the torque."""
+        if self.certified is not None:
+            return self.certified
+        share = 1e-2 * self.expanded_uncertainty_percent
+        return (
+            flat_of_range(share, range_nm)
+            if self.of_range
+            else CertifiedUncertainty.of_torque(share)
+        )
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,6 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.chain_effects import CERTIFIED_FROM_SHARE
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
     Component,
@@ -112,12 +111,12 @@ def evaluate_results(
     steps = _Steps.of(data)
     before = _Raw(data, steps, resolution_nm)
     after = None if chain is None else _Compensated(data, steps, chain, reference, resolution_nm)
+    certified_nm = reference.uncertainty(data.range_nm).at(steps.torque_nm)
     rows: list[ResultRow] = []
     decisions: list[Decision] = []
     budgets: list[Budget] = []
     for place in range(len(steps)):
-        scale_nm = data.range_nm if reference.of_range else abs(float(steps.torque_nm[place]))
-        raw = before.budget(place, reference.expanded_uncertainty_percent / 100.0 * scale_nm)
+        raw = before.budget(place, float(certified_nm[place]))
         compensated = None if after is None else after.budget(place)
         judged = compensated or raw
         decision = None
@@ -177,7 +176,7 @@ def turning_budget(
     farthest = max((rotation.low_c, rotation.high_c), key=lambda c: abs(c - rotation.calibrated_c))
     fastest = max((rotation.low_rpm, rotation.high_rpm), key=abs)
     largest = float(data.reading_nm[np.argmax(np.abs(data.standard_nm))])
-    torque = chain.with_effects([reference_of(reference, data.range_nm)]).torque(
+    torque = chain.with_effects([reference_of(reference, data.range_nm, chain)]).torque(
         Readings(
             np.array([largest]),
             branch=np.ones(1),
@@ -266,7 +265,7 @@ class _Compensated:
         reference: Reference,
         resolution_nm: float,
     ) -> None:
-        effects: list[Effect] = [reference_of(reference, data.range_nm)]
+        effects: list[Effect] = [reference_of(reference, data.range_nm, chain)]
         known = {type(effect) for effect in chain.stored}
         if data.temperature_c is not None and not known & {Temperature, MeasuredTemperature}:
             effects.append(
@@ -300,13 +299,14 @@ class _Compensated:
         return replace(mean, value_nm=mean.value_nm - self.standard_nm[place]).budget()
 
 
-def reference_of(reference: Reference, range_nm: float) -> ReferenceEffect:
-    """Return the effect of the standard that a certificate names."""
-    share = reference.expanded_uncertainty_percent / 100.0
+def reference_of(reference: Reference, range_nm: float, chain: MeasuringChain) -> ReferenceEffect:
+    """Return the effect of the standard that a certificate names, with a chain's other limits."""
     record = f"certificate {reference.certificate_number} of {reference.serial}"
-    if not reference.of_range:
-        return ReferenceEffect(record, expanded_uncertainty_of_torque=share)
-    return ReferenceEffect(record, share * range_nm, CERTIFIED_FROM_SHARE * range_nm)
+    certified = reference.uncertainty(range_nm)
+    known = next((each for each in chain.stored if isinstance(each, ReferenceEffect)), None)
+    if known is None:
+        return ReferenceEffect(record, certified)
+    return replace(known, record=record, certified=certified)
 
 
 class _Raw:

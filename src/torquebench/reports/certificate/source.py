@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from datetime import date
 from typing import Any
 
+from torquebench.bench.description import stated_uncertainty
 from torquebench.calibration import (
     CalibrationData,
     CalibrationRecord,
@@ -119,7 +120,7 @@ class Source:
             folder=folder,
             data=data,
             profile=profile,
-            reference=_reference(registry, calibration, folder),
+            reference=_reference(registry, calibration, folder, data),
             model_entry=model_entry,
             chain=None if model_entry is None else load_chain(model_entry.check_file()),
             unsettled=int(folder.results.get("unsettled", 0)),
@@ -175,7 +176,9 @@ def _changed_points(data: CalibrationData, calibration: CalibrationEntry) -> tup
     return ("the run's points aren't those of the registered calibration",)
 
 
-def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFolder) -> Reference:
+def _reference(
+    registry: Registry, calibration: CalibrationEntry, folder: RunFolder, data: CalibrationData
+) -> Reference:
     serial = calibration.standard_serial
     described = next(
         (each for each in registry.equipment("calibrator") if each.serial == serial),
@@ -190,27 +193,32 @@ def _reference(registry: Registry, calibration: CalibrationEntry, folder: RunFol
     stated: Mapping[str, Any] | None = folder.metadata.get("standard")
     if stated is not None:
         standard, report = stated, _stated_report(stated)
-    of_torque = standard.get("expanded_uncertainty_percent_of_torque")
-    percent = (
-        of_torque
-        or report.expanded_uncertainty_percent
-        or standard.get("expanded_uncertainty_percent")
-    )
+    relative = standard.get("expanded_uncertainty_of") == "torque"
+    percent = standard.get("expanded_uncertainty_percent")
+    if not relative:
+        percent = report.expanded_uncertainty_percent or percent
     if percent is None:
         raise RecordError(
             f"no stated uncertainty of the standard {serial}",
             "its expanded uncertainty (k = 2) in % of the range",
             "enter its certificate",
         )
+    number = str(standard.get("certificate_number", ""))
+    certified = None
+    if (standard.get("certified") or {}).get(data.side) and report.number in ("", number):
+        certified = stated_uncertainty(standard, data.side, data.range_nm)
+        largest = 100.0 * certified.largest_nm(data.range_nm) / data.range_nm
+        percent = float(f"{largest:.3g}")
     return Reference(
         serial=serial,
         model=str(standard.get("model", described.model)),
-        certificate_number=report.number or str(standard.get("certificate_number", "")),
+        certificate_number=report.number or number,
         laboratory=report.laboratory,
         expanded_uncertainty_percent=float(percent),
         performed=report.performed or _day(standard.get("certificate_date")),
         due=report.due,
-        of_range=of_torque is None,
+        of_range=not relative or certified is not None,
+        certified=certified,
     )
 
 

@@ -74,8 +74,7 @@ def static_tables(
         results = calibration_results(
             data.subset(stepped),
             resolution_nm=resolution_nm,
-            reference_uncertainty_percent=reference.expanded_uncertainty_percent,
-            reference_of_range=reference.of_range,
+            reference=reference.uncertainty(data.range_nm),
             torque_nm=None if torque is None else torque[stepped],
         )
     except InputError:  # a step or a series is missing, which the deviations name

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from torquebench.bench.description import stated_uncertainty
 from torquebench.calibration import (
     CalibrationData,
     ErrorSummary,
@@ -155,14 +156,15 @@ def verification_result(
     seed: int | None = None,
 ) -> JobResult:
     """Judge every model at the points of a verification."""
-    standard = station.description.verification_standard.expanded_uncertainty_percent
+    described = station.description.verification_standard.model_dump()
+    standard = stated_uncertainty(described, data.side, data.range_nm)
     details: dict[str, Any] = {}
     verdicts = {}
     for name in ("raw", *models):
         torque, expanded, decisions = judge_check(
             data,
             models.get(name),
-            standard_uncertainty_percent=standard,
+            standard=standard,
             tolerance_percent_fs=tolerance_percent_fs,
         )
         verdicts[name] = Verdict.worst(each.verdict for each in decisions)

@@ -37,6 +37,7 @@ from torquebench.records import Equipment, Registry, Report, decode_csv, parse_c
 from torquebench.records.table_files import table_text
 from torquebench.records.table_formats import is_csv
 from torquebench.reports.certificate import person_among
+from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import validated
 
 __all__ = [
@@ -350,7 +351,7 @@ def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDire
     results = calibration_results(
         points.data,
         resolution_nm=asked.resolution_nm,
-        reference_uncertainty_percent=asked.reference_uncertainty_percent,
+        reference=CertifiedUncertainty.of_torque(1e-2 * asked.reference_uncertainty_percent),
     )
     found = []
     for direction in results.directions:

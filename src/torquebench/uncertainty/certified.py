@@ -1,0 +1,125 @@
+"""Uncertainty of a torque standard over the torque, as its certificate states it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+
+__all__ = ["CertifiedUncertainty"]
+
+FloatArray = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class CertifiedUncertainty:
+    """Expanded uncertainty (k = 2) of a torque standard at its certified torques.
+
+    Linear in between. The standard is zeroed where it is used: from its smallest certified torque
+    on down, and from its largest on up, the uncertainty is a constant share of the torque. What is
+    stated for one direction only holds for both.
+
+    Parameters
+    ----------
+    torque_nm : tuple of float
+        Certified torques, strictly increasing, without 0, N·m.
+    expanded_nm : tuple of float
+        U (k = 2) at these, N·m.
+
+    Raises
+    ------
+    InputError
+        No point, unlike lengths, torques that don't increase, a torque of 0, a negative U, NaN.
+
+    Examples
+    --------
+    >>> CertifiedUncertainty.flat(0.4, 40.0, 2000.0).at([20.0, 40.0, -1500.0]).tolist()
+    [0.2, 0.4, 0.4]
+    >>> CertifiedUncertainty.of_torque(5e-4).at([-100.0, 2000.0]).tolist()
+    [0.05, 1.0]
+    >>> CertifiedUncertainty.of_table([0.0, 40.0, 2000.0], [0.0, 0.02, 0.2]).at(1020.0).round(3)
+    np.float64(0.11)
+    """
+
+    torque_nm: tuple[float, ...]
+    expanded_nm: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        torque, expanded = np.array(self.torque_nm), np.array(self.expanded_nm)
+        known = torque.size == expanded.size > 0 and np.isfinite([*torque, *expanded]).all()
+        if not (known and (np.diff(torque) > 0).all() and (torque != 0).all()):
+            raise InputError(
+                f"U {_listed(self.expanded_nm)} N·m at torques {_listed(self.torque_nm)} N·m",
+                "one U for each torque; torques increasing, other than 0",
+                "enter the table as the standard's certificate has it",
+            )
+        if (expanded < 0).any():
+            raise InputError(f"U of a standard of {expanded.min():g} N·m", "0 or more")
+
+    @classmethod
+    def flat(cls, expanded_nm: float, from_nm: float, to_nm: float) -> CertifiedUncertainty:
+        """Return one U in N·m for all torques from the smallest certified to the largest."""
+        return cls((from_nm, to_nm), (expanded_nm, expanded_nm))
+
+    @classmethod
+    def of_torque(cls, share: float) -> CertifiedUncertainty:
+        """Return a U that is a share of every torque."""
+        return cls((1.0,), (share,))
+
+    @classmethod
+    def of_table(cls, torque_nm: ArrayLike, expanded_nm: ArrayLike) -> CertifiedUncertainty:
+        """Return the U of a certificate's table.
+
+        A line at 0 doesn't count, because the standard is zeroed. Points on a straight line between
+        their neighbours are left out.
+        """
+        torque, expanded = np.asarray(torque_nm, np.float64), np.asarray(expanded_nm, np.float64)
+        if torque.shape == expanded.shape and torque.ndim == 1:
+            down, up = torque < 0, ~(torque <= 0)
+            sides = [_thinned(torque[here], expanded[here]) for here in (down, up)]
+            torque, expanded = np.concatenate(sides, axis=1)
+        return cls(tuple(torque.ravel().tolist()), tuple(expanded.ravel().tolist()))
+
+    @cached_property
+    def _sides(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
+        """Sizes and U of the points of both directions of torque, negative first."""
+        torque, expanded = np.array(self.torque_nm), np.array(self.expanded_nm)
+        up = torque > 0
+        sides = ((-torque[~up][::-1], expanded[~up][::-1]), (torque[up], expanded[up]))
+        return tuple(side for side in sides if side[0].size)
+
+    def at(self, torque_nm: ArrayLike) -> FloatArray:
+        """Return U (k = 2) at torques, N·m."""
+        torque = np.asarray(torque_nm, dtype=np.float64)
+        size = np.abs(torque)
+        found = [_interpolated(size, *side) for side in self._sides]
+        return found[0] if len(found) == 1 else np.where(torque < 0, *found)
+
+    def largest_nm(self, range_nm: float) -> float:
+        """Return the largest U up to a torque, N·m."""
+        inside = [each for each in self.torque_nm if abs(each) <= range_nm]
+        return float(np.max(self.at([-range_nm, range_nm, *inside])))
+
+
+def _interpolated(size: FloatArray, certified: FloatArray, expanded: FloatArray) -> FloatArray:
+    within = np.clip(size, certified[0], certified[-1])
+    return np.asarray(np.interp(within, certified, expanded) * (size / within))
+
+
+def _thinned(torque: FloatArray, expanded: FloatArray) -> FloatArray:
+    """Return the ends and every point off the straight line of its neighbours, of shape (2, n)."""
+    points = np.stack([torque, expanded])
+    if torque.size < 3:
+        return points
+    before, after = torque[1:-1] - torque[:-2], torque[2:] - torque[1:-1]
+    rise = expanded[1:-1] - expanded[:-2], expanded[2:] - expanded[1:-1]
+    bent = np.abs(rise[0] * after - rise[1] * before) > 1e-9 * np.max(np.abs(expanded)) * after
+    return points[:, np.concatenate([[True], bent, [True]])]
+
+
+def _listed(values: tuple[float, ...]) -> str:
+    return ", ".join(f"{value:g}" for value in values[:5]) + (", …" if len(values) > 5 else "")
