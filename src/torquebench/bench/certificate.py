@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,7 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
-from torquebench.uncertainty import CertifiedUncertainty
+
+if TYPE_CHECKING:
+    from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["ReferenceCertificate", "read_certificate", "read_uncertainty"]
 
@@ -77,6 +80,8 @@ class ReferenceCertificate:
     @property
     def certified(self) -> CertifiedUncertainty:
         """U (k = 2) over the torque."""
+        from torquebench.uncertainty import CertifiedUncertainty  # heavy
+
         return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
 
 
@@ -125,6 +130,8 @@ def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
     InputError
         With file, line and column.
     """
+    from torquebench.uncertainty import CertifiedUncertainty
+
     rows = read_rows(
         path,
         ("torque_nm", "expanded_uncertainty_nm"),

@@ -7,7 +7,7 @@ from datetime import date
 from importlib import resources
 from math import hypot, sqrt
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
@@ -15,9 +15,11 @@ from torquebench.bench.certificate import ReferenceCertificate, read_certificate
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.signals import FrequencyScale
-from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.units import RAD_S_PER_RPM
 from torquebench.validation import ConflictError, parse_toml, validated
+
+if TYPE_CHECKING:
+    from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
     "BenchDescription",
@@ -254,6 +256,8 @@ class CertifiedPoints(_Section):
 
     def certified(self) -> CertifiedUncertainty:
         """Return it over the torque."""
+        from torquebench.uncertainty import CertifiedUncertainty  # heavy
+
         return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
 
 
@@ -322,6 +326,8 @@ def stated_uncertainty(
     points = (standard.get("certified") or {}).get(side)
     if points:
         return CertifiedPoints.model_validate(points).certified()
+    from torquebench.uncertainty import CertifiedUncertainty
+
     share = 1e-2 * float(standard["expanded_uncertainty_percent"])
     if standard.get("expanded_uncertainty_of") == "torque":
         return CertifiedUncertainty.of_torque(share)
@@ -335,6 +341,8 @@ its range: the first of 50 steps."""
 
 def flat_of_range(share: float, range_nm: float) -> CertifiedUncertainty:
     """Return a U that is a share of a range for all its torques."""
+    from torquebench.uncertainty import CertifiedUncertainty
+
     return CertifiedUncertainty.flat(share * range_nm, CERTIFIED_FROM_SHARE * range_nm, range_nm)
 
 
