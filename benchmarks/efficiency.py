@@ -192,10 +192,10 @@ def budget_of(points: Sequence[Point]) -> list[tuple[str, ...]]:
 
 
 def missed(points: Sequence[Point]) -> list[str]:
-    """Return the aims that are missed, in words."""
+    """Return the aims that means of both directions miss, in words."""
     said = []
     for low, high, aim in ((0.0, HALF, AIM_LOW), (HALF, 2.0, AIM_HIGH)):
-        worst = max(each.relative for each in points if low <= each.share < high)
+        worst = max(each.relative for each in points if each.both and low <= each.share < high)
         if worst > aim:
             said.append(f"U up to {worst:.3f} % of the efficiency, allowed {aim:g} %")
     return said
