@@ -147,7 +147,7 @@ def coverage(points: Sequence[Point]) -> float:
 
 def rows_of(points: Sequence[Point]) -> list[tuple[str, ...]]:
     """Return a row for each torque, for single directions and for the mean of both."""
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for both in (True, False):
         for share in sorted({each.share for each in points}):
             here = [each for each in points if each.share == share and each.both == both]
