@@ -97,7 +97,7 @@ class Turns:
         return True
 
     async def _give(self) -> None:
-        """Give turns while somebody waits; an address that had one goes to the end of the queue."""
+        """Give turns while requests wait; an address that had one goes to the end of the queue."""
         while self._waiting:
             if not self._take():
                 await asyncio.sleep(1.0 / A_SECOND)

@@ -607,7 +607,7 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
     where = "; ".join(f"{words}: {' / '.join(found) or 'none'}" for words, found in holds.items())
     fails = sum(1 for row in networks if row.ratio < 1.0)
     few = f"; {seeds} chains are few, without --quick there are {CHAINS}" if seeds < CHAINS else ""
-    families = f"{seeds} chains of each family on which the best quadratic leaves"
+    families = f"{seeds} chains of each family, for which the best quadratic has an error of"
     return Answer(
         f"variants of BP with a ratio of {CLAIMED_RATIO:.1f} on most chains: {where}. "
         f"{fails} of {len(networks)} variants are worse than the polynomial",
@@ -620,16 +620,15 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
             groups,
             lambda row: f"{number(row.ratio)} ({row.beats})",
             "Worst error of the polynomial divided by that of the model, median over the chains; "
-            f"in brackets on how many of {seeds} chains it is {CLAIMED_RATIO:.1f} or more. "
+            f"in brackets the number of {seeds} chains with a ratio of {CLAIMED_RATIO:.1f} or more. "
             f"{families} {POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m.",
         ),
         _study_table(
             rows,
             groups,
             lambda row: f"{number(row.worst_nm)} ({row.below})",
-            "Worst of 500 fresh single readings in N·m, median over the chains; in brackets on how "
-            f"many of {seeds} chains it is below {NETWORK_NM:g} N·m. The documentation has a wider "
-            "table.",
+            "Worst of 500 fresh single readings in N·m, median over the chains; in brackets the "
+            f"number of {seeds} chains below {NETWORK_NM:g} N·m. The documentation has a wider table.",
         ),
     ]
 

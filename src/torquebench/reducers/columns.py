@@ -51,7 +51,7 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[NDArray[np.float64
 
 
 def labels(values: ArrayLike | None, size: int, default: float, name: str) -> NDArray[np.float64]:
-    """Return labels, shape (size,); the default everywhere if there are none.
+    """Return labels, shape (size,); by default the same for all.
 
     Raises
     ------

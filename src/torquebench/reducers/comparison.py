@@ -47,7 +47,7 @@ class Change:
     ----------
     key : str
     change : Budget
-        After less before, in the unit of both; what both have in common cancels.
+        After less before, in the unit of both; common contributions cancel.
     relative_percent : float
         Of the value before; NaN where that is 0.
     significant : bool
@@ -70,7 +70,7 @@ class SpecimenComparison:
     specimens : mapping of str to Budget
         By serial number.
     mean : Budget
-        Over the specimens: spread, and what all have in common.
+        Over the specimens: spread, and common contributions.
     spread : float
         Standard deviation between specimens (of their values), in the unit.
     outliers : tuple of str

@@ -57,9 +57,9 @@ class Finding:
     name : str
         Short name for programs, such as ``"drive saturation"``.
     message : str
-        What was found, with its value and limit.
+        The finding with its value and limit.
     remedy : str
-        What to do about it.
+        Remedy.
     severe : bool
         Whether the result shouldn't be used for a verdict.
     """
@@ -71,7 +71,7 @@ class Finding:
 
     @property
     def sentence(self) -> str:
-        """Result and what to do about it, without the name."""
+        """Finding and remedy, without the name."""
         return f"{self.message}; {self.remedy}"
 
     def __str__(self) -> str:
@@ -102,14 +102,14 @@ class ResultQuantity:
 
 @dataclass(frozen=True)
 class LimitedQuantity:
-    """A value of a result and what the data sheet allows.
+    """A value of a result and the data sheet's limit.
 
     Parameters
     ----------
     key, title : str
     estimate : Budget
     lower, upper : float or None
-        Limits in the estimate's unit; None where there is none.
+        Limits in the estimate's unit; None without one.
     """
 
     key: str
@@ -120,11 +120,11 @@ class LimitedQuantity:
 
 
 class ReducerResult(Protocol):
-    """What the evaluation of a reducer test returns."""
+    """Result of the evaluation of a reducer test."""
 
     @property
     def findings(self) -> tuple[Finding, ...]:
-        """What a reader has to know about the data."""
+        """Remarks about the data."""
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""

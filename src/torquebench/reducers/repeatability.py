@@ -11,7 +11,7 @@ __all__ = ["errors_of_means", "over_positions"]
 def over_positions(
     values: NDArray[np.float64], position: NDArray[np.float64]
 ) -> tuple[float, list[Contribution]]:
-    """Return the mean over positions, and what loops and positions contribute to it.
+    """Return the mean over positions, and the contributions of loops and positions.
 
     The scatter of loops at one position and the scatter between positions beyond it are separate
     (random effects); with equal numbers of loops the value is the mean of all.
@@ -50,8 +50,8 @@ def errors_of_means(
 ) -> tuple[float, float]:
     """Return the smallest mean of a test's points, and the standard error of such a mean.
 
-    Each repeat gives one mean over both directions at each point. How these scatter from repeat
-    to repeat is pooled over the points; what a whole repeat shares is in it.
+    Each repeat gives one mean over both directions at each point. The scatter between repeats is
+    pooled over the points and includes errors common to a whole repeat.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ MISSED = 0.05
 
 
 def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
-    """Say where the drive doesn't follow what it is requested."""
+    """State where the drive doesn't follow its set points."""
     largest = float(np.quantile(np.abs(torque), 0.99))
     if demanded is not None:
         wanted = float(np.max(np.abs(demanded)))

@@ -22,17 +22,16 @@ class TorqueUncertainty:
     relative : float
         Of the sensitivity, as a share of reading.
     zero_nm : float
-        Of the zero that was taken just before, N·m; the same in both directions, so that it
-        cancels in their mean.
+        Of the zero measured just before, N·m; the same in both directions, so that it cancels in
+        their mean.
     model_nm : float
-        Of the compensation, N·m; what it gets wrong may turn its sign with the torque.
+        Of the compensation, N·m; its error may change sign with the torque.
     speed_nm_per_rpm : float
-        What a speed may move the zero by, N·m per 1/min; cancels in the mean of both directions.
+        Of the zero over speed, N·m per 1/min; cancels in the mean of both directions.
     drag_nm : float
-        Of bearings that turn with the shaft between transducer and flange, N·m; it turns its sign
-        with the speed.
+        Of bearings between transducer and flange, N·m; it changes sign with the speed.
     repeatability_nm : float
-        Of one loading, N·m; counts only where a test doesn't show it by repeats.
+        Of one loading, N·m; used only if a test has no repeats that show it.
     """
 
     relative: float = 0.0

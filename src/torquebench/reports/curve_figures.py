@@ -46,7 +46,7 @@ class Panel:
     range_nm : float, optional
         Full scale of an ordinate in N·m: adds an axis in % FS.
     logarithmic : str
-        Which axes are: "", "x", "y" or "xy".
+        Logarithmic axes: "", "x", "y" or "xy".
     title : str
     """
 

@@ -20,7 +20,7 @@ def demo_page(result: DemoResult) -> Page:
     Parameters
     ----------
     result : DemoResult
-        What the campaign found out.
+        Results of the campaign.
 
     Returns
     -------

@@ -57,7 +57,7 @@ def errors_table(
     rows : sequence of (str, ErrorSummary)
         Name of the row and its errors.
     caption : str
-        Against what, on which points.
+        Reference and points.
     emphasised : int, optional
         Row to mark.
 

@@ -64,7 +64,7 @@ def evaluation_page(
         Name of the table.
     result : ReducerResult or FrictionResult
     judged : sequence of QuantityVerdict
-        What the data sheet limits.
+        Quantities with a limit in the data sheet.
     reducer : ReducerDescription or None
     """
     facts = [("Table", source)]
@@ -190,7 +190,7 @@ def static_page(
         Name of the table.
     points : CalibrationData
     profile : Profile
-        What it was held against.
+        Profile for comparison.
     deviations : sequence of Deviation
         Deviations from it.
     results : CalibrationResults or None

@@ -37,7 +37,7 @@ __all__ = ["ExportedRun", "export_run"]
 
 @dataclass(frozen=True)
 class ExportedRun:
-    """What an export has written.
+    """Written files of an export.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ _FILES = {
 
 
 def file_words(name: str) -> str:
-    """Return what a file of an export is.
+    """Return the description of a file of an export.
 
     Examples
     --------

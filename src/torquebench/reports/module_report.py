@@ -62,7 +62,7 @@ def module_sections(module: ModuleResult) -> list[Section]:
     Parameters
     ----------
     module : ModuleResult
-        What a campaign found out about the module.
+        Results of a campaign for the module.
 
     Returns
     -------

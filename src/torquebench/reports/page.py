@@ -43,7 +43,7 @@ class Table:
     rows : sequence of sequence of str
         Cells, already formatted.
     caption : str
-        What the table shows.
+        Caption of the table.
     emphasised : int or None
         Index of the row to mark, such as the recommended model.
     words : bool
@@ -73,7 +73,7 @@ class Figure:
     svg : str
         Text of an ``<svg>`` element, as the functions of `figures` return it.
     caption : str
-        What the figure shows, on what.
+        Caption of the figure, with its data.
     """
 
     svg: str
@@ -83,7 +83,7 @@ class Figure:
 
 @dataclass(frozen=True)
 class Section:
-    """A heading, a sentence or two, and what belongs below it.
+    """A heading, a sentence or two, and the content below it.
 
     Attributes
     ----------

@@ -28,7 +28,7 @@ def reducer_page(record: ReducerTestRecord) -> Page:
     Parameters
     ----------
     record : ReducerTestRecord
-        What `run_reducer_test` found.
+        Results of `run_reducer_test`.
 
     Returns
     -------

@@ -98,7 +98,7 @@ def standard_reducer_page(
     name, certificate : str
         Of the reducer.
     compensation : str
-        By which model the input module was compensated, in words.
+        Compensation model of the input module, in words.
     run_id : str
         That holds the raw data.
     simulated : bool

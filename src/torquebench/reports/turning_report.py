@@ -57,7 +57,7 @@ def turning_section(data: CalibrationData, torque: Torque, tolerance_percent: fl
     data : CalibrationData
         Points with their speed and temperature, against the true torque where it is known.
     torque : Torque
-        What the measuring chain states of them.
+        Their torque by the measuring chain.
     tolerance_percent : float
         % FS, marked in the figures.
     """

@@ -24,7 +24,7 @@ __all__ = [
 
 @dataclass(frozen=True, eq=False)
 class Verified:
-    """What one model makes of the readings of a verification.
+    """Results of one model for the readings of a verification.
 
     Attributes
     ----------

@@ -1,8 +1,8 @@
 """From pulses to torque and steady values.
 
 Edge times of the transducers' frequency outputs become frequency per window with its standard
-uncertainty, torque by measured zero and per-direction sensitivity, and the steady value of a
-step. What isn't a valid signal is a typed fault, never a number.
+uncertainty, torque by measured zero and per-direction sensitivity, and the steady value of a step.
+An invalid signal is a typed fault, never a number.
 """
 
 import lazy_loader

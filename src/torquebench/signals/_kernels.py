@@ -248,7 +248,7 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
     wrong_falls : bool
         Whether that is a falling edge.
     suspects : int
-        How many windows are SUSPECT.
+        Number of SUSPECT windows.
     largest_sum : float
         Bound of the largest sum: the most edges in a window, squared, times its length in ticks.
     """

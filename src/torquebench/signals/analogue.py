@@ -19,7 +19,7 @@ _LEAST_SWING = 1e-9
 
 @dataclass(frozen=True, slots=True)
 class Threshold:
-    """Where a wave switches: up through level + hysteresis/2, down through level − hysteresis/2.
+    """Thresholds of a wave: up through level + hysteresis/2, down through level − hysteresis/2.
 
     Parameters
     ----------

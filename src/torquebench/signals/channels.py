@@ -123,7 +123,7 @@ def advanced(value: ArrayLike, shift: float) -> tuple[NDArray[np.float64], int]:
     value : array_like, shape (n,)
         Samples.
     shift : float
-        How many samples later; any part of one, also negative.
+        Delay in samples; may be fractional or negative.
 
     Returns
     -------

@@ -27,7 +27,7 @@ class DigitalInput:
     sample_rate_hz : float
         Samples per second.
     bit_order : {"lowest first", "highest first"}
-        Which bit of a byte is its first sample, for packed samples.
+        The bit of a byte that is its first sample, for packed samples.
 
     Examples
     --------

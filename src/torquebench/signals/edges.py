@@ -18,7 +18,7 @@ def as_ticks(values: ArrayLike, name: str = "ticks") -> NDArray[np.int64]:
     values : array_like of int, shape (n,)
         Ticks of the timebase.
     name : str
-        How an error message calls them.
+        Name in error messages.
 
     Raises
     ------

@@ -29,12 +29,12 @@ class SignalFaultKind(IntEnum):
 
     @property
     def description(self) -> str:
-        """What the code means, in words."""
+        """Meaning of the code."""
         return _DESCRIPTIONS[self]
 
     @property
     def remedy(self) -> str:
-        """What the operator can do about it."""
+        """Remedy for the operator."""
         return _REMEDIES[self]
 
 
@@ -67,11 +67,11 @@ class PulseTrainFault(SignalFault):
     Parameters
     ----------
     kind : SignalFaultKind
-        What is wrong.
+        Kind of the fault.
     found : str
-        What was found, with channel, time, value and unit.
+        The finding with channel, time, value and unit.
     allowed : str, optional
-        What would have been allowed.
+        The allowed values.
 
     Examples
     --------

@@ -48,9 +48,9 @@ def resample_in_angle(
 ) -> AngleRecord:
     """Read a value at even angles: torque against angle, and order tracking.
 
-    Each angle's time comes from the angle channel (a monotone cubic), the value at that time
-    from a cubic spline. What changes faster than half of the samples per revolution must have
-    been filtered before, or it is folded into lower orders.
+    Each angle's time comes from the angle channel (a monotone cubic), the value at that time from a
+    cubic spline. Changes faster than half of the samples per revolution must be filtered before, or
+    they alias into lower orders.
 
     Parameters
     ----------

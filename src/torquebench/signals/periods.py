@@ -55,7 +55,7 @@ def edges_of_periods(period_ticks: ArrayLike, timebase_hz: float, start_tick: in
 
 
 class FrequencyInput:
-    """Stream of a counter that delivers frequencies: marks what can't be a number.
+    """Stream of a counter that delivers frequencies: marks invalid values as faults.
 
     Parameters
     ----------

@@ -105,7 +105,7 @@ def ripple_terms(
     period_s : float
         Period in seconds.
     harmonics : int
-        How many, the fundamental among them.
+        Number of harmonics, including the fundamental.
 
     Returns
     -------

@@ -65,8 +65,8 @@ class FrequencySamples(_Samples):
     fault : uint8 array, shape (n,)
         `SignalFaultKind` codes, 0 where the number is good.
     frequency_hz : float64 array, shape (n,)
-        Frequency in Hz. Where there is a fault there is no number: the place holds NaN, which
-        no arithmetic can turn into a plausible torque. Read `valid` or call `raise_on_fault`.
+        Frequency in Hz. A faulty value is NaN, which no arithmetic can turn into a plausible
+        torque. Read `valid` or call `raise_on_fault`.
     edges : int64 array, shape (n,)
         Edges counted in each window (both edges together where both are timed).
     standard_uncertainty_hz : float64 array, shape (n,)

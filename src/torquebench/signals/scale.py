@@ -14,7 +14,7 @@ __all__ = ["FrequencyScale", "TimebaseEffect"]
 
 @dataclass(frozen=True, slots=True)
 class TimebaseEffect:
-    """What a timebase error does to a torque reading whose zero isn't measured by that clock."""
+    """Effect of a timebase error on a torque reading whose zero wasn't measured by that clock."""
 
     zero_shift_nm: float
     gain_error: float
@@ -29,10 +29,10 @@ class FrequencyScale:
     certificate or the nominal values (60 kHz option: 15 Hz/(N·m) at 2 kN·m, 600 Hz/(N·m) at
     50 N·m).
 
-    A timebase that runs wrong by δ multiplies every frequency by 1 + δ: with a nominal zero
-    that shifts torque by δ·f₀/S (2δ of full scale for 60 ± 30 kHz) and its gain by δ. A zero
-    measured with the same clock takes the shift away; calibrating and measuring with the same
-    clock takes the gain error away. So a calibration is valid for one counter: record which.
+    A timebase that runs wrong by δ multiplies every frequency by 1 + δ: with a nominal zero that
+    shifts torque by δ·f₀/S (2δ of full scale for 60 ± 30 kHz) and its gain by δ. A zero measured
+    with the same clock removes the shift; calibrating and measuring with the same clock removes the
+    gain error. So a calibration is valid for one counter: record which.
 
     Parameters
     ----------

@@ -1,17 +1,16 @@
 """The server of the control channel: lines of JSON, see `bench.drivers.simulation_control`.
 
-Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do": "seat"}`,
-`{"do": "misbehave", "endpoint": "input_drive", "kind": "drop", "replies": 3}` (and `amount`,
-`duration_s`), `{"do": "heal"}` (and `endpoint`), `{"do": "fault", "channel": "output_torque",
-"kind": "silent", "duration_s": 0.2}` (and `amount`; of the signal itself, in bench time),
-`{"do": "truth", "side": "output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s`
-to `stop_s` of the client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}`
-(noise-free readings along a path), `{"do": "certificates"}` (of the simulated calibrator),
-`{"do": "encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "mounting"}` (what a
-person would enter of it), `{"do": "supply", "on": false}` (of the drives), `{"do": "drive_log",
-"side": "output"}` (what that drive was told and did, with its set points then, in the plant's
-time). Every answer is an object, with `error`
-where the request can't be done.
+Requests: `{"do": "status"}`, `{"do": "mount", "mounting": "calibrator"}`, `{"do": "seat"}`, `{"do":
+"misbehave", "endpoint": "input_drive", "kind": "drop", "replies": 3}` (and `amount`, `duration_s`),
+`{"do": "heal"}` (and `endpoint`), `{"do": "fault", "channel": "output_torque", "kind": "silent",
+"duration_s": 0.2}` (and `amount`; of the signal itself, in bench time), `{"do": "truth", "side":
+"output"}` (mean true torque in N·m, over the last 0.1 s or from `start_s` to `stop_s` of the
+client's bench time), `{"do": "sweep", "side": "output", "torque_nm": [...]}` (noise-free readings
+along a path), `{"do": "certificates"}` (of the simulated calibrator), `{"do":
+"encoder_certificates"}`, `{"do": "reducer_certificate"}`, `{"do": "mounting"}` (the record of the
+mounting), `{"do": "supply", "on": false}` (of the drives), `{"do": "drive_log", "side": "output"}`
+(commands and reactions of that drive with its set points, in the plant's time). Every answer is an
+object, with `error` where the request can't be done.
 """
 
 from __future__ import annotations
@@ -41,7 +40,7 @@ def _refuse(constant: str) -> float:
 
 
 class ControlServer(LineServer):
-    """Does what no instrument can: mounts, breaks and heals.
+    """Mounts objects, and breaks and repairs wires.
 
     Parameters
     ----------

@@ -143,7 +143,7 @@ class WireFaults:
 
     @property
     def lying(self) -> bool:
-        """Whether it states the opposite of what is."""
+        """Whether it states the opposite of the true values."""
         return self.active("lie")
 
     @property
@@ -167,7 +167,7 @@ class WireFaults:
         return self._amount("scale", 1.0)
 
     def age_s(self) -> float:
-        """Draw how old what is stated now is, s."""
+        """Draw the age of the stated value, s."""
         amount_s = self._amount("jitter", 0.0)
         return self._random.uniform(0.0, amount_s) if amount_s else 0.0
 
@@ -213,7 +213,7 @@ class Misbehaviour:
     Parameters
     ----------
     seed : int
-        Of what is drawn when bytes are garbled.
+        Seed of the garbled bytes.
 
     Examples
     --------
@@ -229,7 +229,7 @@ class Misbehaviour:
         self._endpoints: dict[str, WireFaults] = {}
 
     def endpoint(self, name: str) -> WireFaults:
-        """Return what an endpoint is to do wrong; the first call makes it known."""
+        """Return the faults of an endpoint; the first call registers it."""
         return self._endpoints.setdefault(name, WireFaults(name, self._random))
 
     def alias(self, name: str, endpoint: str) -> None:
@@ -258,11 +258,11 @@ class Misbehaviour:
         kind : str
             See the module.
         amount : float, optional
-            How much, of the kinds that have an amount.
+            Amount, for kinds that have one.
         replies : int, optional
             For so many answers.
         duration_s : float, optional
-            For so long, s of wall time.
+            Duration, s of wall time.
 
         Raises
         ------

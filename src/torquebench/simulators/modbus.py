@@ -56,7 +56,7 @@ class ModbusSimulator(LineServer):
         Port 0 takes a free one, which `port` then says.
     unit : int
     base : int
-        Where the image's registers begin.
+        First register of the image.
     """
 
     def __init__(
@@ -69,7 +69,7 @@ class ModbusSimulator(LineServer):
         super().__init__(faults, host, port)
 
     def attend(self, connection: socket.socket) -> None:
-        """Answer one client until it goes, or sends what isn't Modbus."""
+        """Answer one client until it disconnects or sends invalid Modbus data."""
         received = b""
         with contextlib.suppress(OSError):
             while data := connection.recv(4096):

@@ -32,13 +32,13 @@ _MODES: tuple[Mode, ...] = ("free", "driven", "locked")
 
 
 class Image(ABC):  # noqa: B024 - no instrument has every table
-    """One instrument's memory, by address; what isn't there is an illegal address.
+    """One instrument's memory, by address; other addresses are illegal.
 
     Parameters
     ----------
     plant : Plant
     faults : WireFaults
-        For lying, and what else changes what it states or does.
+        Ordered faults of its values and actions.
     model, serial : str
         For the name plate.
     """
@@ -79,7 +79,7 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
         raise IndexError(address + len(values))
 
     def switched(self, address: int, values: list[int]) -> None:
-        """Take what was written into coils, as `written`."""
+        """Accept a write to coils, like `written`."""
         raise IndexError(address + len(values))
 
 
@@ -138,7 +138,7 @@ class DriveImage(Image):
         return reserved | _placed({int(place): block for place, block in words.items()})
 
     def holding(self) -> dict[int, int]:
-        """Return what was written last."""
+        """Return the last written values."""
         return dict(enumerate(self._holding))
 
     def written(self, address: int, values: list[int]) -> None:
@@ -285,7 +285,7 @@ class DigitalImage(Image):
         self._coils[Coil.RAIL] = int(plant.bench.position() == "end")
 
     def coils(self) -> dict[int, int]:
-        """Return what was commanded."""
+        """Return the commanded values."""
         return dict(enumerate(self._coils))
 
     def contacts(self) -> dict[int, int]:
@@ -305,7 +305,7 @@ class DigitalImage(Image):
         return found
 
     def switched(self, address: int, values: list[int]) -> None:
-        """Move what the coils say, as far as they were written."""
+        """Move the parts whose coils were written."""
         touched = range(address, address + len(values))
         if touched.stop > len(self._coils):
             raise IndexError(touched.stop)

@@ -134,7 +134,7 @@ class Simulators:
         kind : str
             Endpoints of one kind with one address are one instrument, or one bus.
         join : callable
-            Called with what serves the address, to put something onto a bus.
+            Called with the server of the address, to add nodes to a bus.
         """
         host, port = split_address(address, lowest=0)
         known = self._places.get((kind, address))
@@ -154,7 +154,7 @@ class Simulators:
 
     @property
     def addresses(self) -> Mapping[str, str]:
-        """Where each endpoint is, for people."""
+        """Address of each endpoint, for display."""
         found = {"control": self._served["control"]}
         named = {name: f"{served.host}:{served.port}" for name, served in found.items()}
         for (kind, _), (role, true) in self._places.items():

@@ -50,7 +50,7 @@ ATTEMPTS = 5
 
 @dataclass
 class Backup:
-    """What a backup copied.
+    """Copied files of a backup.
 
     Attributes
     ----------
@@ -63,7 +63,7 @@ class Backup:
     files : int
         Other files that were copied.
     problems : list of str
-        What couldn't be copied since it is damaged or missing.
+        Files that couldn't be copied since they are damaged or missing.
     outside : list of str
         Files in the registry that are outside the data directory.
     """
@@ -86,7 +86,7 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
     target : pathlib.Path
         A new or empty folder, or an earlier backup of the same records.
     progress : Progress
-        Told what is being copied.
+        Receives the progress of copying.
 
     Raises
     ------
@@ -316,16 +316,16 @@ def _outside(registry: Registry, data: Path) -> set[str]:
 
 @dataclass
 class Restored:
-    """What was brought back from a backup.
+    """Restored files.
 
     Attributes
     ----------
     restored : list of str
-        What was missing, and is there again.
+        Missing files that were restored.
     replaced : list of str
-        What differed, was put aside and is as in the backup now.
+        Different files that were moved aside and replaced by the backup's.
     kept : list of str
-        What is newer than the backup and stays.
+        Newer files than the backup's, which are kept.
     aside : pathlib.Path or None
         Folder of the replaced files.
     """
@@ -337,10 +337,10 @@ class Restored:
 
 
 def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
-    """Bring back what is missing in a data directory, and with `replace` what is damaged.
+    """Restore missing files of a data directory, and with `replace` damaged ones.
 
     Existing files aren't overwritten: files that differ from the backup are listed, and with
-    `replace` moved to a separate folder. What is newer than the backup stays.
+    `replace` moved to a separate folder. Newer files are kept.
 
     Parameters
     ----------
@@ -349,7 +349,7 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
     data : pathlib.Path
         It needn't exist.
     replace : bool
-        Whether what differs is put aside and brought back.
+        Whether different files are moved aside and restored.
 
     Raises
     ------

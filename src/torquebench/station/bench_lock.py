@@ -42,7 +42,7 @@ class BenchLock:
     description : BenchDescription or None
         None locks the records alone.
     data_dir : pathlib.Path
-        Where the records are kept; made where it doesn't exist.
+        Folder of the records; created if missing.
 
     Raises
     ------

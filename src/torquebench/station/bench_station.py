@@ -87,7 +87,7 @@ class Station:
     devices : BenchDevices
     registry : Registry
     interrupt_action : {"abort", "pause"}
-        What the first Ctrl-C during a run does; a second one always aborts.
+        Action of the first Ctrl-C during a run; a second one always aborts.
     """
 
     def __init__(
@@ -341,7 +341,7 @@ class Station:
         BenchError
             Another run is under way.
         TorquebenchError
-            What made the plan fail, or the alarm that ended it. The folder is sealed as failed.
+            The plan's error, or the alarm that ended it. The folder is sealed as failed.
         """
         try:
             if not self._run_lock.acquire(blocking=False):
@@ -492,7 +492,7 @@ class Station:
         self.engine.pause()
 
     def resume(self) -> None:
-        """Go on with a paused run; `devices.interruptions` has grown by one in the meantime."""
+        """Resume a paused run; `devices.interruptions` has grown by one in the meantime."""
         self.engine.resume()
 
     @property
@@ -568,7 +568,7 @@ class Station:
     def switch_off(self, side: Side, off: Sequence[str]) -> None:
         """Leave corrections of a side out until the bench is closed, and make all others.
 
-        What they would correct is in U then. Models that are put into use later keep to it.
+        U then contains their corrections. Models that are put into use later keep to it.
 
         Parameters
         ----------

@@ -37,7 +37,7 @@ OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` repairs i
 def check_data_directory(
     data: Path, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
 ) -> IntegrityReport:
-    """Compare everything in a data directory with what was entered.
+    """Compare all files of a data directory with their entries.
 
     Nothing is written, so that a directory on a read-only file system can be checked.
 

@@ -135,7 +135,7 @@ class BenchEngine:
         Raises
         ------
         Exception
-            What made the plan fail, without the wrapping of bluesky.
+            The plan's error, without bluesky's wrapping.
         """
         self._pausing, self._reason = False, ""
         try:
@@ -232,7 +232,7 @@ class BenchEngine:
         self._supervisor.expect(PROCEDURE, self._procedure_s)
 
     def unwatch(self) -> None:
-        """End what `watch` began."""
+        """End the monitoring begun by `watch`."""
         for name in (ENGINE, PROCEDURE):
             self._supervisor.release(name)
 

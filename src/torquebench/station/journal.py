@@ -26,10 +26,10 @@ class RunJournal:
 
     A row holds the time; of each channel frequency, torque and fault; of each side angle, mean
     speed over the block, compensated torque and its standard uncertainty; the probes. Frequencies
-    are what the counter found; torque is by the zero in use then, a standard's by its certificate
-    too. There is NaN where `fault` isn't 0 and if nothing is compensated. A channel that isn't
-    in use has the code `NOT_IN_USE`; an encoder without samples has `NO_COUNTS` and a probe that
-    doesn't answer NaN, so that the loss of one signal doesn't end the recording of all others.
+    are the counter's; torque is computed with the zero in use, a standard's also with its
+    certificate. There is NaN where `fault` isn't 0 and if nothing is compensated. A channel that
+    isn't in use has the code `NOT_IN_USE`; an encoder without samples has `NO_COUNTS` and a probe
+    that doesn't answer NaN, so that the loss of one signal doesn't end the recording of all others.
 
     Parameters
     ----------

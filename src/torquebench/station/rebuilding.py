@@ -62,22 +62,22 @@ NOT_REBUILT = (
 
 @dataclass
 class Rebuilt:
-    """What was entered from the data directory.
+    """Entries made from the data directory.
 
     Attributes
     ----------
     anew : bool
         Whether a new registry was created.
     mended : list of str
-        What of the database was made again in place: indexes, triggers.
+        Recreated parts of the database: indexes, triggers.
     aside : pathlib.Path or None
-        The registry as it was found.
+        The original registry.
     runs, calibrations, models, certificates : list of str
         What was entered.
     unfitted : list of str
         Runs of calibrations without a model file: `records finish` fits and registers them.
     problems : list of str
-        What couldn't be entered, and why.
+        Data that couldn't be entered, and why.
     """
 
     anew: bool = False
@@ -92,7 +92,7 @@ class Rebuilt:
 
 
 def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
-    """Make a lost or damaged registry again, and enter what the registry doesn't know.
+    """Recreate a lost or damaged registry, and enter missing data.
 
     A sound registry is only added to. A damaged one is kept under another name; where only its
     indexes or triggers are damaged, it stays and those are made again.
@@ -101,9 +101,9 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
     ----------
     data : pathlib.Path
     by : str
-        Who does it, for the record.
+        Person, for the record.
     progress : Progress
-        Told what is being entered.
+        Receives the progress of the entries.
 
     Raises
     ------

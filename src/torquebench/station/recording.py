@@ -96,8 +96,8 @@ class Recording:
         Raises
         ------
         RecordError
-            Something couldn't be kept; the folder is sealed as failed. A registry that fails is
-            no reason: it takes the run later.
+            Something couldn't be kept; the folder is sealed as failed. A failing registry doesn't
+            prevent the run: it is entered later.
         """
         self._context.acquisition.set_journal(None)
         try:

@@ -93,7 +93,7 @@ def _reports(description: BenchDescription) -> Iterator[Report]:
 
 
 def run_metadata(context: BenchContext) -> dict[str, Any]:
-    """Return what is known of the bench before a run."""
+    """Return the metadata of the bench for a run."""
     description, acquisition = context.description, context.acquisition
     active = {side: acquisition.compensation(side) for side in SIDES}
     return {

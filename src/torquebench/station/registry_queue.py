@@ -29,7 +29,7 @@ class RegistryQueue:
     ----------
     registry : Registry
     on_trouble : callable
-        Called with what is wrong and how many runs wait, when the registry begins to fail.
+        Called with the error and the number of waiting runs, when the registry begins to fail.
     on_caught_up : callable
         Called when it has taken everything after that.
     """
@@ -54,12 +54,12 @@ class RegistryQueue:
 
     @property
     def waiting(self) -> int:
-        """How many runs the registry doesn't know all of yet."""
+        """Number of runs that aren't completely entered yet."""
         with self._changed:
             return len({*self._waiting, *([self._entering] if self._entering else [])})
 
     def enter(self, folder: Path) -> None:
-        """Have the registry take what it doesn't know of a run; returns at once."""
+        """Queue the missing entries of a run for the registry; returns at once."""
         with self._changed:
             self._waiting[folder] = None
             self._changed.notify_all()
@@ -79,7 +79,7 @@ class RegistryQueue:
             return not self.waiting
 
     def close(self) -> None:
-        """Try what waits once more, and end the thread. A second call does nothing."""
+        """Try the waiting entries once more, and end the thread. A second call does nothing."""
         with self._changed:
             self._closing = True
             self._changed.notify_all()

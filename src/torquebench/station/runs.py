@@ -30,17 +30,17 @@ class RunRecord:
     exit_status : {"success", "abort"}
         A failed run raises instead.
     result : object
-        What the plan returned; None unless it succeeded.
+        Return value of the plan; None unless it succeeded.
     reason : str
         Why it was aborted.
     bench_seconds : float
         Bench time that it took, s.
     interruptions : int
-        How often it was paused.
+        Number of pauses.
     alarms : tuple of Alarm
         Alarms during the run.
     metadata : mapping
-        What was known when it started.
+        Metadata at the start.
     """
 
     run_id: str

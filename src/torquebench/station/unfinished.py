@@ -23,7 +23,7 @@ logger = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class RecoveredRun:
-    """A run that was found open or unregistered, and what was done with it.
+    """A recovered open or unregistered run, and the action taken.
 
     Parameters
     ----------
@@ -33,9 +33,9 @@ class RecoveredRun:
     torn_bytes : int
         Bytes of incomplete ends that were left out.
     damaged : str
-        What else was omitted because it is damaged, and where.
+        Further omitted parts because of damage, with their place.
     status : str
-        How it ended: "interrupted", or as its folder was sealed before.
+        Its end: "interrupted", or the status in its sealed folder.
     problem : str
         Why it could not be sealed or entered yet; empty when it was.
     """
@@ -51,7 +51,7 @@ class RecoveredRun:
 
     @property
     def advice(self) -> str:
-        """What to do about it, unless it is one of `unfinished_runs`, which say it themselves."""
+        """Remedy; empty for `unfinished_runs`, which have their own."""
         if self.problem:
             return f"it can't be entered yet ({self.problem}); make room or repair the disk"
         return "start again; what was recorded stays"

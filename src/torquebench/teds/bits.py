@@ -159,7 +159,7 @@ class Letters:
 
 @dataclass(frozen=True)
 class Day:
-    """A date as days since 1 January 1998; 0 is no date."""
+    """A date as days since 1 January 1998; 0 means no date."""
 
     width: int = 16
 

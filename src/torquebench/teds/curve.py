@@ -30,7 +30,7 @@ _READINGS = 2001
 
 @dataclass(frozen=True)
 class CurveFit:
-    """A calibration curve of a compensation, with what it loses.
+    """A calibration curve of a compensation, with its error.
 
     Attributes
     ----------

@@ -21,7 +21,7 @@ _HEXADECIMAL = re.compile(rb"(?:0x)?[0-9A-Fa-f\s,:-]+")
 
 
 def read_memory(content: bytes, *, checksums: bool = True) -> bytes:
-    """Return the bits of a data sheet from what a memory holds.
+    """Return the bits of a data sheet from a memory's content.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def read_memory(content: bytes, *, checksums: bool = True) -> bytes:
 
 
 def write_memory(data: bytes, size: int, *, checksums: bool = True) -> bytes:
-    """Return what a memory has to hold.
+    """Return the content of a memory.
 
     Parameters
     ----------

@@ -41,7 +41,7 @@ class Unread:
     Attributes
     ----------
     why : str
-        What isn't known.
+        Unknown part.
     bits : str
         All bits from the section's selector on, the first bit first.
     """

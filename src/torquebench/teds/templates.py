@@ -56,7 +56,7 @@ class Field:
     kind : Number
         Data type.
     label : str
-        What it is, with its unit.
+        Description, with unit.
     """
 
     name: str

@@ -214,7 +214,7 @@ class BenchTwin:
             self.enable(side, enabled=False)
 
     def command_torque(self, side: Side, torque_nm: float) -> None:
-        """Read from the drive a torque; the loading accuracy decides what the flange gets."""
+        """Command a torque of the drive; the flange gets it with the loading accuracy."""
         index = _index(side)
         torque = _finite(torque_nm, "torque", "N·m")
         if not self._enabled[index]:
@@ -291,7 +291,7 @@ class BenchTwin:
         ----------
         temperature_c : float
         shafts_behind_k : float
-            By how much the shafts are colder than their transducers, as while it gets warmer.
+            Temperature difference of transducers and shafts, as during warming.
         """
         self.set_climate(temperature_c)
         self._state.temperature_c[:] = temperature_c
@@ -313,7 +313,7 @@ class BenchTwin:
             "input" or "output".
         lubricant : {"grease", "thin-grease", "oil"}
         amount : float
-            Share of what is specified.
+            Share of the specified value.
         hours : float
             Hours of turning that it counts as having had: a fresh one runs in.
         """
@@ -365,7 +365,7 @@ class BenchTwin:
             How long.
         drive : callable, optional
             Gives commands while the block runs: called with the remaining time, s, it returns the
-            time until its next call. As many shorter blocks give the same, with more work.
+            time until its next call. Several shorter blocks give the same result, with more work.
         """
         if not duration_s > 0.0:
             raise InputError(f"duration {duration_s} s", "a duration above 0 s")

@@ -186,7 +186,7 @@ class Certificate:
         Parameters
         ----------
         indication_nm : float64[...]
-            What the reference transducer shows.
+            Indication of the reference transducer.
 
         Returns
         -------

@@ -70,7 +70,7 @@ def edges_of_steps(
     Returns
     -------
     count : int
-        How many edges were written.
+        Number of written edges.
     phase : float
         Cycles since the last edge at the last border.
     """

@@ -111,7 +111,7 @@ def broken_edges(
 
 
 def broken_counts(faults: Iterable[Fault], counts: TickArray, ticks: TickArray) -> TickArray:
-    """Take what slipped off the encoder counts."""
+    """Subtract the slip from the encoder counts."""
     for fault in faults:
         if fault.kind == "encoder_slip":
             counts = np.where(ticks >= fault.start_tick, counts - int(fault.amount), counts)

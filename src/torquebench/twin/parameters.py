@@ -37,7 +37,7 @@ class EncoderConstants(NamedTuple):
     error_rad, error_phase_rad : pair of float
         Graduation error at one and two periods per turn.
     accuracy_rad : float
-        What the data sheet of its kind allows over a turn.
+        Limit over a turn by its data sheet.
     """
 
     counts_per_revolution: int
@@ -80,7 +80,7 @@ class TwinParameters:
     preset : {"nominal", "worn"}
         A healthy bench, or one with larger everything.
     seed : int
-        What the constants were drawn with.
+        Preset and seed of the constants.
     input, output : SideParameters
         Both modules.
     reducer : ReducerConstants

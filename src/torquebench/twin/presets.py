@@ -22,7 +22,7 @@ Preset = Literal["nominal", "worn"]
 
 @dataclass(frozen=True)
 class SideDesign:
-    """What the design of a side fixes before anything is drawn; SI units.
+    """Fixed values of a side's design; SI units.
 
     Attributes
     ----------
@@ -133,7 +133,7 @@ def draw_chain(
     geometry: tuple[Chain, Chain],
     wear: float,
 ) -> ChainConstants:
-    """Draw what the equations don't describe, around the geometry's coefficients."""
+    """Draw the deviations from the equations, around the geometry's coefficients."""
     scale = design.range_nm
     clockwise, counterclockwise = (coefficients(chain) for chain in geometry)
     bumps = [_signed(generator, 1.8e-4, 3.8e-4) * wear * scale for _ in range(4)]

@@ -101,7 +101,7 @@ def welch_satterthwaite(
 
 @dataclass(frozen=True)
 class BudgetLine:
-    """What one quantity contributes to the result.
+    """Contribution of one quantity to the result.
 
     Attributes
     ----------

@@ -128,7 +128,7 @@ class ReducerTestFailure:
 
 @dataclass(frozen=True)
 class ReducerTestRecord:
-    """Everything that one call of `run_reducer_test` found out about a specimen.
+    """All results of one call of `run_reducer_test`.
 
     Attributes
     ----------

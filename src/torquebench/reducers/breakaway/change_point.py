@@ -64,7 +64,7 @@ def first_motion(
     time_s, angle_rad : array of float, shape (n,)
         Samples of one ramp, times not falling.
     threshold_rad : float
-        Changes up to this are no motion (resolution, presliding).
+        Changes up to this don't count as motion (resolution, presliding).
 
     Raises
     ------

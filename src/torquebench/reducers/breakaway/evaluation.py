@@ -52,7 +52,8 @@ class BreakawayRun:
     torque_nm : float
         Torque at the first motion, with its sign.
     standard_uncertainty_nm : float
-        Of the moment of the first motion: torque's noise and rate times the moment's uncertainty.
+        Standard uncertainty due to the time of the first motion: noise of the torque, and its rate
+        times the uncertainty of that time.
     time_s : float
         Moment of the first motion.
     angle_noise_rad : float
@@ -146,7 +147,7 @@ def evaluate_breakaway(
         Labels of each ramp and its position; without `run` everything is one ramp.
     uncertainty : TorqueUncertainty, optional
     resolution_rad : float
-        Resolution of the angle: smaller changes are no motion.
+        Resolution of the angle: smaller changes don't count as motion.
     presliding_rad : float
         Elastic motion before the break-away that doesn't count as motion.
     largest_share : float, optional

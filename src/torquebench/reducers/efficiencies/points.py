@@ -38,7 +38,7 @@ class EfficiencyPoint:
     loss_w : float
         Power that is lost, W.
     points : int
-        How many steady points the mean is of.
+        Number of steady points in the mean.
     temperature_c : float
         Mean; NaN where it wasn't measured.
     nominal_torque_nm, nominal_speed_rpm : float

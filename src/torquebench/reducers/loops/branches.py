@@ -89,7 +89,7 @@ def smoothed(torque: Floats, angle: Floats, branches: int) -> tuple[Floats, Floa
     torque, angle : array of float, shape (n,)
         In the order of measurement, at one position.
     branches : int
-        How many times the torque runs from one end to the other.
+        Number of times that the torque runs from one end to the other.
     """
     if torque.size < 32:
         return torque, angle, 1
@@ -111,9 +111,9 @@ def smoothed(torque: Floats, angle: Floats, branches: int) -> tuple[Floats, Floa
 def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator[RawLoop]:
     """Yield the loops of a record, position by position in the order of measurement.
 
-    Labelled loops that begin and end at their largest torque are taken as they are. Everything
-    else is cut at the torque's turns: what comes before the first whole branch (the way from
-    zero, a preload) isn't part of any loop.
+    Labelled loops that begin and end at their largest torque aren't cut. All others are cut at the
+    torque's reversals: the part before the first complete branch (from zero, or a preload) doesn't
+    belong to any loop.
 
     Raises
     ------

@@ -55,9 +55,9 @@ def evaluate_hysteresis(
     Branches are fitted locally (`LocalLines`); stiffness is ΔT/Δθ by least squares over its
     interval on the branches that are being loaded. Values are means over the loops of a position
     and over positions (the worst position if the rule requires it); a torque uncertainty becomes an
-    angle uncertainty through the local slope of the loop. Where the torque ripples, branches are
-    read where the angle is at its outermost (`loop_ripple`), by the torque less what a flange that
-    is known takes to move (`torque_at_flange`).
+    angle uncertainty through the local slope of the loop. If the torque has a ripple, branches are
+    evaluated at the outermost angles (`loop_ripple`), with the torque less the one that accelerates
+    a known flange (`torque_at_flange`).
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def evaluate_hysteresis(
     time_s : array of float, shape (n,), optional
         At an even rate but for gaps; only needed with `flange`.
     flange : FlangeInertia, optional
-        What turns between the transducer and the reducer.
+        Rotating parts between the transducer and the reducer.
     uncertainty : LoopUncertainty, optional
         Of torque, angle and compliance; by default none, so that only repeatability counts.
 

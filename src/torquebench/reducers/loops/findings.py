@@ -20,7 +20,7 @@ WIDEST_TWIST_RAD = 0.5
 
 
 def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None:
-    """Refuse columns that can't be what they are called.
+    """Refuse columns whose values don't fit their names.
 
     Raises
     ------
@@ -57,7 +57,7 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
 
 
 class OpenLoopError(InputError):
-    """A torque-angle loop doesn't close; `loop` is what was read of it.
+    """A torque-angle loop doesn't close; `loop` has its features.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
 
 
 def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Finding]:
-    """Return what a reader has to know about loops that could be evaluated."""
+    """Return remarks about evaluated loops."""
     findings = []
     positions = {each.position for each in loops}
     rule = settings.lost_motion_rule

@@ -57,9 +57,9 @@ def torque_at_flange(
 ) -> tuple[Floats, Floats]:
     """Subtract the torque that accelerates the flange.
 
-    A drive's ripple swings the flange, and the transducer before it reads what that takes, too:
-    where the ripple turns a loading back, that is missing at the reducer or added to it. Torque and
-    angle are filtered with the same window, which keeps 58 % of the torque's white noise.
+    A drive's ripple accelerates the flange, and the transducer before it also measures that torque,
+    which doesn't reach the reducer. Torque and angle are filtered with the same window, which keeps
+    58 % of the torque's white noise.
 
     Parameters
     ----------

@@ -110,7 +110,7 @@ class LocalLines:
     def curved_at(self, places: ArrayLike) -> LocalFit:
         """Return local parabolas at places: the same choice of windows, without bias by a bend.
 
-        For the few places at which a loop is read; slower than `at`.
+        For the few places at which a loop is evaluated; slower than `at`.
         """
         x = np.atleast_1d(np.asarray(places, dtype=np.float64))
         half = self._least_half_width(x)

@@ -149,7 +149,7 @@ class HysteresisResult:
     key_points : tuple of KeyPoint
         Of the first loop: for figures.
     findings : tuple of Finding
-        What a reader has to know about the data.
+        Remarks about the data.
     """
 
     settings: LoopSettings

@@ -102,7 +102,7 @@ NOTHING_LEFT = RippleLeft()
 def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record, Ripple | None]:
     """Leave only the outermost samples of a record whose torque ripples, position by position.
 
-    A position whose torque doesn't ripple keeps its samples. The ripple is that of the position
+    A position whose torque doesn't ripple keeps its samples. The ripple is the one at the position
     where it is fastest.
     """
     parts: list[tuple[Floats, Floats, NDArray[np.intp]]] = []
@@ -139,8 +139,8 @@ def what_it_hid(
 ) -> tuple[RippleLeft, Finding]:
     """Compare loops by their outermost samples with those by all samples.
 
-    A share of what both differ by stays uncertain, the least of it where the torque is that at the
-    reducer.
+    A share of the difference of both remains as an uncertainty, a smaller one if the torque is
+    measured at the reducer.
     """
     left = LEFT_AT_REDUCER if at_reducer else LEFT
     if ripple.period < RESOLVED:
@@ -172,8 +172,8 @@ def what_it_hid(
 def find_ripple(torque: Floats, angle: Floats) -> Ripple | None:
     """Return the ripple of a record in the order of measurement, if torque and angle have one.
 
-    A line with its overtones in the spectrum of both that holds most of what they do within a
-    twentieth of a branch.
+    A line with its overtones in the spectrum of both, with most of their changes within a twentieth
+    of a branch.
     """
     largest = float(np.max(np.abs(torque)))
     stretches = []

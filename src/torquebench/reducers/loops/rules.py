@@ -66,7 +66,7 @@ LOST_MOTION_RULES: Mapping[str, LostMotionRule] = MappingProxyType(
 
 @dataclass(frozen=True)
 class LoopSettings:
-    """What is read from a loop, and how.
+    """Evaluated features of a loop, and their definitions.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ class LoopSettings:
 
 @dataclass(frozen=True)
 class LoopUncertainty:
-    """Standard uncertainties (k = 1) of what a loop is made of.
+    """Standard uncertainties (k = 1) of a loop's torque and angle.
 
     Parameters
     ----------

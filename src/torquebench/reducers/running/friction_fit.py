@@ -41,15 +41,15 @@ class FrictionFit:
     Parameters
     ----------
     form : str
-        Which parts the fit has, one of `FORMS`.
+        The parts of the fit, one of `FORMS`.
     coulomb_nm : Estimate
         Torque that doesn't depend on speed, N·m.
     viscous_nm_s_per_rad : Estimate
         Torque per speed, N·m·s/rad; 0 where the form has none.
     stribeck_nm : Estimate
-        What the torque at creeping speed is above the Coulomb torque, N·m; 0 where there is none.
+        Torque at creeping speed above the Coulomb torque, N·m; 0 without it.
     stribeck_speed_rpm : Estimate or None
-        Speed over which the Stribeck part dies away, 1/min; None where the form has none.
+        Speed over which the Stribeck part decays, 1/min; None where the form has none.
     exponent : int
         Exponent δ of the Stribeck part.
     residual_nm : float

@@ -51,8 +51,8 @@ class NoLoadResult:
     points : tuple of NoLoadPoint
         At rising speed, negative speeds first.
     means : tuple of NoLoadPoint
-        Mean of both directions where both were driven, at rising speed: an error of the zero, and
-        what the speed does to it, cancel.
+        Mean of both directions where both were driven, at rising speed: errors of the zero, and of
+        the zero over speed, cancel.
     friction : FrictionResult
         Curve, and Coulomb, viscous and Stribeck parts in each direction.
     temperature_coefficient : Budget or None
@@ -119,10 +119,10 @@ def evaluate_no_load(
 ) -> NoLoadResult:
     """Evaluate steady no-load torques over speed.
 
-    The uncertainty of a mean has a part from the scatter within a series and one from what all
-    speeds of a series share (a new zero, how the chain seats after it, warming up): a two-way
-    analysis of variance. What accelerates and decelerates the inertia cancels in the mean of
-    rising and falling speeds; an error of the zero cancels in the mean of both directions.
+    The uncertainty of a mean has a part from the scatter within a series and one common to all
+    speeds of a series (a new zero, re-seating after it, warming up): a two-way analysis of
+    variance. The torque of inertia cancels in the mean of rising and falling speeds, an error of
+    the zero in the mean of both directions.
 
     Parameters
     ----------
@@ -142,8 +142,8 @@ def evaluate_no_load(
     uncertainty : TorqueUncertainty or sequence of them, optional
         Of the torque: the same at all points, or of each.
     tare : Tare, optional
-        Of an empty run, to be subtracted; then its uncertainty takes the place of what speed and
-        drag may do.
+        Of an empty run, to be subtracted; then its uncertainty replaces the limits of the effects
+        of speed and drag.
     tolerance_rpm : float, optional
         Largest gap between points of one speed; by default 0.2 % of the largest.
     largest_temperature_range_k : float

@@ -106,7 +106,7 @@ class Steps:
         return float(torque.mean())
 
     def series_at(self, step: int) -> int:
-        """How many series hold a step."""
+        """Return the number of series with this step."""
         return int(np.unique(self.series[self.index == step]).size)
 
 
@@ -119,7 +119,7 @@ class Scatter:
     within_nm, within_freedom : float
         Standard deviation of a point about its series, N·m, and its degrees of freedom.
     between_nm, between_freedom : float
-        Standard deviation of what all points of a series share, N·m.
+        Standard deviation common to all points of a series, N·m.
     repeated : bool
         Whether any step was measured more than once.
     """
@@ -131,7 +131,7 @@ class Scatter:
     repeated: bool
 
     def parts(self, points: int, series: int) -> list[Contribution]:
-        """Return what a mean of so many points from so many series has of it."""
+        """Return the standard error of a mean of points from several series."""
         found = []
         if self.within_freedom:
             error = self.within_nm / sqrt(points)
@@ -143,7 +143,7 @@ class Scatter:
 
 
 def scatter_of(steps: Steps, friction: FrictionResult) -> Scatter:
-    """Split the scatter into what a series shares and what it doesn't, pooled over directions.
+    """Split the scatter into a part common to a series and the rest, pooled over directions.
 
     Model: torque = step and branch + series + scatter, series as random effects (method of
     moments).
@@ -176,7 +176,7 @@ def scatter_of(steps: Steps, friction: FrictionResult) -> Scatter:
 
 
 def scatter_findings(scatter: Scatter) -> list[Finding]:
-    """Say what repeats are missing."""
+    """State missing repeats."""
     findings = []
     if not scatter.repeated:
         findings.append(

@@ -22,7 +22,7 @@ HIGHEST_DEGREE = 2
 
 @dataclass(frozen=True)
 class TareValue:
-    """What an empty run gives at one speed.
+    """Result of an empty run at one speed.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class Tare:
     residual_nm: float
 
     def at(self, speed_rpm: float) -> TareValue:
-        """Return what is to be subtracted at a speed.
+        """Return the torque to be subtracted at a speed.
 
         Raises
         ------
@@ -110,7 +110,7 @@ def fit_tare(
     repeat: ArrayLike | None = None,
     zero_nm: float = 0.0,
 ) -> Tare:
-    """Fit what an empty run has read.
+    """Fit the readings of an empty run.
 
     Parameters
     ----------

@@ -29,12 +29,12 @@ class Revolution:
         the part above the highest order.
     noise_freedom : float
     peak_noise_arcsec : float
-        By how much such noise raises the peak to peak value.
+        Increase of the peak to peak value by such noise.
     order, amplitude_arcsec, phase_rad : array of float, shape (m,)
         Spectrum of the mean over all revolutions, up to the highest order.
     amplitude_error_arcsec : array of float, shape (m,)
     mean_rad : float
-        What was removed.
+        Removed part.
     revolutions : int
     """
 
@@ -57,8 +57,8 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     """Resample in angle, low-pass without phase shift and average whole revolutions.
 
     Between the samples the error is averaged over each step of an even grid where the record is
-    dense, and interpolated if it isn't. A Fourier transform over all whole revolutions, cut at
-    the highest order, is a low-pass in angle without phase shift, and exact for what repeats.
+    dense, and interpolated if it isn't. A Fourier transform over all whole revolutions, cut at the
+    highest order, is a low-pass in angle without phase shift, and exact for periodic parts.
 
     The angle is the output's, θ_o, of which the error is a function: over θ_i/R the error itself
     would distort each order by a share of order times error (2 % for 23 arcsec of order 200), and

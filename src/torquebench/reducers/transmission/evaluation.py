@@ -125,8 +125,8 @@ class TransmissionErrorResult:
     Parameters
     ----------
     ratio, highest_order : float
-        What was used: input turns for one output turn (negative where reversed), and the
-        low-pass limit in periods per output revolution.
+        The values used: input turns for one output turn (negative if reversed), and the low-pass
+        limit in periods per output revolution.
     directions : tuple of DirectionError
         One or both.
     peak_to_peak : Budget
@@ -190,7 +190,7 @@ def evaluate_transmission_error(
 ) -> TransmissionErrorResult:
     """Evaluate θ_o − θ_i/R over whole output revolutions, each direction by itself.
 
-    Of several runs in one direction the longest counts.
+    The longest of several runs in one direction is used.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ def evaluate_transmission_error(
         Highest order per output revolution that is reported; three times the ratio by default.
     uncertainty : AngleUncertainty, optional
     largest_orders : int
-        How many orders are listed.
+        Number of listed orders.
 
     Raises
     ------

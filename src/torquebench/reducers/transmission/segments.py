@@ -151,8 +151,8 @@ def check_sampling(run: Run, highest_order: float) -> None:
 def check_slip(run: Run, ratio: float) -> None:
     """Refuse an error that doesn't repeat after a revolution: slip or a wrong ratio.
 
-    The error is fitted by what repeats with the output and the input, plus either a line or one
-    step; a significant line or step is named.
+    The error is fitted by parts periodic in output and input, plus either a line or one step; a
+    significant line or step is reported.
 
     Raises
     ------

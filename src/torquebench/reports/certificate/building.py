@@ -68,13 +68,13 @@ class Issue:
     Parameters
     ----------
     authorised_by : sequence of str
-        Who answers for it; at least one.
+        Authorising persons, at least one.
     laboratory, customer : Party
         An unnamed laboratory is accepted for a simulated calibration only.
     languages : sequence of str
         The first one leads.
     tolerance_percent_fs : float or None
-        What the statement of conformity is about; None where there is to be none.
+        Subject of the statement of conformity; None where there is to be none.
     number : str
         Unique number; made from transducer and calibration where empty.
     issued : datetime.date, optional
@@ -84,7 +84,7 @@ class Issue:
     refuse_unreviewed : bool
         Whether an unreviewed calibration is refused instead of stated on every page.
     model_id : int, optional
-        Of a draft: the model that would be put into use; by default the one in use, or the latest.
+        For a draft: the model to be activated; by default the active one, or the latest.
     """
 
     authorised_by: Sequence[str]
@@ -138,8 +138,8 @@ def build_record(
     ----------
     registry : Registry
     calibration : CalibrationEntry
-        Held by a run of this registry. Where a model was fitted to it, results are stated before
-        and after its compensation.
+        Held by a run of this registry. With a fitted model, results are stated before and after its
+        compensation.
     issue : Issue
 
     Raises

@@ -17,7 +17,7 @@ _DCC_NAMESPACE = b"https://ptb.de/dcc"
 
 @dataclass(frozen=True)
 class CertificateCheck:
-    """What a check found.
+    """Result of a check.
 
     Parameters
     ----------
@@ -26,7 +26,7 @@ class CertificateCheck:
     entry : CertificateEntry or None
         The certificate of this number in the registry.
     findings : tuple of str
-        What doesn't match; empty for a certificate as it was issued.
+        Differences; empty for an unchanged certificate.
     schema : {"valid", "invalid", "not checked", ""}
         Of a digital certificate; empty for other files.
     replaced_by : str
@@ -119,7 +119,7 @@ def _checked(
 
 
 def schema_findings(content: bytes) -> tuple[str, ...] | None:
-    """Return what a digital certificate breaks of PTB's schema and schematron.
+    """Return the violations of PTB's schema and schematron by a digital certificate.
 
     Parameters
     ----------

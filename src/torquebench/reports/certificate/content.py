@@ -31,7 +31,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
     Returns
     -------
     dict
-        Text, lists of text, and None for what isn't shown.
+        Text, lists of text, and None for hidden parts.
     """
     words = labels_of(language)
     return {
@@ -73,7 +73,7 @@ def _banner(record: CertificateRecord, words: Labels) -> str | None:
 
 
 def unreviewed_words(record: CertificateRecord, words: Labels) -> str:
-    """Say what neither a second person nor fresh points have confirmed."""
+    """List statements not confirmed by a second person or fresh points."""
     reasons = ", ".join(words[f"unreviewed_{each}"] for each in record.unreviewed)
     return f"{words['unreviewed']}: {reasons}"
 
@@ -202,7 +202,7 @@ def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
 
 
 def deviation_words(deviation: DeviationStatement, words: Labels) -> tuple[str, str]:
-    """Return what was found and what is allowed, in a language where it has the sentence."""
+    """Return found and allowed of a deviation, translated if the language has the sentence."""
     key = f"deviation_{deviation.key}"
     if key not in words:
         return deviation.found, deviation.allowed

@@ -72,7 +72,7 @@ def issue_certificate(
     record : CertificateRecord
         As `build_record` returns it.
     folder : pathlib.Path, optional
-        Where a second copy goes; it is created. Nothing in it is overwritten.
+        Folder for a second copy; it is created. Nothing in it is overwritten.
 
     Raises
     ------

@@ -97,7 +97,7 @@ class Labels:
 
 
 def check_languages(languages: tuple[str, ...]) -> None:
-    """Refuse a language that there are no words in.
+    """Refuse a language without texts.
 
     Raises
     ------

@@ -70,7 +70,7 @@ class Party:
 
 @dataclass(frozen=True)
 class Item:
-    """What was calibrated: a transducer in its measuring chain.
+    """The calibrated item: a transducer in its measuring chain.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class ResultRow:
     standard_nm : float
         Mean torque of the standard in N·m.
     readings : int
-        How many series the mean is of.
+        Number of series in the mean.
     error_before_nm, error_after_nm : float
         Mean of indication minus standard, raw and compensated, in N·m; everything "after" is
         None where no compensation belongs to the calibration.
@@ -233,7 +233,7 @@ class BudgetRow:
 
 @dataclass(frozen=True)
 class Conformity:
-    """The statement of conformity with what it rests on.
+    """The statement of conformity and its basis.
 
     Parameters
     ----------
@@ -260,7 +260,7 @@ class Conformity:
 
 @dataclass(frozen=True)
 class TurningBudget:
-    """Budget of the compensated torque at the ends of what was measured while it turned.
+    """Budget of the compensated torque at the ends of the measured range during rotation.
 
     Parameters
     ----------
@@ -281,7 +281,7 @@ class TurningBudget:
 
 @dataclass(frozen=True)
 class VerificationSummary:
-    """What a verification at fresh points found, against the verification standard.
+    """Results of a verification at fresh points, against the verification standard.
 
     Parameters
     ----------
@@ -513,7 +513,7 @@ class CertificateRecord:
 
     @property
     def payload(self) -> str:
-        """Text of the QR code: what it is, its number and the hash of its record."""
+        """Text of the QR code: kind, number and hash of the record."""
         return f"{PAYLOAD_PREFIX};{self.number};{self.sha256}"
 
     def to_json(self) -> str:

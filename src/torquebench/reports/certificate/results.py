@@ -54,7 +54,7 @@ per 10 K: HBK T40B's data sheet, class 0.1. It covers the drift during the calib
 
 @dataclass(frozen=True)
 class Results:
-    """What a certificate states of one calibration.
+    """A certificate's results of one calibration.
 
     Parameters
     ----------
@@ -85,9 +85,9 @@ def evaluate_results(
     """Return errors with their uncertainty at each step, raw and compensated, and the verdict.
 
     The error is indication minus standard, the mean over the series where a step was loaded in
-    several. After compensation U is that of the measuring chain for the mean of so many loadings:
-    what `apply` and every other interface state of these readings. Before it, the scatter over the
-    series counts, or that about a smooth curve.
+    several. After compensation U is the measuring chain's for a mean over these loadings, as stated
+    by `apply` and every other interface. Before it, the scatter over the series counts, or that
+    about a smooth curve.
 
     Parameters
     ----------

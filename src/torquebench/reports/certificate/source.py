@@ -59,7 +59,7 @@ def run_profile(folder: RunFolder) -> Profile:
 
 @dataclass(frozen=True, eq=False)
 class Source:
-    """What a certificate rests on, read once and checked."""
+    """Data of a certificate, read once and checked."""
 
     run: RunSummary
     folder: RunFolder
@@ -75,7 +75,7 @@ class Source:
     def of(
         cls, registry: Registry, calibration: CalibrationEntry, model_id: int | None = None
     ) -> "Source":
-        """Read and check what the certificate of a calibration rests on.
+        """Read and check the data of a calibration's certificate.
 
         Its model is the one in use or the latest, unless another one is requested.
 
@@ -146,7 +146,7 @@ class Source:
         )
 
     def files(self, calibration: CalibrationEntry) -> dict[str, str]:
-        """Return the hashes of what the certificate rests on."""
+        """Return the hashes of the certificate's data."""
         listed: Mapping[str, Mapping[str, Any]] = self.folder.manifest["files"]
         names = {name: str(entry["sha256"]) for name, entry in sorted(listed.items())}
         entry = self.model_entry
@@ -165,7 +165,7 @@ class Source:
 
     @property
     def resolution_nm(self) -> float:
-        """Resolution of the indication in N·m: as it was stated, or from the noise."""
+        """Resolution of the indication in N·m: as stated, or from the noise."""
         stated = self.stated_resolution_nm
         return resolution_of(self.data) if stated is None else stated
 

@@ -47,7 +47,7 @@ def static_tables(
 ) -> tuple[tuple[StaticTable, ...], ZeroHysteresisStatement | None]:
     """Return the static evaluation by direction, before and after, and the zero hysteresis.
 
-    Of an adaptive calibration the coarse series is evaluated: only its steps are repeated.
+    For an adaptive calibration the coarse series is evaluated: only its steps are repeated.
 
     Parameters
     ----------

@@ -72,7 +72,7 @@ class LevelRing:
         return Rows(self._time[places], values[0], values[1], values[2])
 
     def last_s(self, seconds: float) -> Rows:
-        """Copy of the rows that end within so many seconds before the newest one."""
+        """Copy of the rows of the last seconds before the newest one."""
         kept = self.newest(self.capacity)
         if kept.time_s.size == 0:
             return kept
