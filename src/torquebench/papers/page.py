@@ -620,15 +620,16 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
             groups,
             lambda row: f"{number(row.ratio)} ({row.beats})",
             "Worst error of the polynomial divided by that of the model, median over the chains; "
-            f"in brackets the number of {seeds} chains with a ratio of {CLAIMED_RATIO:.1f} or more. "
-            f"{families} {POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m.",
+            f"in brackets the number of {seeds} chains with a ratio of {CLAIMED_RATIO:.1f} or "
+            f"more. {families} {POLYNOMIAL_NM:g} N·m of 2000, repeatability 0.2 N·m.",
         ),
         _study_table(
             rows,
             groups,
             lambda row: f"{number(row.worst_nm)} ({row.below})",
             "Worst of 500 fresh single readings in N·m, median over the chains; in brackets the "
-            f"number of {seeds} chains below {NETWORK_NM:g} N·m. The documentation has a wider table.",
+            f"number of {seeds} chains below {NETWORK_NM:g} N·m. The documentation has a wider "
+            "table.",
         ),
     ]
 
