@@ -212,6 +212,8 @@ def report(console: Console, reducer: str, points: Sequence[Point]) -> tuple[lis
     if not COVERAGE[0] - slack <= found <= COVERAGE[1] + slack:
         late.append(f"coverage {found:.1f} %")
     verdict = "Aims met." if not late else f"MISSED: {'; '.join(late)}."
+    if not late and not COVERAGE[0] <= found <= COVERAGE[1]:
+        verdict = f"Aims of U met; {benches} benches don't decide whether the coverage is kept."
     ends = [f"{100 * share:.0f} %" for share in (min(SHARES), HALF, max(SHARES))]
     parts = [
         show(console, title, HEADINGS, rows_of(points)),
