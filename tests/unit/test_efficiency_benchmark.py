@@ -2,9 +2,8 @@
 
 import io
 
-from rich.console import Console
-
 from benchmarks.efficiency import Point, coverage, missed, report
+from rich.console import Console
 
 
 def point(seed: int, share: float, expanded: float, error: float, *, both: bool = True) -> Point:
@@ -21,16 +20,21 @@ def test_aims_are_those_of_means_of_both_directions() -> None:
     assert said.startswith("U up to 0.500 %")
 
 
+def points(benches: int, error: float) -> list[Point]:
+    return [
+        point(seed, share, 0.1, error, both=both)
+        for seed in range(benches)
+        for share in (0.2, 0.3, 0.5, 0.75, 1.0)
+        for both in (True, False)
+    ]
+
+
 def test_few_benches_decide_no_coverage_and_many_do() -> None:
-    shares = (0.2, 0.3, 0.5, 0.75, 1.0)
-    few = [point(seed, share, 0.1, 0.0) for seed in (1, 2) for share in shares]
-    console = Console(file=io.StringIO())
+    few, console = points(2, 0.0), Console(file=io.StringIO())
     parts, met = report(console, "standard", few)
     assert (met, coverage(few)) == (True, 100.0)
     assert "2 benches don't decide" in parts[-1]
-    many = [point(seed, share, 0.1, 0.0) for seed in range(400) for share in shares]
-    parts, met = report(console, "standard", many)
+    parts, met = report(console, "standard", points(400, 0.0))
     assert not met
     assert "MISSED: coverage 100.0 %" in parts[-1]
-    off = [point(seed, share, 0.1, 0.2) for seed in (1, 2) for share in shares]
-    assert not report(console, "standard", off)[1]
+    assert not report(console, "standard", points(2, 0.2))[1]
