@@ -111,7 +111,7 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
 
 
 def private_folder(folder: Path) -> None:
-    """Make a folder, with those above it, that nobody but its owner may look into.
+    """Create a folder and its parents with access for the owner only.
 
     The permissions of an existing folder aren't changed.
     """

@@ -364,7 +364,7 @@ class Acquisition:
             self._select()
 
     def use_reference(self, side: Side) -> None:
-        """Time this side of the mounted standard; the other goes idle unless its drive is on."""
+        """Time this side of the mounted standard, and the other one only if its drive is on."""
         kept = {each for each in self._reference_sides if self._commands.side(each).enabled}
         wanted = frozenset({side} | kept)
         if wanted != self._reference_sides:

@@ -76,7 +76,7 @@ def standard_effect(
     calibrated_on: date | None = None,
     standard_c: Sequence[float] = (),
 ) -> Reference:
-    """Return the effect of the calibrator: its certificate, and what may have changed since.
+    """Return the effect of the calibrator: its certificate, and possible changes since.
 
     A temperature of the calibrator that wasn't measured lies between the limits of the bench.
     """

@@ -89,7 +89,7 @@ class BenchClock:
     # -- sleeping ---------------------------------------------------------------------------
 
     def new_event_loop(self) -> asyncio.AbstractEventLoop:
-        """Make an event loop whose thinking takes no simulated time.
+        """Create an event loop whose computations take no simulated time.
 
         Sleepers on other loops and on threads only observe: time may advance while they compute.
         """

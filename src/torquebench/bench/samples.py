@@ -69,7 +69,7 @@ class ChannelSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquiredBlock:
-    """Everything that one block of bench time brought.
+    """All data of one block of bench time.
 
     Parameters
     ----------

@@ -27,7 +27,7 @@ class SetPoint:
     rate : float
         Of the drive's ramp, N·m/s or rad/s².
     within_s : float
-        The ramp takes no less, s of bench time.
+        Shortest duration of the ramp, s of bench time.
     asked_s, told_s : float
         Bench time before and after the command; infinity until it was given.
     """

@@ -147,7 +147,7 @@ def check_module(
 def finish_check(
     registry: Registry, measured: Measured[StaircaseResult], progress: Progress = NO_PROGRESS
 ) -> CheckResult:
-    """Judge a check that is measured, and register the verdict.
+    """Evaluate a measured check, and register the verdict.
 
     Parameters
     ----------

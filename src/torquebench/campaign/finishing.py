@@ -180,7 +180,7 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
 def finish_run(
     registry: Registry, run: UnfinishedRun, progress: Progress = NO_PROGRESS
 ) -> Finished:
-    """Bring a run to the end that it was made for, as far as that needs no bench.
+    """Complete a run as far as possible without the bench.
 
     Parameters
     ----------

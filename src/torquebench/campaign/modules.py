@@ -223,7 +223,7 @@ def evaluate_module(
     dense: DenseSweep | None = None,
     run_ids: tuple[str, ...] = (),
 ) -> tuple[ModuleResult, VerificationResult]:
-    """Put together how every model does on the verification and on the dense sweep.
+    """Collect the errors of every model in the verification and in the dense sweep.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ class Refusal(NamedTuple):
 
 @dataclass(frozen=True)
 class MeasuredPart:
-    """What was identified of an effect, largest over the range in which it was measured.
+    """Largest identified size of an effect over its measured range.
 
     Parameters
     ----------

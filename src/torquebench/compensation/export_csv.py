@@ -86,7 +86,7 @@ def export_csv(
 
 
 def table_nodes(table: CompensationTable) -> tuple[FloatArray, float]:
-    """Choose readings between which linear interpolation follows the table.
+    """Choose readings such that linear interpolation between them follows the table.
 
     Parameters
     ----------

@@ -123,7 +123,7 @@ class PiecewisePolynomial:
     gain : float
         1 where the reading itself is added to the polynomial, else 0.
     bound : float
-        No deviation from the curve in N·m is larger; see `approximate`.
+        Bound of the deviation from the curve in N·m; see `approximate`.
     branch_aware : bool
         Whether the three branches differ.
     """

@@ -78,10 +78,9 @@ class Shaft:
 def identify(runs: Sequence[Known], window_s: float = 0.0) -> TransferFunction:
     """Identify the transfer function from runs with a known torque.
 
-    The parameters minimise the deviation of the measured reading from the one that the transfer
-    function makes of the known torque; gain and offset of each run are free, because they belong to
-    the static calibration. The covariance follows from the residuals, with their correlation in
-    time.
+    The parameters minimise the deviation of the measured reading from the known torque after the
+    transfer function; gain and offset of each run are free, because they belong to the static
+    calibration. The covariance follows from the residuals, with their correlation in time.
 
     Parameters
     ----------

@@ -48,9 +48,9 @@ def section_torsion(outline: Outline, *, triangles: int = 1200) -> SectionTorsio
 
     Two problems are solved with quadratic triangles. The stress function: ∇²φ = −2, φ = 0 on the
     outside, constant on each hole with ∮ ∂φ/∂n ds = 2 × the hole's area (outward normal of the
-    material), so that the warping closes around the hole; leaving φ = 0 there would treat the
-    tube as slit. The warping function: natural boundary conditions, holes need no care. The true
-    constant of the meshed polygon lies between both results.
+    material), so that the warping closes around the hole; leaving φ = 0 there would treat the tube
+    as slit. The warping function: natural boundary conditions, also at holes. The true constant of
+    the meshed polygon lies between both results.
 
     Parameters
     ----------

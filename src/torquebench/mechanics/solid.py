@@ -66,7 +66,7 @@ class Solid:
         Parameters
         ----------
         clamped, loaded : callable
-            Tell of facets' middles (3, n) whether they belong to the face.
+            Return whether facets with these centres (3, n) belong to the face.
         torque_nm, shear_modulus_pa, poisson_ratio : float
             Torque about the third axis, N·m; G in Pa; Poisson's ratio.
 

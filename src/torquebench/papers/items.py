@@ -2,8 +2,8 @@
 
 [J] Z. Yu, Y. Zhang, Torque Measurement of High-Precision Reducer for Industrial Robot, Journal of
 Sensors, 2021. [M] Z. Yu, Y. Zhang, W. Yu, X. Liu, Measurement and Control, 2022, doi
-10.1177/00202940221103308. The contents of their tables and pictures weren't available as text:
-to reproduce means the same experiment in the same form, against the limits that they state.
+10.1177/00202940221103308. The contents of their tables and pictures weren't available as text: a
+reproduction is the same experiment in the same form, compared with their stated limits.
 """
 
 from __future__ import annotations

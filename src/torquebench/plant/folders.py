@@ -104,9 +104,9 @@ class FolderStore:
         self._write(url, io.BytesIO(content))
 
     def push(self, folder: Path, manifest_sha256: str, url: str) -> PushedFolder:
-        """Copy a sealed run folder, each file checked against the manifest on its way.
+        """Copy a sealed run folder, and check each file against the manifest.
 
-        The manifest comes last: a folder that was cut off on its way has none, and is sent again.
+        The manifest comes last: an incomplete folder has none, and is sent again.
 
         Raises
         ------

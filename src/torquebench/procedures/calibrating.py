@@ -135,7 +135,7 @@ def calibrate(
     profile : Profile
         Lays out the staircase over the module's range.
     resumption : Resumption, optional
-        Where an interrupted calibration by this profile goes on; its earlier points are part of
+        Continuation of an interrupted calibration by this profile; its earlier points are part of
         the result.
 
     Returns

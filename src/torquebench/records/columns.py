@@ -181,7 +181,7 @@ def word_values(column: str) -> Mapping[str, int]:
 
 
 def of_loading(words: Iterable[str]) -> bool:
-    """Return whether words of a column ``direction`` say how it is loaded: then it is ``branch``.
+    """Return whether a column ``direction`` means loading and unloading, so that it is ``branch``.
 
     >>> of_loading(["increasing"]), of_loading(["Links", "-1"])
     (True, False)

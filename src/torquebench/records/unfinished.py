@@ -224,7 +224,7 @@ def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, .
 
 
 def latest_unfinished_calibration(registry: RunStateRecords) -> RunSummary | None:
-    """Return the newest calibration that isn't finished, whether or not it still can be.
+    """Return the newest unfinished calibration, also one that can't be finished any more.
 
     None where the newest ones are registered, discarded, or were resumed by a later run.
     """

@@ -45,7 +45,7 @@ class SteadyValue:
     samples : int
         Samples that the value rests on.
     effective_samples : float
-        Independent samples that they are worth.
+        Effective number of independent samples.
     rejected : int
         Outliers left out of the window.
     start_s, stop_s : float

@@ -120,7 +120,7 @@ class CanBusSimulator(LineServer):
                     client.sendall(frame)
 
     def attend(self, connection: socket.socket) -> None:
-        """Speak socketcand's protocol with one client until it goes."""
+        """Speak socketcand's protocol with one client until it disconnects."""
         try:
             with contextlib.suppress(OSError):
                 connection.sendall(b"< hi >")

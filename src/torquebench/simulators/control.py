@@ -72,7 +72,7 @@ class ControlServer(LineServer):
         super().__init__(WireFaults("control", random.Random(0)), host, port)
 
     def attend(self, connection: socket.socket) -> None:
-        """Answer one client until it goes."""
+        """Answer one client until it disconnects."""
         with contextlib.suppress(OSError), connection.makefile("rb") as lines:
             for line in lines:
                 connection.sendall(json.dumps(self._answer(line)).encode() + b"\n")

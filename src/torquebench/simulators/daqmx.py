@@ -391,7 +391,7 @@ class DaqmxSimulator(LineServer):
             raise
 
     def attend(self, connection: socket.socket) -> None:
-        """Pass one client's bytes on until it goes, and clear its tasks then."""
+        """Forward one client's bytes until it disconnects, then clear its tasks."""
         with socket.create_connection(self._inner) as inner:
             inner.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             host, port = inner.getsockname()

@@ -79,7 +79,7 @@ class LineServer(ABC):
 
     @abstractmethod
     def attend(self, connection: socket.socket) -> None:
-        """Answer one client until it goes."""
+        """Answer one client until it disconnects."""
 
     def disconnect(self) -> None:
         """Close every client's connection."""

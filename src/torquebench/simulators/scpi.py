@@ -199,7 +199,7 @@ class ScpiInstrument(ABC):  # noqa: B024 - some have nothing else to do
         return f'{code},"{ERRORS.get(code, "No error")}"'
 
     def reset(self) -> None:  # noqa: B027 - most have nothing to reset
-        """Go to how it was when it was switched on."""
+        """Reset to the power-on state."""
 
     def attended(self, begins: bool) -> None:  # noqa: B027 - most do not care
         """Note that a client connected or disconnected."""
@@ -249,7 +249,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self.serve(pattern, lambda _, __: self._settings[pattern], query=True)
 
     def reset(self) -> None:
-        """Go to how it was when it was switched on, its reference clock apart."""
+        """Reset to the power-on state, except the reference clock."""
         self._stop()
         self._settings = {"[SENSe:]ROSCillator:SOURce": "INT"} | self._settings
         self._settings |= {
@@ -368,7 +368,7 @@ class ScpiSimulator(LineServer):
         super().__init__(faults, host, port)
 
     def attend(self, connection: socket.socket) -> None:
-        """Answer one client until it goes."""
+        """Answer one client until it disconnects."""
         self._instrument.attended(True)
         try:
             with contextlib.suppress(OSError), connection.makefile("rb") as lines:

@@ -230,8 +230,8 @@ class Station:
         Raises
         ------
         BenchError
-            A running plan calls it and would wait for itself. Or, when all is closed, a drive isn't
-            off: what is still on, and how much.
+            A running plan calls it and would wait for itself. Or a drive isn't off after closing;
+            the message states its torque and power.
         """
         if self._closed:
             return

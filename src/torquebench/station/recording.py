@@ -39,7 +39,7 @@ class Recording:
     metadata : mapping
         Metadata of the run in addition to the bench's.
     before_s : float
-        Keep what was acquired so long before, as far as acquisition remembers it, s.
+        Time before the start whose data are recorded too, as far as available, s.
     """
 
     def __init__(

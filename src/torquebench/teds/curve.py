@@ -24,7 +24,7 @@ FloatArray = NDArray[np.float64]
 LARGEST_POWER = 9
 """Higher powers don't improve coefficients of 32 bits."""
 _ENOUGH = 0.9
-"""The lowest power whose smallest residual exceeds this share of its own is used."""
+"""Of all powers the lowest is used whose residual is below the smallest one divided by this."""
 _READINGS = 2001
 
 
@@ -212,7 +212,7 @@ def curve_torque(sheet: Sheet, electrical: FloatArray) -> FloatArray:
 
 
 def torque_span(bridge: Section) -> tuple[float, float]:
-    """Return the torques between which a bridge template states its sensitivity, in N·m.
+    """Return the span of a bridge template's sensitivity, in N·m.
 
     Raises
     ------

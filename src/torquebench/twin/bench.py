@@ -257,7 +257,7 @@ class BenchTwin:
         drop_every_h: float = 1.0,
         drop_min: float = 10.0,
     ) -> None:
-        """Let the hall's temperature swing, as over a day, and drop, as when a gate is opened.
+        """Vary the hall's temperature: a swing as over a day, and drops as when a gate is opened.
 
         Before the first block everything is put at the mean.
 

@@ -73,7 +73,7 @@ def true_loop_values(
     torque_nm : float
         T, N·m, of which the other two are shares.
     lost_motion_share : float
-        At which lost motion is read.
+        Share of the rated torque at which lost motion is evaluated.
     stiffness_interval : pair of float
         In which the stiffness ΔT/Δθ of the loading branch is taken by least squares.
 

@@ -202,6 +202,6 @@ def transducer_signal(
 
 @njit(cache=True)
 def transducer_frequency(constants: TransducerConstants, signal_nm: float) -> float:
-    """Frequency in Hz that the transducer makes of its signal."""
+    """Output frequency of the transducer in Hz."""
     direction = 0 if signal_nm >= 0.0 else 1
     return constants.zero_hz + constants.sensitivity_hz_per_nm[direction] * signal_nm

@@ -103,7 +103,7 @@ def draw_turning(
     Parameters
     ----------
     generator : numpy.random.Generator
-        Of these constants alone, so that all others stay as they were.
+        Generator of these constants only, so that all others don't change.
     range_nm, largest_speed_rad_s, temperature_effect_per_k : float
         The side's design.
     wear : float

@@ -1,4 +1,4 @@
-"""The devices of one bench, put together."""
+"""The devices of one bench."""
 
 from __future__ import annotations
 

@@ -117,8 +117,8 @@ class Recorder(Device, AsyncReadable, Triggerable):
     `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its samples,
     and the next stretch begins. `set("fine")` does the same, but torques are counted in windows of
     `FINE_WINDOW_S`, which begin with the next block: have it a while before they matter. An
-    instrument with its own counter has fixed windows. The event keeps only from when to when it
-    was: every sample is in the run's raw stream.
+    instrument with its own counter has fixed windows. The event stores only start and end: every
+    sample is in the run's raw stream.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:
@@ -267,7 +267,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         )
 
     async def read(self) -> dict[str, Reading]:
-        """Return from when to when the last stretch was."""
+        """Return start and end of the last interval."""
         values = {
             "start_s": self._start_s,
             "stop_s": self._stop_s,

@@ -215,7 +215,7 @@ class Cia402Drive:
     side : {"input", "output"}
     options : Cia402Options
     watchdog_s : float
-        Without this computer's heartbeat for so long the drive goes to its state fault.
+        Time without this computer's heartbeat after which the drive enters its fault state.
     """
 
     def __init__(

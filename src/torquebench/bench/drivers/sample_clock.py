@@ -22,7 +22,7 @@ FORGOTTEN_S = 1.0
 
 
 class SampleClock:
-    """Spreads samples evenly, a period apart, by the quickest answer that there was.
+    """Assigns times to samples, a period apart, by the quickest answer so far.
 
     A request is sent after the counter's block has arrived, so an answer is never older than the
     block's end, nor than the counter's time then; on a busy computer it is later by the computer's

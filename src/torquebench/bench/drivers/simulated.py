@@ -584,7 +584,7 @@ class SimulatedDrive:
 
     @property
     def ramping(self) -> bool:
-        """Whether a set point is on its way to where it was commanded."""
+        """Whether a set point is still ramping to its target."""
         return self._bench._ramping(self._side)
 
     def close(self) -> None:

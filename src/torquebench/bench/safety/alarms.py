@@ -181,7 +181,7 @@ class Violation:
 
 @dataclass(frozen=True)
 class Alarm:
-    """Why the bench was brought to its safe state, or what its operator should know.
+    """Reason of the safe state, or a warning to the operator.
 
     Parameters
     ----------

@@ -66,7 +66,7 @@ class _Course:
             self._before.popleft()
 
     def band(self) -> tuple[float, float]:
-        """Return between which values the drive may be."""
+        """Return the allowed range of the drive's value."""
         values = [value for _, value in self._before]
         return min(values), max(values)
 

@@ -588,7 +588,7 @@ class SafetySupervisor:
         commands.told_zero(asked, self._clock.present())
 
     def disable(self) -> None:
-        """Take the power off both drives at the end of something; watch that it goes.
+        """Switch off both drives after an operation; check that the power goes.
 
         With an alarm latched the supervisor does so by itself, after the ramp. A drive that doesn't
         take the command causes an alarm.

@@ -25,7 +25,7 @@ class RepeatedSettings(Protocol):
         """Before the first point."""
 
     def longest(self) -> Any:
-        """Return the settings with all repeats that there may be."""
+        """Return the settings with the largest number of repeats."""
 
     def with_repeats(self, most: int) -> Any:
         """Return the settings with so many repeats at most."""

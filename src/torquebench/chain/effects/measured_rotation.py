@@ -36,8 +36,8 @@ CORRELATION_K = 10.0
 class MeasuredRotation(Effect):
     """Tables over speed and temperature by empty runs, over speed and load by a rotating reference.
 
-    The zero's shift is the part that is the same in both directions, the drag the part that turns
-    round with the speed. Drag that grows with the load is a share of the torque's size against the
+    The zero's shift is the part that is the same in both directions, the drag the part that changes
+    sign with the speed. Drag that grows with the load is a share of the torque's size against the
     speed, the span over speed a share of the torque. Running-in is a part of the drag that decays
     with time.
 
@@ -46,7 +46,7 @@ class MeasuredRotation(Effect):
     calibrated_c : float
         Temperature of the static curve, °C, used if none is known.
     low_rpm, high_rpm : float
-        Speeds between which it was measured, 1/min; one farther out by more than a tenth is
+        Speeds between which it was measured, 1/min; speeds beyond them by more than a tenth are
         refused.
     low_c, high_c : float
         Temperatures between which it was measured, °C; the tables' ends limit its use.

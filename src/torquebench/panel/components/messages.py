@@ -28,7 +28,7 @@ class Messages:
         )
 
     def good(self, said: str) -> None:
-        """Say that something is done; the message goes by itself."""
+        """Show that an action is done; the message disappears after a while."""
         shown = self._show(said, "good")
         with self._region:
             ui.timer(SHOWN_S, lambda: self._take(shown), once=True)

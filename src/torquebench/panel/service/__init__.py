@@ -26,8 +26,8 @@ Clients (`clients`): programs with a token of their own
 
 Command lease (`lease`): one session commands, others watch
     - `state()` -> `LeaseState(holder, session_id, since_s, idle_s)`, `holds(actor)`, `take(actor,
-      force=False)`, `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands keep it
-      alive; a command while nobody has it takes it.
+      force=False)`, `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands renew it; a
+      command takes a free lease.
 
 Work (`jobs`): one at a time, each needs the lease
     - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).

@@ -29,7 +29,7 @@ class Kept:
 class History:
     """Records in the order in which they were read; the oldest are removed first.
 
-    It also keeps the number of the last connection, which goes on from process to process.
+    It also stores the number of the last connection, which continues after a restart.
 
     Parameters
     ----------

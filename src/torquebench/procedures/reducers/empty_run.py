@@ -34,8 +34,8 @@ class EmptyRunSettings:
     Parameters
     ----------
     speeds_rpm : tuple of float
-        Rising input speeds above 0, 1/min; each in both directions. The output turns by as much
-        less as it does through the reducer.
+        Rising input speeds above 0, 1/min; each in both directions. The output's speed is the
+        input's divided by the ratio.
     repeats : int
         Number of passes over all speeds. The subtracted values scatter like the test itself, so
         that few repeats here would spoil many there.

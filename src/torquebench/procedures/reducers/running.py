@@ -84,7 +84,7 @@ class NoLoadSettings:
         _check_target("target_percent", self.target_percent, "%")
 
     def longest(self) -> NoLoadSettings:
-        """Return the settings with all repeats that there may be."""
+        """Return the settings with the largest number of repeats."""
         if not _repeats_on(self.target_percent, self.sweep.repeats):
             return self
         repeats = max(self.sweep.repeats, self.most_repeats)
@@ -159,7 +159,7 @@ class EfficiencySettings:
         return replace(self, speeds_rpm=speeds)
 
     def longest(self) -> EfficiencySettings:
-        """Return the settings with all repeats that there may be."""
+        """Return the settings with the largest number of repeats."""
         if not _repeats_on(self.target_points, self.repeats):
             return self
         return replace(self, repeats=max(self.repeats, self.most_repeats), target_points=None)

@@ -31,7 +31,7 @@ class TareValue:
     scatter_nm, degrees_of_freedom : float
         Its standard uncertainty from the repeats, N·m.
     drag_nm : float
-        The part that turns its sign with the speed, N·m.
+        The part that changes sign with the speed, N·m.
     """
 
     torque_nm: float

@@ -50,7 +50,7 @@ class CalibrationWorkflow:
 
     @property
     def reached(self) -> Step:
-        """The furthest step that there is something to do or see at."""
+        """The furthest available step."""
         if self.calibrate is None:
             return "prepare"
         if self.calibration_id is None:

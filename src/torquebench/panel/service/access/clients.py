@@ -99,7 +99,7 @@ class Clients:
         return [_client(row) for row in rows]
 
     def revoke(self, actor: Actor, client_id: int) -> Client:
-        """Let a token count no longer.
+        """Revoke a token.
 
         Raises
         ------

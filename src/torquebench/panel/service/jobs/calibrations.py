@@ -360,7 +360,7 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
 
 
 def check_fit(place: Workplace, request: FitRequest) -> None:
-    """Refuse a model or a calibration that there isn't."""
+    """Refuse a model or a calibration that doesn't exist."""
     _choices([request.model], request.network, rising_only=request.rising_only)
     calibration_data(place.station, request.calibration_id)
 

@@ -108,7 +108,7 @@ def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
 
 
 def check_check(place: Workplace, request: CheckRequest) -> None:
-    """Refuse a profile that there isn't, and a bench that isn't clear."""
+    """Refuse a profile that doesn't exist, and a bench that isn't clear."""
     confirm_clear(place.station.description, request.bench_clear)
     place.settings.profile(request.profile)
 
@@ -143,7 +143,7 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
 
 
 def check_certificate_request(place: Workplace, request: CertificateRequest) -> None:
-    """Refuse a calibration that there isn't, and a number that is taken."""
+    """Refuse a calibration that doesn't exist, and a number that is taken."""
     registry = place.station.registry
     registry.calibration(request.calibration_id)
     kept_letterhead(registry.root)

@@ -161,7 +161,7 @@ def _settings(request: ReducerTestRequest) -> ReducerTestSettings:
 
 
 def check_test(place: Workplace, request: ReducerTestRequest) -> None:
-    """Refuse a reducer that there isn't, and a bench that isn't clear."""
+    """Refuse a reducer that doesn't exist, and a bench that isn't clear."""
     confirm_clear(place.station.description, request.bench_clear)
     place.settings.reducer(request.reducer)
 
