@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +11,7 @@ from nicegui import ui
 
 from torquebench.panel.components.elements import box, icon
 
-__all__ = ["COLOURS", "Chart", "Line"]
+__all__ = ["COLOURS", "Chart", "Line", "error_bars", "limit_lines"]
 
 COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
 """Custom properties of the style sheet; the colours are distinguishable for colour-blind readers.
@@ -25,6 +26,7 @@ class Line:
     ----------
     title : str
     x, y : sequence of float
+        With names along the axis, x counts them from 0, or is empty: one value for each name.
     colour : str
         Custom property of the style sheet.
     points : bool
@@ -47,6 +49,28 @@ class Line:
     symbol: str = "circle"
     labels: Sequence[str] = ()
     beside: str = "right"
+
+
+def limit_lines(title: str, low_x: float, high_x: float, low: float, high: float) -> Line:
+    """Return two horizontal limits as one dashed line that the legend names."""
+    gap = math.nan
+    return Line(
+        title,
+        [low_x, high_x, gap, low_x, high_x],
+        [low, low, gap, high, high],
+        "--bad",
+        dashed=True,
+    )
+
+
+def error_bars(title: str, values: Sequence[float], u: Sequence[float]) -> Line:
+    """Return a vertical bar about each value, with names along the axis."""
+    x: list[float] = []
+    y: list[float] = []
+    for place, (value, half) in enumerate(zip(values, u, strict=True)):
+        x += [place, place, math.nan]
+        y += [value - half, value + half, math.nan]
+    return Line(title, x, y, "--series-3")
 
 
 def _colour(name: str) -> str:
@@ -88,10 +112,10 @@ def _axis(
     return axis
 
 
-def _series(line: Line, per_x: float, *, names: bool) -> dict[str, Any]:
+def _series(line: Line, per_x: float) -> dict[str, Any]:
     data: list[Any] = (
         [_number(value) for value in line.y]
-        if names
+        if not len(line.x)
         else [[_number(per_x * x), _number(y)] for x, y in zip(line.x, line.y, strict=True)]
     )
     if line.labels:
@@ -136,8 +160,6 @@ class Chart:
     x_title, y_title : str
         With units.
     lines : sequence of Line
-    limits : iterable of float
-        Horizontal dashed lines.
     names : sequence of str
         Names along the horizontal axis instead of numbers.
     tall : bool
@@ -154,14 +176,11 @@ class Chart:
         y_title: str,
         lines: Sequence[Line] = (),
         *,
-        limits: Iterable[float] = (),
         names: Sequence[str] = (),
         tall: bool = False,
         logarithmic: bool = False,
         moments: bool = False,
     ) -> None:
-        self._limits = tuple(limits)
-        self._names = tuple(names)
         self._per_x = 1000.0 if moments else 1.0  # a time axis counts in ms
         kind = "log" if logarithmic else "value"
         options: dict[str, Any] = {
@@ -179,9 +198,7 @@ class Chart:
                 ":pageIconColor": _colour("--ink"),
             },
             "tooltip": {"trigger": "axis", "confine": True},
-            "xAxis": _axis(
-                x_title, vertical=False, names=self._names, kind="time" if moments else kind
-            ),
+            "xAxis": _axis(x_title, vertical=False, names=names, kind="time" if moments else kind),
             "yAxis": _axis(y_title, vertical=True, kind=kind),
             "series": self._lines(lines),
         }
@@ -202,24 +219,7 @@ class Chart:
             icon(picture)
 
     def _lines(self, lines: Sequence[Line]) -> list[dict[str, Any]]:
-        series = [_series(line, self._per_x, names=bool(self._names)) for line in lines]
-        if series and self._limits:
-            series[0]["markLine"] = {
-                "symbol": "none",
-                "silent": True,
-                "animation": False,
-                "label": {"show": False},
-                "lineStyle": {"type": "dashed", "width": 1.5, ":color": _colour("--bad")},
-                "data": [{"yAxis": limit} for limit in self._limits],
-            }
-            series.append(self._unseen(lines[0]))
-        return series
-
-    def _unseen(self, line: Line) -> dict[str, Any]:
-        """Return invisible points at the limits: an axis is scaled to points, not to limits."""
-        where = 0 if self._names else _number(line.x[0])
-        points = [[where, limit] for limit in self._limits] if len(line.y) else []
-        return {"type": "scatter", "data": points, "symbolSize": 0, "silent": True}
+        return [_series(line, self._per_x) for line in lines]
 
     def show(self, lines: Sequence[Line]) -> None:
         """Show other lines."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
-from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.charts import Chart, Line, limit_lines
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.mounting_form import MountingForm
@@ -116,8 +116,16 @@ class VerifyStep:
                         Line(text.core(model["title"]), details["standard_nm"],
                              model["error_nm"], self._colour(model), points=True)
                         for model in self._page.workflow.verified.values()
+                    ]
+                    + [
+                        limit_lines(
+                            text("verify.tolerance"),
+                            min(details["standard_nm"]),
+                            max(details["standard_nm"]),
+                            -limit,
+                            limit,
+                        )
                     ],
-                    limits=(-limit, limit),
                 )  # fmt: skip
 
     def _colour(self, model: Mapping[str, Any]) -> str:

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from functools import partial
 from typing import Any
 
 from torquebench.campaign.drifting import DriftSeries
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.charts import COLOURS, Chart, Line
+from torquebench.panel.components.charts import COLOURS, Chart, Line, limit_lines
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import (
     box,
@@ -259,16 +258,10 @@ def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
     lines = [Line(text("records.values"), moments, series.values, "--series-1", points=True)]
     chart = series.chart
     if chart is not None:
-        ends, gap = [moments[0], moments[-1]], math.nan
+        ends = (moments[0], moments[-1])
         lines += [
             Line(text("records.centre"), ends, [chart.centre] * 2, "--series-3"),
-            Line(
-                text("records.limits"),
-                [*ends, gap, *ends],
-                [chart.lower, chart.lower, gap, chart.upper, chart.upper],
-                "--bad",
-                dashed=True,
-            ),
+            limit_lines(text("records.limits"), *ends, chart.lower, chart.upper),
         ]
     return lines
 

@@ -11,7 +11,7 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.charts import Chart, Line, error_bars
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
 from torquebench.panel.pages.visitor import Visitor
@@ -198,19 +198,15 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
     names = [name for name, _ in reversed(found)]
     shown = [quantities[key] for _, quantities in reversed(found) if key in quantities]
     if len(shown) == len(names):
-        bounds = [[each.value + sign * each.expanded_uncertainty for each in shown]
-                  for sign in (1, -1)]  # fmt: skip
+        values = [each.value for each in shown]
         title = text.core(found[0][1][key].title)
         Chart(
             text("reducer.compare_label", title=title),
             text("reducer.specimen"),
             f"{title}, {found[0][1][key].unit}",
             [
-                Line(title, [], [each.value for each in shown], "--series-1", points=True),
-                *(
-                    Line("± U", [], bound, "--series-3", points=True, symbol="rect")
-                    for bound in bounds
-                ),
+                Line(text("records.values"), [], values, "--series-1", points=True),
+                error_bars("± U", values, [each.expanded_uncertainty for each in shown]),
             ],
             names=names,
         )
