@@ -174,17 +174,15 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.sees("in use: ")
     ana.size(800, 1000)
     ana.press("Compare")
-    ana.wait(lambda: charts(ana), "errors compared")
-    (compared,) = charts(ana)
-    assert compared["names"] == ["No. 1, Raw", "No. 1, Compensated"]
+    compared = ["No. 1, Raw", "No. 1, Compensated"]
+    ana.wait(lambda: [each["names"] for each in charts(ana)] == [compared], "errors compared")
     wide = (
         "return [...document.querySelectorAll('.scroll')]"
         ".filter((each) => each.scrollWidth > each.clientWidth + 1).length"
     )
     assert ana.driver.execute_script(wide) == 0  # no column is out of sight
     ana.press("Drift")
-    ana.wait(lambda: charts(ana), "drift")
-    assert {each["kind"] for each in charts(ana)} == {"time"}
+    ana.wait(lambda: {each["kind"] for each in charts(ana)} == {"time"}, "drift over time")
     ana.size(1440, 900)
     ana.open("/alarms")  # a live page paints all the time, and the next test has use for the time
     assert ana.problems() == ben.problems() == []
