@@ -1,5 +1,6 @@
 """Two people calibrate the output module in their browsers, from start to certificate."""
 
+import re
 from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
@@ -161,15 +162,12 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
 
     ana.open("/records")
     ana.sees("1 to ")
-    runs = ana.driver.find_elements("css selector", "table.data tbody tr")
-    next(each for each in runs if "calibrate-output" in each.text).find_element(
-        "tag name", "button"
-    ).click()
-    ana.wait(lambda: len(charts(ana)) == 2, "charts of samples and points")
-    samples, points = charts(ana)
+    ana.press("Open")  # the verification, which is the newest
+    ana.wait(lambda: len(charts(ana)) == 3, "charts of samples, zeros and points")
+    samples, _, points = charts(ana)
     assert (samples["y"], samples["legend"]) == ("output_torque, Hz", False)
     assert (points["x"], points["y"], points["legend"]) == ("standard, N·m", "error, N·m", False)
-    assert "… 12 of 20 rows; the export has all." in ana.text
+    assert re.search(r"… 12 of \d+ rows; the export has all\.", ana.text)
     ana.press("Calibrations")
     ana.sees("in use: ")
     ana.size(800, 1000)
