@@ -181,6 +181,7 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
                 found.reading_nm,
                 time_s=found.time_s,
                 speed_rpm=found.speed_rpm,
+                angle_rad=found.angle_rad,
                 temperature_c=np.full(found.time_s.size, before),
                 zero_temperature_c=zeroed_c,
             )

@@ -18,6 +18,7 @@ from torquebench.chain import (
     MeasuredRotation,
     MeasuringChain,
     Readings,
+    Ripple,
     Timebase,
     Torque,
     effect_states,
@@ -65,6 +66,10 @@ class StreamReadings:
         Centre of the last window of a window's block; of all where not given.
     acceleration_rad_s2, acceleration_uncertainty_rad_s2 : float64 array of shape (n,) or float
         Over a window's block; NaN where it isn't measured.
+    angle_rad : float64 array of shape (n,) or None
+        Of the shaft when the torque in the middle of a window acted; None where it isn't known.
+    window_s : float or None
+        Length of the windows.
     """
 
     time_s: NDArray[np.float64]
@@ -75,6 +80,8 @@ class StreamReadings:
     until_s: NDArray[np.float64] | float | None = None
     acceleration_rad_s2: NDArray[np.float64] | float = np.nan
     acceleration_uncertainty_rad_s2: NDArray[np.float64] | float = np.nan
+    angle_rad: NDArray[np.float64] | None = None
+    window_s: float | None = None
 
     @classmethod
     def joined(
@@ -89,6 +96,9 @@ class StreamReadings:
         if len(parts) == 1:
             return cls(*parts[0], speed_rpm[0], temperature_c[0], until_s[0], *accelerations[0])
         counts = [time_s.size for time_s, _, _ in parts]
+        acceleration, uncertainty = (
+            np.repeat(each, counts) for each in zip(*accelerations, strict=True)
+        )
         counted = [counter_nm for _, _, counter_nm in parts if counter_nm is not None]
         return cls(
             np.concatenate([time_s for time_s, _, _ in parts]),
@@ -97,7 +107,8 @@ class StreamReadings:
             np.repeat(speed_rpm, counts),
             np.repeat(temperature_c, counts),
             np.repeat(until_s, counts),
-            *(np.repeat(column, counts) for column in zip(*accelerations, strict=True)),
+            acceleration,
+            uncertainty,
         )
 
 
@@ -150,6 +161,11 @@ class ActiveChain:
         measured = any(isinstance(each, MeasuredRotation) for each in self.chain.stored)
         return measured and "rotation" not in self.chain.switches
 
+    @property
+    def needs_angle(self) -> bool:
+        """Whether it corrects what repeats with every turn of the shaft."""
+        return any(isinstance(each, Ripple) for each in self.chain.stored)
+
     def warm_up(self) -> None:
         """Compile the kernels before the first block needs them; the past stays unknown."""
         self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
@@ -187,6 +203,8 @@ class ActiveChain:
             speed_rpm=readings.speed_rpm,
             acceleration_rad_s2=readings.acceleration_rad_s2,
             acceleration_uncertainty_rad_s2=readings.acceleration_uncertainty_rad_s2,
+            angle_rad=readings.angle_rad,
+            window_s=readings.window_s,
             temperature_c=readings.temperature_c,
             zero_age_h=age_h,
             zero_temperature_c=None if zero is None else zero.temperature_c,

@@ -55,6 +55,9 @@ class _Section(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
+_GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
+
+
 class TransducerDescription(_Section):
     """A torque transducer with frequency output, with nominal data from its data sheet.
 
@@ -82,6 +85,11 @@ class TransducerDescription(_Section):
     def nominal_sensitivity_hz_per_nm(self) -> float:
         """Sensitivity by the option and the nominal torque, Hz/(N·m)."""
         return self.option_khz * 500.0 / self.nominal_torque_nm
+
+    @property
+    def group_delay_s(self) -> float:
+        """By how much its frequency is later than the torque (data sheet of the option), s."""
+        return _GROUP_DELAY_S[self.option_khz]
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -131,12 +139,15 @@ class EncoderDescription(_Section):
     `accuracy_arcsec` is ± what its data sheet allows over a turn; unknown if it isn't given.
     `certificate` may name a CSV file beside the `bench.toml` with the columns `angle_deg`,
     `error_arcsec` and `expanded_uncertainty_arcsec` (k = 2); its errors are then corrected.
+    `absolute` says that its counts begin at the same mark on the shaft whenever the bench is
+    opened: what repeats with every turn can then be corrected by the angle.
     """
 
     serial: Text
     counts_per_revolution: Annotated[int, Field(ge=16, le=2**31, description="counts")]
     accuracy_arcsec: Annotated[float, Field(ge=0, le=36000, description="arcsec")] | None = None
     certificate: str | None = None
+    absolute: bool = False
 
 
 class GuideRailDescription(_Section):

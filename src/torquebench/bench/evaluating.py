@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.bench.acceleration import (
     LEAST_SPAN_S,
@@ -20,6 +21,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.samples import (
+    FINE_WINDOW_S,
     AcquiredBlock,
     ChannelSamples,
     SampleRing,
@@ -31,6 +33,8 @@ from torquebench.signals import TorqueSamples
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["BlockEvaluator", "mean_speed"]
+
+FloatArray = NDArray[np.float64]
 
 KEPT_S = 120.0
 ANGLE_RATE_HZ = 1000.0
@@ -149,8 +153,14 @@ class BlockEvaluator:
 
         accelerations = [block.accelerations.get(side, UNKNOWN) for block in blocks]
 
-        def readings(parts: Sequence[StreamPart]) -> StreamReadings:
-            return StreamReadings.joined(parts, speed_rpm, temperature_c, accelerations)
+        module = self._description.module(side)
+        by_angle = active.needs_angle and module.encoder.absolute
+        delay_s = module.transducer.group_delay_s if by_angle else 0.0
+
+        def readings(parts: Sequence[StreamPart], window_s: float) -> StreamReadings:
+            found = StreamReadings.joined(parts, speed_rpm, temperature_c, accelerations)
+            angle = self._angles(side, found.time_s - delay_s) if by_angle else None
+            return replace(found, angle_rad=angle, window_s=window_s)
 
         if name not in blocks[0].fine:
             active.end_fine()
@@ -160,7 +170,8 @@ class BlockEvaluator:
                     [
                         (each.time_s, each.torque_nm, each.standard_uncertainty_nm)
                         for each in (block.fine[name] for block in blocks)
-                    ]
+                    ],
+                    FINE_WINDOW_S,
                 )
             )
         return active.push(
@@ -168,9 +179,22 @@ class BlockEvaluator:
                 [
                     (each.time_s, each.torque_nm, each.counter_nm)
                     for each in (block.channels[name] for block in blocks)
-                ]
+                ],
+                self._description.counter.window_s,
             )
         )
+
+    def _angles(self, side: Side, time_s: FloatArray) -> FloatArray | None:
+        """Return the shaft's angle at times, rad; NaN where the encoder stated none."""
+        if not time_s.size:
+            return None
+        around_s = 2.0 * self._description.counter.window_s
+        at, counts = self.angles[side].window(time_s[0] - around_s, time_s[-1] + around_s)
+        if at.size < 2:
+            return None
+        per_revolution = self._description.module(side).encoder.counts_per_revolution
+        found = np.interp(time_s, at, counts, left=np.nan, right=np.nan)
+        return np.asarray(found * (2.0 * np.pi / per_revolution))
 
     def _check_encoder(self, side: Side, angle: AngleSamples) -> None:
         described = self._description.module(side).encoder.counts_per_revolution

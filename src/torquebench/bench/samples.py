@@ -16,7 +16,10 @@ from torquebench.bench.roles import Side, torque_channel
 from torquebench.chain import Torque
 from torquebench.signals import EdgeBlock, SignalFaultKind, TorqueSamples
 
-__all__ = ["AcquiredBlock", "ChannelSamples", "SampleRing", "Stretch", "Viewer"]
+__all__ = ["FINE_WINDOW_S", "AcquiredBlock", "ChannelSamples", "SampleRing", "Stretch", "Viewer"]
+
+FINE_WINDOW_S = 0.002
+"""Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

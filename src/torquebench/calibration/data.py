@@ -32,6 +32,7 @@ _OPTIONAL = (
     "standard_error_nm",
     "true_torque_nm",
     "acceleration_rad_s2",
+    "angle_rad",
     "zero_temperature_c",
     "standard_temperature_c",
 )
@@ -68,6 +69,8 @@ class CalibrationData:
         Standard error of each reading's mean, in N·m.
     acceleration_rad_s2 : array of float, shape (n,), optional
         Angular acceleration of the shaft; 0 where it isn't given, as points are steady.
+    angle_rad : array of float, shape (n,), optional
+        Angle of the shaft in the middle of a window, where the points are a record.
     zero_temperature_c : array of float, shape (n,), optional
         Temperature of the transducer when the zero that each reading counts from was taken.
     standard_temperature_c : array of float, shape (n,), optional
@@ -109,6 +112,7 @@ class CalibrationData:
     true_torque_nm: NDArray[np.float64] | None = None
     simulated: bool = False
     acceleration_rad_s2: NDArray[np.float64] | None = None
+    angle_rad: NDArray[np.float64] | None = None
     zero_temperature_c: NDArray[np.float64] | None = None
     standard_temperature_c: NDArray[np.float64] | None = None
 
@@ -217,7 +221,7 @@ class CalibrationData:
         """Return the points as readings of a measuring chain.
 
         Every series begins with a zero: its first point gives the time, and the temperature if the
-        table has none.
+        table has none. Steady values of a rotating shaft are means over whole revolutions.
         """
         begin = self.first_of_series
         age, zeroed, warm = self.time_s, self.zero_temperature_c, self.temperature_c
@@ -231,6 +235,7 @@ class CalibrationData:
             acceleration_rad_s2=0.0
             if self.acceleration_rad_s2 is None
             else self.acceleration_rad_s2,
+            window_s=np.inf,
             temperature_c=self.temperature_c,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
             zero_temperature_c=zeroed,

@@ -75,6 +75,7 @@ def identify_turning(
             speed,
             points.temperature_c,
             points.zero_temperature_c,
+            points.standard_error_nm,
         ),
         runs,
         points.range_nm,
@@ -142,5 +143,11 @@ def recorded_readings(points: CalibrationData, zero_temperature_c: float | None)
         return readings
     step = np.diff(time_s)
     if step.size and np.all(step > 0.0) and np.median(step) <= _STREAM_S:
-        readings = replace(readings, time_s=time_s, acceleration_rad_s2=None)
+        readings = replace(
+            readings,
+            time_s=time_s,
+            acceleration_rad_s2=None,
+            angle_rad=points.angle_rad,
+            window_s=None,
+        )
     return readings

@@ -25,6 +25,8 @@ from torquebench.station import Station
 __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
 
 COLUMNS = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
+ANGLE = "angle_deg"
+"""A further column, where the encoder counts from a mark."""
 _RESUMED_AFTER_S = 60.0
 """Time between the last row of an interrupted run and the first after it; the real one is unknown.
 """
@@ -196,10 +198,13 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
         "zero_nm": f"{scale.torque(table.zero_hz):.9g}",
     }
     lines = [f"# {name} = {value}" for name, value in remarks.items()]
-    lines.append(",".join(COLUMNS))
+    absolute = station.description.module(table.side).encoder.absolute
+    by_angle = absolute and bool(np.isfinite(table.rows[:, -1]).all())
+    lines.append(",".join((*COLUMNS, ANGLE) if by_angle else COLUMNS))
     lines += [
         f"{time_s:.6f},{reading_nm:.7g},{speed_rpm:.7g},{temperature_c:.6g}"
-        for time_s, reading_nm, speed_rpm, temperature_c in table.rows.tolist()
+        + (f",{angle_deg:.3f}" if by_angle else "")
+        for time_s, reading_nm, speed_rpm, temperature_c, angle_deg in table.rows.tolist()
     ]
     atomic_write(target, "\n".join(lines) + "\n")
 
@@ -232,7 +237,10 @@ def read_begun(
         raise InputError(f"{path} is complete", "an interrupted run", "begin another file")
     if profile.kind != "empty":
         return BegunCalibration(read_calibration_csv(path), int(done))
-    rows: NDArray[np.float64] = np.column_stack([table.numbers(name) for name in COLUMNS])
+    rows: NDArray[np.float64] = np.column_stack(
+        [table.numbers(name) for name in COLUMNS]
+        + [table.numbers(ANGLE) if ANGLE in table.header else np.full(len(table.rows), np.nan)]
+    )
     begun = EmptyTable(side)
     begun.begin_with(rows, int(done), float(table.remarks.get("zero_hz", "nan")))
     return begun

@@ -18,6 +18,7 @@ from .effects import (
     MeasuredTemperature as MeasuredTemperature,
     Mounting as Mounting,
     Reference as Reference,
+    Ripple as Ripple,
     Rotation as Rotation,
     Scatter as Scatter,
     StaticCurve as StaticCurve,

@@ -16,6 +16,7 @@ from torquebench.chain.effects import (
     Inertia,
     MeasuredRotation,
     MeasuredTemperature,
+    Ripple,
     Scatter,
     StaticCurve,
     SwitchedOff,
@@ -32,8 +33,8 @@ __all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "load_chain"]
 GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
 
 
-_OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia)
-_NOT_EXPECTED = (Inertia, SwitchedOff, Timebase)
+_OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia, Ripple)
+_NOT_EXPECTED = (Inertia, Ripple, SwitchedOff, Timebase)
 """Effects that a chain may lack without a warning."""
 
 

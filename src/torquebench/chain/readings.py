@@ -32,6 +32,10 @@ class Readings:
         Of the shaft.
     acceleration_uncertainty_rad_s2 : float64[n], float or None
         Standard uncertainty of an acceleration that was derived from the speed.
+    angle_rad : float64[n], float or None
+        Of the shaft in the middle of the window, from a mark on it.
+    window_s : float or None
+        Length of the windows.
     temperature_c : float64[n], float or None
         Of the transducer.
     zero_age_h, zero_temperature_c : float64[n], float or None
@@ -54,6 +58,8 @@ class Readings:
     speed_rpm: Known = None
     acceleration_rad_s2: Known = None
     acceleration_uncertainty_rad_s2: Known = None
+    angle_rad: Known = None
+    window_s: float | None = None
     temperature_c: Known = None
     zero_age_h: Known = None
     zero_temperature_c: Known = None

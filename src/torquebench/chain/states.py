@@ -22,6 +22,7 @@ Standing = Literal["holds", "outside", "unmeasured", "off"]
 
 QUANTITIES = {
     "speed_rpm": "speed",
+    "angle_rad": "angle",
     "acceleration_rad_s2": "acceleration",
     "temperature_c": "temperature",
     "zero_temperature_c": "temperature when the zero was taken",

@@ -87,8 +87,8 @@ WithoutOption = Annotated[
     typer.Option(
         "--without",
         metavar="EFFECT",
-        help="Don't correct hysteresis, temperature, rotation or inertia: U contains it instead. "
-        "May be repeated.",
+        help="Don't correct hysteresis, temperature, rotation, inertia or ripple: U contains it "
+        "instead. May be repeated.",
     ),
 ]
 RealTimeOption = Annotated[

@@ -81,6 +81,7 @@ class ArrowReadings:
             numbers.get("standard_error_nm"),
             numbers.get("time_s"),
             numbers.get("acceleration_rad_s2"),
+            numbers.get("angle_deg"),
             self.simulated,
         )
 

@@ -6,6 +6,7 @@ __all__ = ["column_unit", "column_words", "short_names"]
 
 _COLUMNS = {
     "angle_counts": ("counts", "Angle in counts of the encoder, unwrapped, clockwise positive"),
+    "angle_deg": ("deg", "Angle of the shaft in the middle of the window"),
     "branch": (
         "1",
         "Whether the magnitude of the torque rises (up, 1) or falls (down, -1); 0 or unknown: "

@@ -63,6 +63,7 @@ LABELS = ("series", "branch", "direction")
 _CALIBRATION: Mapping[str, Kind] = {
     **dict.fromkeys(TORQUES, "torque"),
     "position": "angle",
+    "angle": "angle",
     "speed": "speed",
     "temperature": "temperature",
     "zero_temperature": "temperature",

@@ -341,6 +341,7 @@ class _CsvSource:
             standard_error_nm=numbers.get("standard_error_nm"),
             time_s=numbers.get("time_s"),
             acceleration_rad_s2=numbers.get("acceleration_rad_s2"),
+            angle_rad=numbers.get("angle_deg"),
             simulated=self.simulated,
         )
 

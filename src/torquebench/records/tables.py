@@ -44,6 +44,7 @@ _OPTIONAL = (
     "standard_error_nm",
     "true_torque_nm",
     "acceleration_rad_s2",
+    "angle_rad",
     "zero_temperature_c",
     "standard_temperature_c",
 )
@@ -51,6 +52,7 @@ READING_QUANTITIES = (
     "time_s",
     "speed_rpm",
     "acceleration_rad_s2",
+    "angle_deg",
     "temperature_c",
     "standard_error_nm",
 )
@@ -190,6 +192,7 @@ def calibration_of(
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         true_torque_nm=quantity(table, columns, "true_torque_nm"),
         acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
+        angle_rad=quantity(table, columns, "angle_deg"),
         zero_temperature_c=quantity(table, columns, "zero_temperature_c"),
         standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
         simulated=is_simulated(noted),
@@ -210,7 +213,8 @@ class ReadingsTable:
         The file's original cells, which `write_torque_csv` repeats.
     reading_nm : array of float, shape (n,)
         Readings in N·m.
-    branch, series, speed_rpm, temperature_c, standard_error_nm, time_s : array, shape (n,), or None
+    branch, series, speed_rpm, temperature_c, standard_error_nm, time_s, acceleration_rad_s2,
+    angle_rad : array of shape (n,) or None
         Further columns, if the file has them.
     simulated : bool
         Whether the file states that its readings are simulated.
@@ -225,6 +229,7 @@ class ReadingsTable:
     standard_error_nm: NDArray[np.float64] | None
     time_s: NDArray[np.float64] | None
     acceleration_rad_s2: NDArray[np.float64] | None
+    angle_rad: NDArray[np.float64] | None
     simulated: bool
 
     def __len__(self) -> int:
@@ -247,6 +252,7 @@ class ReadingsTable:
             time_s=self.time_s,
             speed_rpm=self.speed_rpm,
             acceleration_rad_s2=self.acceleration_rad_s2,
+            angle_rad=self.angle_rad,
             temperature_c=self.temperature_c,
             zero_age_h=zero_age_h,
             zero_temperature_c=zero_temperature_c,
@@ -289,6 +295,7 @@ def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
         standard_error_nm=quantity(table, columns, "standard_error_nm"),
         time_s=quantity(table, columns, "time_s"),
         acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
+        angle_rad=quantity(table, columns, "angle_deg"),
         simulated=is_simulated(table.remarks),
     )
 
@@ -297,8 +304,8 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     """Return the empty run in a CSV file.
 
     Columns are ``time_s``, ``reading_nm``, ``speed_rpm``, ``temperature_c`` and optionally
-    ``acceleration_rad_s2``, at an even rate. A comment ``# zero_nm = -0.012`` states the zero of
-    the readings, so that runs with different zeros can be combined.
+    ``acceleration_rad_s2`` and ``angle_deg``, at an even rate. A comment ``# zero_nm = -0.012``
+    states the zero of the readings, so that runs with different zeros can be combined.
 
     Parameters
     ----------
@@ -324,7 +331,17 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
         zero_nm = None if noted is None else float(noted)
     except ValueError:
         raise InputError(f"{path}: zero_nm = {noted}", "a number, in N·m") from None
-    return EmptyRun(Path(path).name, time_s, reading, speed, temperature, acceleration, zero_nm)
+    angle = quantity(table, columns, "angle_deg")
+    return EmptyRun(
+        Path(path).name,
+        time_s,
+        reading,
+        speed,
+        temperature,
+        acceleration,
+        zero_nm,
+        angle,
+    )
 
 
 def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> list[str]:

@@ -22,6 +22,7 @@ from torquebench.chain import (
     Mounting,
     Readings,
     Reference,
+    Ripple,
     Rotation,
     Shared,
     SwitchedOff,
@@ -73,6 +74,16 @@ EFFECTS_OF_ALL_KINDS = (
         running_in_uncertainty_nm=(0.01, 0.02),
     ),
     Inertia("empty runs", 0.002, 1e-5, 30.0),
+    Ripple(
+        "empty runs",
+        1200.0,
+        0.01,
+        (1.0,),
+        ((0.0, 0.0, 0.1, 0.0, 0.0),),
+        ((0.0, 0.0, 0.2, 0.0, 0.0),),
+        (0.0, 1200.0),
+        (0.0, 0.01),
+    ),
     SwitchedOff("a person", ("hysteresis",)),
 )
 OF_LIMITS = EFFECTS_OF_ALL_KINDS[:9]

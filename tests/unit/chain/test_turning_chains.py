@@ -432,7 +432,7 @@ def test_ripple_within_a_revolution_is_in_u_of_single_readings() -> None:
     fast, slow = (
         part(
             turning.components(row(speed_rpm=n, temperature_c=23.0), np.zeros(1)),
-            "ripple within a revolution",
+            "noise in a window",
         )[1]
         for n in (1000.0, 100.0)
     )

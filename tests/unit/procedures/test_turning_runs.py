@@ -34,7 +34,7 @@ def profile(**changes: object) -> TurningProfile:
 
 def columns(path: Path) -> np.ndarray:
     lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
-    assert lines[0] == "time_s,reading_nm,speed_rpm,temperature_c"
+    assert lines[0] == "time_s,reading_nm,speed_rpm,temperature_c,angle_deg"
     return np.array([[float(cell) for cell in line.split(",")] for line in lines[1:]]).T
 
 
@@ -61,7 +61,7 @@ def test_holds_last_whole_revolutions() -> None:
 def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_path: Path) -> None:
     file = tmp_path / "empty.csv"
     done = measure_turning(station, "input", profile(), file)
-    time_s, reading, speed, temperature = columns(file)
+    time_s, reading, speed, temperature, angle = columns(file)
     assert done.rows == time_s.size
     assert np.allclose(np.diff(time_s), 0.01, atol=1e-5)
     assert speed.max() == pytest.approx(1200.0, rel=0.05)
@@ -71,6 +71,8 @@ def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_p
     assert np.percentile(acceleration, 95) > 1.8 * 1200.0 / 4.0  # steep and gentle ones
     steps = np.abs(np.diff(speed))
     assert steps.max() < 15.0  # also where one stretch of the recorder follows another
+    turned = np.diff(np.unwrap(angle, period=360.0)) / np.diff(time_s) / 6.0
+    assert np.allclose(turned, 0.5 * (speed[1:] + speed[:-1]), atol=3.0)
     fast, back = speed > 1150.0, speed < -1150.0
     assert reading[fast].mean() > reading[back].mean()  # drag turns round with the speed
     assert "# simulated = true" in file.read_text()

@@ -17,30 +17,17 @@ from torquebench.bench.active_chain import TimedTorque
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, torque_channel
+from torquebench.bench.samples import FINE_WINDOW_S
 from torquebench.chain.effects.static_curve import StaticCurve
 from torquebench.errors import InputError, SignalFault
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["ModuleRecording", "Recorder", "SynchronousRecording", "group_delay_s"]
+__all__ = ["ModuleRecording", "Recorder", "SynchronousRecording"]
 
 FloatArray = NDArray[np.float64]
 
-FINE_WINDOW_S = 0.002
-"""Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
-_GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
 _LARGEST_JUMP_RAD: dict[Side, float] = {"input": 5e-3, "output": 5e-4}
 """Largest change of a side's angle within one sample, beyond its present speed, rad."""
-
-
-def group_delay_s(option_khz: int) -> float:
-    """Return the group delay of a transducer by its option (data sheet), s.
-
-    Examples
-    --------
-    >>> group_delay_s(60)
-    0.00022
-    """
-    return _GROUP_DELAY_S[option_khz]
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,11 +91,14 @@ class ModuleRecording:
         By the zero in use, N·m.
     speed_rpm : float64[n]
         Mean over the same windows, 1/min.
+    angle_rad : float64[n]
+        Of the shaft in the middle of each window.
     """
 
     time_s: FloatArray
     reading_nm: FloatArray
     speed_rpm: FloatArray
+    angle_rad: FloatArray
 
 
 class Recorder(Device, AsyncReadable, Triggerable):
@@ -177,13 +167,13 @@ class Recorder(Device, AsyncReadable, Triggerable):
         channel = context.acquisition.channel(torque_channel(side))
         samples = channel.window(start_s - half_s, stop_s - half_s)  # angles end with the interval
         samples.raise_on_fault()
-        option = context.description.module(side).transducer.option_khz
-        acted_s = samples.time_s - group_delay_s(option)
+        acted_s = samples.time_s - context.description.module(side).transducer.group_delay_s
         angles = context.acquisition.angles(side, start_s - 2.0 * self._window_s, stop_s)
         at, angle = angles.time_s, angles.angle_rad
         first, last = (np.interp(acted_s + each, at, angle) for each in (-half_s, half_s))
         speed = (last - first) / (2.0 * half_s * RAD_S_PER_RPM)
-        return ModuleRecording(acted_s, samples.torque_nm, speed)
+        middle = np.interp(acted_s, at, angle)
+        return ModuleRecording(acted_s, samples.torque_nm, speed, middle)
 
     def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
         fine = [self._fine_torque(side, start_s, stop_s) for side in SIDES]
@@ -249,7 +239,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, found: TimedTorque | None
     ) -> tuple[FloatArray, ...]:
         """Return time, torque, its standard uncertainty, and the static curve's part of that."""
-        delay_s = group_delay_s(self._context.description.module(side).transducer.option_khz)
+        delay_s = self._context.description.module(side).transducer.group_delay_s
         if found is None:
             unknown = np.full(counted_s.size, np.nan)
             return counted_s - delay_s, reading_nm, unknown, unknown

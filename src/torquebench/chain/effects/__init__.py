@@ -11,6 +11,7 @@ from torquebench.chain.effects.measured_rotation import MeasuredRotation
 from torquebench.chain.effects.measured_temperature import MeasuredTemperature
 from torquebench.chain.effects.mounting import Mounting
 from torquebench.chain.effects.reference import Reference
+from torquebench.chain.effects.ripple import Ripple
 from torquebench.chain.effects.rotation import Rotation
 from torquebench.chain.effects.scatter import Scatter
 from torquebench.chain.effects.static_curve import StaticCurve
@@ -28,6 +29,7 @@ __all__ = [
     "MeasuredTemperature",
     "Mounting",
     "Reference",
+    "Ripple",
     "Rotation",
     "Scatter",
     "StaticCurve",

@@ -65,9 +65,11 @@ class MeasuredRotation(Effect):
         Time in which running-in falls to 1/e, s; 0 for none.
     running_in_nm, running_in_uncertainty_nm : tuple of float
         Additional drag at time 0 over the speed's nodes, N·m.
-    ripple_nm : tuple of float
+    noise_nm : tuple of float
         Standard deviation of single readings of the empty runs over the speed's nodes, beyond that
-        at standstill, caused by misalignment and the drive within a revolution, N·m.
+        that of the calibration's points, caused by transducer, drive and misalignment, N·m.
+    window_s : float
+        Windows of the empty runs, s: shorter ones are noisier. 0 if unknown.
     """
 
     title: ClassVar[str] = "rotation, measured"
@@ -93,7 +95,8 @@ class MeasuredRotation(Effect):
     running_in_s: float = 0.0
     running_in_nm: Numbers = ()
     running_in_uncertainty_nm: Numbers = ()
-    ripple_nm: Numbers = ()
+    noise_nm: Numbers = ()
+    window_s: float = 0.0
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
@@ -232,10 +235,12 @@ class MeasuredRotation(Effect):
             Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
             Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
         ]
-        if self.ripple_nm:
+        if self.noise_nm:
             size = np.where(np.isnan(speed), self.speeds_rpm[-1], np.abs(speed))
-            u = np.interp(size, self.speeds_rpm, self.ripple_nm)
-            found.append(Component("ripple within a revolution", Shared.NOTHING, u))
+            window_s = readings.window_s
+            longer = self.window_s / window_s if self.window_s and window_s else 1.0
+            u = np.sqrt(longer) * np.interp(size, self.speeds_rpm, self.noise_nm)
+            found.append(Component("noise in a window", Shared.NOTHING, u))
         if self.running_in_s > 0.0:
             found.append(self._running_in(readings, running, running_u))
         return tuple(found)

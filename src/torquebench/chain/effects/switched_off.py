@@ -18,6 +18,7 @@ SWITCHES: Mapping[str, tuple[str, ...]] = {
     "temperature": ("temperature of zero", "temperature of span"),
     "rotation": ("zero over speed", "bearing drag", "running-in"),
     "inertia": ("inertia",),
+    "ripple": ("ripple by angle",),
 }
 """Corrections that can be switched off, and the components of each."""
 

@@ -33,6 +33,8 @@ class EmptyRun:
         At an even rate.
     acceleration_rad_s2 : float64 array of shape (n,), optional
         From the speed where it isn't given.
+    angle_rad : float64 array of shape (n,), optional
+        Of the shaft in the middle of each window, from the same mark in all runs.
     zero_nm : float, optional
         The frequency of the zero that the readings count from, as a torque by the nominal zero.
 
@@ -49,6 +51,7 @@ class EmptyRun:
     temperature_c: FloatArray
     acceleration_rad_s2: FloatArray | None = None
     zero_nm: float | None = None
+    angle_rad: FloatArray | None = None
 
     def __post_init__(self) -> None:
         if self.time_s.size < _FEWEST_ROWS:
@@ -118,6 +121,8 @@ class TurningCalibration:
         0 where it was at standstill.
     temperature_c : float64 array of shape (n,) or None
         None where it wasn't measured.
+    standard_error_nm : float64 array of shape (n,), optional
+        Of readings that are means; None where they are single ones.
     zero_temperature_c : float64 array of shape (n,), optional
         Temperature at the zero that each reading counts from; that of the static curve by default.
     """
@@ -128,6 +133,7 @@ class TurningCalibration:
     speed_rpm: FloatArray
     temperature_c: FloatArray | None
     zero_temperature_c: FloatArray | None = None
+    standard_error_nm: FloatArray | None = None
 
 
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:

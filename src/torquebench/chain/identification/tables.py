@@ -26,6 +26,7 @@ from torquebench.chain.identification.records import (
     of_one_zero,
     stretches,
 )
+from torquebench.chain.identification.ripple import identify_ripple, without_ripple
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
@@ -95,7 +96,8 @@ def identify(
     InputError
         Empty runs without information, or incompatible with the calibration.
     """
-    data = _Data.of(calibration, of_one_zero(runs), range_nm)
+    ripple = identify_ripple(runs)
+    data = _Data.of(calibration, without_ripple(ripple, of_one_zero(runs)), range_nm)
     remarks = list(data.gaps())
     used = [block for block in blocks(len(runs)) if block.group == "" or block.group in data.groups]
     if not data.groups:
@@ -106,7 +108,7 @@ def identify(
             tuple(remarks),
         )
     fitted = _Fit.of(data, used)
-    effects = _effects(fitted)
+    effects = (*_effects(fitted), *([] if ripple is None else [ripple]))
     corrected = _corrected(calibration, effects)
     return Identified(
         effects,
@@ -124,6 +126,7 @@ def _corrected(calibration: TurningCalibration, effects: Sequence[Effect]) -> Fl
         zero_temperature_c=calibration.zero_temperature_c,
         acceleration_rad_s2=0.0,
         time_s=np.full(calibration.reading_nm.size, np.inf),  # after running-in
+        window_s=np.inf,
     )
     torque = calibration.reading_nm
     for effect in effects:
@@ -147,6 +150,9 @@ class _Data:
     target: FloatArray
     runs: tuple[tuple[Circumstances, FloatArray], ...]
     words: str
+    window_s: float = 0.0
+    point_noise: float | None = None
+    """Standard error of the calibration's points, share of full scale, where it is known."""
 
     @classmethod
     def of(
@@ -201,6 +207,10 @@ class _Data:
             / (_UNIT * range_nm),
             (),
             _words(calibration, runs),
+            float(np.median(np.concatenate([np.diff(run.time_s) for run in runs])))
+            if runs
+            else 0.0,
+            _point_noise(calibration, range_nm),
         )
         data = replace(data, runs=tuple(data._run(run, n) for n, run in enumerate(runs, 1)))
         return replace(data, groups=data._identified(warm, calibration, runs))
@@ -270,6 +280,13 @@ class _Data:
         if "odd" in missing:
             missing = [name for name in missing if name not in ("even", "load")]
         return [f"not identified: {said[name]}" for name in missing]
+
+
+def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
+    error = calibration.standard_error_nm
+    if error is None or not np.isfinite(error).all():
+        return None
+    return float(np.sqrt(np.mean(np.square(error)))) / range_nm
 
 
 def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
@@ -343,9 +360,10 @@ class _Fit:
         else:
             start = fitted.theta
         posterior = explore(groups, sizes, centres, widths, start)
+        single = np.sqrt(together)  # what means of some samples leave, for each of them
         left_over = (
             np.concatenate([np.zeros(0), *(np.abs(rows.speed) for _, _, rows in runs)]),
-            np.concatenate([np.zeros(0), *(t - c @ posterior.mean for c, t, _ in runs)]),
+            np.concatenate([np.zeros(0), *(single * (t - c @ posterior.mean) for c, t, _ in runs)]),
         )
         return cls(data, tuple(used), _members(used, sizes), posterior, time_s, left_over)
 
@@ -556,9 +574,9 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
         table(range_nm * odd),
         table(range_nm * odd_u),
     )
-    ripple = _ripple(fit, speeds / data.largest_rpm)
-    if ripple.any():
-        rotation = replace(rotation, ripple_nm=numbers(range_nm * ripple))
+    noise = _noise(fit, speeds / data.largest_rpm)
+    if noise.any():
+        rotation = replace(rotation, noise_nm=numbers(range_nm * noise), window_s=data.window_s)
     along = Circumstances.of(speeds.size, share=1.0, speed=speeds / data.largest_rpm, turning=1.0)
     if "load" in data.groups:
         loads = np.linspace(0.0, 1.1, 12)
@@ -587,8 +605,11 @@ def _rotation(fit: _Fit) -> MeasuredRotation:
     return rotation
 
 
-def _ripple(fit: _Fit, shares: FloatArray) -> FloatArray:
-    """Return the additional scatter of single readings at speed over standstill, share of range."""
+def _noise(fit: _Fit, shares: FloatArray) -> FloatArray:
+    """Return the additional scatter of single readings at speed over points, share of range.
+
+    Points without a standard error aren't means: they scatter like readings at standstill.
+    """
     size, left = fit.left_over
     still = left[size <= _STILL]
     if still.size < _FEWEST_IN_BIN:
@@ -596,10 +617,11 @@ def _ripple(fit: _Fit, shares: FloatArray) -> FloatArray:
     middle = np.linspace(0.05, 0.95, 10)
     bins = [left[np.abs(size - each) <= 0.05] for each in middle]
     filled = [number for number, rows in enumerate(bins) if rows.size >= _FEWEST_IN_BIN]
-    if not filled:
-        return np.zeros(shares.size)
-    more = [float(np.mean(bins[number] ** 2)) - float(np.mean(still**2)) for number in filled]
-    return np.asarray(_UNIT * np.sqrt(np.maximum(np.interp(shares, middle[filled], more), 0.0)))
+    at_rest = float(np.mean(still**2))
+    points = at_rest if fit.data.point_noise is None else (fit.data.point_noise / _UNIT) ** 2
+    at = [0.0, *middle[filled]]
+    more = [at_rest - points, *(float(np.mean(bins[k] ** 2)) - points for k in filled)]
+    return np.asarray(_UNIT * np.sqrt(np.maximum(np.interp(shares, at, more), 0.0)))
 
 
 def _inertia(fit: _Fit) -> Inertia:

@@ -95,7 +95,13 @@ class EmptyTable:
         """Add an interval, with the temperature linear between two readings."""
         warm = np.linspace(before_c, after_c, found.time_s.size)
         rows = np.column_stack(
-            [found.time_s + self.shift_s, found.reading_nm, found.speed_rpm, warm]
+            [
+                found.time_s + self.shift_s,
+                found.reading_nm,
+                found.speed_rpm,
+                warm,
+                np.degrees(found.angle_rad) % 360.0,
+            ]
         )
         self._pieces.append(rows)
 
@@ -122,8 +128,8 @@ class EmptyTable:
 
     @property
     def rows(self) -> FloatArray:
-        """Columns time_s, reading_nm, speed_rpm, temperature_c."""
-        return np.concatenate([np.empty((0, 4)), *self._pieces])
+        """Columns time_s, reading_nm, speed_rpm, temperature_c, angle_deg."""
+        return np.concatenate([np.empty((0, 5)), *self._pieces])
 
 
 def run_metadata(

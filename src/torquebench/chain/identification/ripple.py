@@ -1,0 +1,198 @@
+"""Ripple within a revolution: orders of the shaft's angle in empty runs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.ndimage import uniform_filter1d
+
+from torquebench.chain.effects import Ripple
+from torquebench.chain.effects.ripple import speed_terms
+from torquebench.chain.grid import numbers
+from torquebench.chain.identification.records import EmptyRun
+from torquebench.chain.readings import FloatArray, Readings
+
+__all__ = ["identify_ripple", "without_ripple"]
+
+ORDERS = (1, 2, 3, 4, 5, 6)
+_TERMS = 5
+_SLOW_S = 0.5
+"""Means over so long are slow: what temperature, drag and ramps do."""
+_FEWEST_ROWS = 200
+_LEAST_GAIN = 40.0
+"""Fall of the sum of squares by an order's ten columns, in variances: chance gives 10 ± 4.5."""
+_SPEEDS = 24
+_MOST_TURNS = 0.9
+"""Periods of an order in a window, of which hardly anything is left from here on."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Rows:
+    """Readings of one run without what is slow, and the columns of all orders likewise."""
+
+    columns: FloatArray
+    target: FloatArray
+
+    @classmethod
+    def of(cls, run: EmptyRun, angle: FloatArray, largest: float, window_s: float) -> _Rows:
+        size = max(round(_SLOW_S / window_s) | 1, 3)
+        terms = speed_terms(run.speed_rpm, largest)
+        columns = []
+        for order in ORDERS:
+            left = np.sinc(order * run.speed_rpm / 60.0 * window_s)
+            seen = np.abs(order * run.speed_rpm / 60.0 * window_s) < _MOST_TURNS
+            part = seen * left * terms
+            columns += [part * np.cos(order * angle), part * np.sin(order * angle)]
+        every = np.concatenate(columns).T
+        return cls(
+            every - uniform_filter1d(every, size, axis=0, mode="nearest"),
+            run.reading_nm - uniform_filter1d(run.reading_nm, size, mode="nearest"),
+        )
+
+    def chosen(self, members: FloatArray) -> _Rows:
+        return _Rows(self.columns[:, members], self.target)
+
+
+def identify_ripple(runs: Sequence[EmptyRun]) -> Ripple | None:
+    """Return the orders that stand out of the noise; None for none, or without angles.
+
+    Parameters
+    ----------
+    runs : sequence of EmptyRun
+        Those without an angle are passed over.
+    """
+    known = [run for run in runs if run.angle_rad is not None and len(run) >= _FEWEST_ROWS]
+    if not known:
+        return None
+    largest = max(float(np.max(np.abs(run.speed_rpm))) for run in known)
+    if largest < 1.0:
+        return None
+    window_s = float(np.median(np.concatenate([np.diff(run.time_s) for run in known])))
+    rows = [
+        _Rows.of(run, run.angle_rad, largest, window_s)
+        for run in known
+        if run.angle_rad is not None
+    ]
+    orders = _standing_out(rows)
+    if not orders:
+        return None
+    members = _members(orders)
+    rows = [each.chosen(members) for each in rows]
+    variance = _residual_variance(rows)
+    scale = _scale(rows, variance)
+    weights, spread = _solved(rows, variance, scale)
+    single = [_solved([each], variance, scale)[0] - weights for each in rows if len(rows) > 1]
+    speeds = np.linspace(0.0, largest, _SPEEDS)
+    by_speed = _by_speed(orders, speeds, largest, window_s)
+    own = np.einsum("knp,pq,knq->n", by_speed, spread, by_speed)
+    between = [np.sum((by_speed @ each) ** 2, axis=0) for each in single]
+    u = np.sqrt(0.5 * np.maximum(own, np.mean(between, axis=0) if between else 0.0))
+    table = weights.reshape(len(orders), 2, _TERMS)
+    return Ripple(
+        "empty runs " + ", ".join(run.source for run in known),
+        largest,
+        window_s,
+        numbers(orders),
+        tuple(numbers(row) for row in table[:, 0]),
+        tuple(numbers(row) for row in table[:, 1]),
+        numbers(speeds),
+        numbers(u),
+    )
+
+
+def without_ripple(ripple: Ripple | None, runs: Sequence[EmptyRun]) -> list[EmptyRun]:
+    """Return runs whose readings have no ripple any more, where their angle is known."""
+    found = []
+    for run in runs:
+        if ripple is None or run.angle_rad is None:
+            found.append(run)
+            continue
+        readings = Readings(run.reading_nm, speed_rpm=run.speed_rpm, angle_rad=run.angle_rad)
+        (part,) = ripple.components(readings, run.reading_nm)
+        found.append(replace(run, reading_nm=run.reading_nm + part.value_nm))
+    return found
+
+
+def _members(orders: Sequence[int]) -> FloatArray:
+    width = 2 * _TERMS
+    return np.concatenate([np.arange(width) + width * ORDERS.index(each) for each in orders])
+
+
+def _standing_out(rows: Sequence[_Rows]) -> list[int]:
+    """Return the orders whose columns lower the sum of squares by more than chance."""
+    found = list(ORDERS)
+    variance = _residual_variance(rows)
+    for order in ORDERS:
+        without = [each for each in found if each != order]
+        part = [each.chosen(_members(without)) for each in rows] if without else None
+        before = [each.chosen(_members(found)) for each in rows]
+        left = _squares(part) if part else sum(float(each.target @ each.target) for each in rows)
+        if (left - _squares(before)) / variance < _LEAST_GAIN:
+            found = without
+    return found
+
+
+def _normal(rows: Sequence[_Rows]) -> tuple[FloatArray, FloatArray]:
+    matrix = sum((each.columns.T @ each.columns for each in rows[1:]),
+                 rows[0].columns.T @ rows[0].columns)  # fmt: skip
+    vector = sum((each.columns.T @ each.target for each in rows[1:]),
+                 rows[0].columns.T @ rows[0].target)  # fmt: skip
+    return matrix, vector
+
+
+def _weights(rows: Sequence[_Rows]) -> FloatArray:
+    matrix, vector = _normal(rows)
+    return np.asarray(np.linalg.lstsq(matrix, vector, rcond=1e-10)[0])
+
+
+def _squares(rows: Sequence[_Rows]) -> float:
+    weights = _weights(rows)
+    residuals = (each.target - each.columns @ weights for each in rows)
+    return float(sum(float(each @ each) for each in residuals))
+
+
+def _residual_variance(rows: Sequence[_Rows]) -> float:
+    size = sum(each.target.size for each in rows)
+    return max(_squares(rows) / max(size - rows[0].columns.shape[1], 1), 1e-300)
+
+
+def _solved(rows: Sequence[_Rows], variance: float, scale: float) -> tuple[FloatArray, FloatArray]:
+    """Return weights and their covariance, given the noise and the usual size of the weights."""
+    matrix, vector = _normal(rows)
+    inverse = np.linalg.inv(matrix / variance + np.eye(vector.size) / scale**2)
+    return inverse @ vector / variance, np.asarray(inverse, dtype=float)
+
+
+def _scale(rows: Sequence[_Rows], variance: float) -> float:
+    """Return the size of the weights under which the rows are most probable.
+
+    Polynomials of the speed are alike where the runs had no speeds: only what they show counts.
+    """
+    matrix, vector = _normal(rows)
+    size, axes = np.linalg.eigh(matrix)
+    size, along = np.maximum(size, 0.0), (axes.T @ vector) ** 2
+    usual = np.sqrt(sum(float(each.target @ each.target) for each in rows) / vector.size)
+
+    def evidence(scale: float) -> float:
+        spread = variance + scale**2 * size
+        explained = float(np.sum(scale**2 * along / spread)) / variance
+        return explained - float(np.sum(np.log(spread / variance)))
+
+    return float(max(usual * np.geomspace(1e-5, 10.0, 49), key=evidence))
+
+
+def _by_speed(
+    orders: Sequence[int], speeds: FloatArray, largest: float, window_s: float
+) -> FloatArray:
+    """Return what weights make of each amplitude at speeds, shape (2 orders, speeds, weights)."""
+    terms = speed_terms(speeds, largest)
+    size = 2 * len(orders)
+    found = np.zeros((size, speeds.size, size * _TERMS))
+    for number, order in enumerate(orders):
+        left = np.sinc(order * speeds / 60.0 * window_s)
+        for side in range(2):
+            place = 2 * number + side
+            found[place, :, place * _TERMS : (place + 1) * _TERMS] = (left * terms).T
+    return found
