@@ -8,7 +8,7 @@ widths between a hundredth of that speed and the speed itself.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -26,6 +26,8 @@ _POWERS = (0.5, 1.0, 1.5, 2.0)
 _SPEED_CENTRES, _SPEED_WIDTH = np.linspace(0.0, 1.0, 9), 0.15
 _WARM_CENTRES, _WARM_WIDTH = np.arange(-40.0, 41.0, 10.0), 13.0
 _CREEPS_S = (10.0, 100.0)
+_WAVES, _WANDER_S = 12, 100.0
+"""Waves of a wandering zero in each run; its scale is what it does in so many seconds."""
 _VISCOSITIES = (0.02, 0.05)  # 1/K, as oils and greases have
 
 
@@ -209,8 +211,29 @@ def _wanderings(runs: int) -> Columns:
     return columns
 
 
-def blocks(runs: int) -> tuple[Block, ...]:
-    """Return all blocks of columns, for a number of empty runs."""
+def _random_walks(lengths_s: FloatArray) -> Columns:
+    """Return how the zero of each run may wander: the largest parts of a random walk.
+
+    They are its Karhunen-Loève expansion, the best one by a given number of waves. Temperature
+    hardly changes within a run: without them its slow changes would pass for a steep change of the
+    zero over temperature.
+    """
+    waves = (np.arange(_WAVES) + 0.5) * np.pi
+    sizes = np.sqrt(2.0 * np.maximum(lengths_s, 1e-9) / _WANDER_S)
+
+    def columns(c: Circumstances) -> FloatArray:
+        found = np.zeros((len(c), lengths_s.size, _WAVES))
+        for run, (length_s, size) in enumerate(zip(lengths_s, sizes, strict=True)):
+            rows = c.run == run + 1
+            phase = c.since[rows, None] / max(length_s, 1e-9) * waves
+            found[rows, run] = size * np.sin(phase) / waves
+        return found.reshape(len(c), -1)
+
+    return columns
+
+
+def blocks(lengths_s: Sequence[float]) -> tuple[Block, ...]:
+    """Return all blocks of columns, for empty runs of some lengths."""
 
     def warm(power: int) -> Columns:
         return lambda c: _stack(_warm(c, power))
@@ -255,7 +278,8 @@ def blocks(runs: int) -> tuple[Block, ...]:
         ),
         Block("inertia", "inertia", lambda c: c.acceleration[:, None], 10.0, 2.5),
         Block("zero of empty runs", "", lambda c: np.sign(c.run)[:, None], 1.0),
-        Block("zero drift of empty runs", "", _wanderings(runs), 0.1, 1.0),
+        Block("zero of each empty run", "", _wanderings(len(lengths_s)), 0.1, 1.0),
+        Block("wandering zero of empty runs", "", _random_walks(np.array(lengths_s)), 0.3),
         Block("static curve", "", _on(lambda c: 1.0 - np.sign(c.run), _static_columns), 0.3),
     )
 

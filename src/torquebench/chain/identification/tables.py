@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,7 +28,7 @@ from torquebench.chain.identification.records import (
 )
 from torquebench.chain.identification.ripple import identify_ripple, without_ripple
 from torquebench.chain.readings import FloatArray, Readings
-from torquebench.compensation import features, make_model
+from torquebench.compensation import CompensationModel, features, make_model
 from torquebench.errors import InputError
 
 __all__ = ["LEAST_KELVIN", "Identified", "identify"]
@@ -99,7 +99,8 @@ def identify(
     ripple = identify_ripple(runs)
     data = _Data.of(calibration, without_ripple(ripple, of_one_zero(runs)), range_nm)
     remarks = list(data.gaps())
-    used = [block for block in blocks(len(runs)) if block.group == "" or block.group in data.groups]
+    lengths_s = [float(run.time_s[-1] - run.time_s[0]) for run in runs]
+    used = [block for block in blocks(lengths_s) if block.group == "" or block.group in data.groups]
     if not data.groups:
         return Identified(
             (),
@@ -153,6 +154,8 @@ class _Data:
     window_s: float = 0.0
     point_noise: float | None = None
     """Standard error of the calibration's points, share of full scale, where it is known."""
+    additional: Callable[[FloatArray], FloatArray] = np.zeros_like
+    """Additional torque by the static curve, at readings on an unknown branch, N·m."""
 
     @classmethod
     def of(
@@ -179,6 +182,8 @@ class _Data:
         # derived values at the ends of ramps don't represent the driven accelerations
         largest_rad_s2 = float(np.quantile(np.concatenate(accelerations), 0.995)) if runs else 0.0
         share = calibration.standard_nm / range_nm
+        curve = _static_curve(calibration, near, range_nm)
+        static_nm = _additional_at(curve, calibration.standard_nm, calibration.branch)
         data = cls(
             range_nm,
             calibrated_c,
@@ -199,18 +204,14 @@ class _Data:
                 else calibration.zero_temperature_c - calibrated_c,
                 time_s=np.full(share.size, np.inf),
             ),
-            (
-                calibration.reading_nm
-                - calibration.standard_nm
-                + _static_additional(calibration, near, range_nm)
-            )
-            / (_UNIT * range_nm),
+            (calibration.reading_nm - calibration.standard_nm + static_nm) / (_UNIT * range_nm),
             (),
             _words(calibration, runs),
             float(np.median(np.concatenate([np.diff(run.time_s) for run in runs])))
             if runs
             else 0.0,
             _point_noise(calibration, range_nm),
+            lambda reading_nm: _additional(curve, reading_nm, np.zeros(reading_nm.size)),
         )
         data = replace(data, runs=tuple(data._run(run, n) for n, run in enumerate(runs, 1)))
         return replace(data, groups=data._identified(warm, calibration, runs))
@@ -298,10 +299,10 @@ def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
     return f"empty run{'s' if len(runs) > 1 else ''} {names}; {points}"
 
 
-def _static_additional(
+def _static_curve(
     calibration: TurningCalibration, near: NDArray[np.bool_], range_nm: float
-) -> FloatArray:
-    """Return the additional torque at the points relative to standstill and one temperature."""
+) -> CompensationModel:
+    """Return a static curve by the points at standstill and at one temperature."""
     rows = near if np.sum(near) >= _FEWEST_POINTS else np.ones(near.size, dtype=bool)
     if np.sum(rows) < _FEWEST_POINTS:
         raise InputError(
@@ -309,15 +310,19 @@ def _static_additional(
         )
     model = make_model("hybrid", range_nm=range_nm)
     X = features(calibration.reading_nm[rows], calibration.branch[rows], 0.0)
-    model.fit(X, calibration.standard_nm[rows])
-    low, high = model.reading_low_nm_, model.reading_high_nm_
+    return model.fit(X, calibration.standard_nm[rows])
 
-    def additional(reading_nm: FloatArray) -> FloatArray:
-        inside = np.clip(reading_nm, low, high)
-        return np.asarray(model.predict(features(inside, calibration.branch, 0.0)) - inside)
 
-    standard = calibration.standard_nm
-    return additional(standard - additional(standard))
+def _additional(curve: CompensationModel, reading_nm: FloatArray, branch: FloatArray) -> FloatArray:
+    inside = np.clip(reading_nm, curve.reading_low_nm_, curve.reading_high_nm_)
+    return np.asarray(curve.predict(features(inside, branch, 0.0)) - inside)
+
+
+def _additional_at(
+    curve: CompensationModel, torque_nm: FloatArray, branch: FloatArray
+) -> FloatArray:
+    """Return the additional torque at true torques, N·m."""
+    return _additional(curve, torque_nm - _additional(curve, torque_nm, branch), branch)
 
 
 @dataclass(frozen=True, eq=False)
@@ -625,7 +630,16 @@ def _noise(fit: _Fit, shares: FloatArray) -> FloatArray:
 
 
 def _inertia(fit: _Fit) -> Inertia:
+    """Return the moment of inertia, in doubt by how much else the chain reads of small torques.
+
+    Empty runs show it without load, where a backlash or a step at the reversal may take or add a
+    part of it. Under load it counts as a whole, or not, by where in the chain that part arises.
+    """
     data = fit.data
     value, u = fit.function("inertia", Circumstances.of(1, acceleration=1.0))
-    per = data.range_nm / data.largest_rad_s2
-    return Inertia(data.words, per * float(value[0]), per * float(u[0]), data.largest_rad_s2)
+    largest_nm = data.range_nm * float(value[0])
+    ends = data.additional(np.array([-largest_nm, largest_nm]))
+    by_load_nm = 0.5 * abs(float(ends[1] - ends[0])) / np.sqrt(3.0)
+    own = float(np.hypot(data.range_nm * u[0], by_load_nm))
+    most = data.largest_rad_s2
+    return Inertia(data.words, largest_nm / most, own / most, most)
