@@ -440,6 +440,53 @@ def test_ripple_within_a_revolution_is_in_u_of_single_readings() -> None:
     assert slow < 0.3 * fast
 
 
+def wandering_run(celsius: float, seed: int) -> EmptyRun:
+    """Return a run that turning warms a little, while its own zero wanders by 2e-4 of full scale.
+
+    It counts from a zero that was taken at its beginning, as the bench does.
+    """
+    generator = np.random.default_rng([seed, round(celsius)])
+    time_s = 0.05 * np.arange(2600)
+    warm = celsius + 0.35 * time_s / time_s[-1]
+    steps = np.array([0, 0.1, 0.3, 0.6, 1, 1, 0.5, 0, -0.1, -0.3, -0.6, -1, -1, -0.5, 0, 0])
+    speed = 1000.0 * np.interp(time_s, np.linspace(0.0, time_s[-1], steps.size), steps)
+    zero = float(zero_shift(np.array([celsius]))[0])
+    pace = generator.choice([-1.0, 1.0]) * generator.uniform(0.5, 1.0)
+    wander = 2e-4 * RANGE_NM * pace * time_s / time_s[-1]
+    reading = zero_shift(warm) - zero + wander + drag(speed, warm)
+    reading = reading + INERTIA * RAD_S_PER_RPM * np.gradient(speed, time_s)
+    reading = reading + NOISE_NM * generator.standard_normal(time_s.size)
+    return EmptyRun(f"{celsius:g}.csv", time_s, reading, speed, warm, None, zero)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_zero_that_wanders_within_runs_is_no_steep_change_over_temperature(seed: int) -> None:
+    runs = [wandering_run(celsius, seed) for celsius in (12.0, 23.0, 35.0, 48.0)]
+    warm = identify(calibration(celsius=(23.0, 12.0, 35.0, 48.0)), runs, RANGE_NM).effects[0]
+    for celsius in (10.0, 17.0, 29.0, 41.0, 50.0):
+        known = row(temperature_c=celsius)
+        value, u = part(warm.components(known, np.zeros(1)), "temperature of zero")
+        error = abs(value + zero_shift(np.array([celsius]))[0])
+        assert error <= max(3.0 * u, 5e-5 * RANGE_NM)
+        assert error < 3e-4 * RANGE_NM
+        assert u < 2e-4 * RANGE_NM
+
+
+def test_inertia_is_in_doubt_by_what_the_chain_reads_of_small_torques() -> None:
+    """A step at the reversal takes a part of a torque of that size, and nothing of a large one."""
+    points = calibration(points=96)
+    stepped = replace(
+        points, reading_nm=points.reading_nm - 0.1 * np.tanh(points.standard_nm / 0.4)
+    )
+    runs = [empty_run(celsius, number) for number, celsius in enumerate((12.0, 23.0, 38.0))]
+    doubt = [
+        next(e for e in identify(each, runs, RANGE_NM).effects if isinstance(e, Inertia))
+        for each in (points, stepped)
+    ]
+    assert doubt[1].uncertainty_nm_s2 > 4.0 * doubt[0].uncertainty_nm_s2
+    assert 0.03 < doubt[1].uncertainty_nm_s2 / doubt[1].moment_nm_s2 < 0.3
+
+
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -149,13 +149,13 @@ def _weights(rows: Sequence[_Rows]) -> FloatArray:
 
 def _squares(rows: Sequence[_Rows]) -> float:
     weights = _weights(rows)
-    residuals = (each.target - each.columns @ weights for each in rows)
-    return float(sum(float(each @ each) for each in residuals))
+    squares = [np.sum((each.target - each.columns @ weights) ** 2) for each in rows]
+    return float(np.sum(squares))
 
 
 def _residual_variance(rows: Sequence[_Rows]) -> float:
     size = sum(each.target.size for each in rows)
-    return max(_squares(rows) / max(size - rows[0].columns.shape[1], 1), 1e-300)
+    return float(max(_squares(rows) / max(size - rows[0].columns.shape[1], 1), 1e-300))
 
 
 def _solved(rows: Sequence[_Rows], variance: float, scale: float) -> tuple[FloatArray, FloatArray]:
@@ -180,7 +180,8 @@ def _scale(rows: Sequence[_Rows], variance: float) -> float:
         explained = float(np.sum(scale**2 * along / spread)) / variance
         return explained - float(np.sum(np.log(spread / variance)))
 
-    return float(max(usual * np.geomspace(1e-5, 10.0, 49), key=evidence))
+    scales = usual * np.geomspace(1e-5, 10.0, 49)
+    return float(scales[np.argmax([evidence(each) for each in scales])])
 
 
 def _by_speed(

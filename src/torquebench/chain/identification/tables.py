@@ -174,7 +174,7 @@ class _Data:
         if warm is None:
             warm = np.full(calibration.reading_nm.size, float(np.mean(known)))
         usual = still if still.any() else np.ones(still.size, dtype=bool)
-        near = usual & (np.abs(warm - np.median(warm[usual])) <= SAME_K)
+        near = usual & (np.abs(warm - _most_frequent(warm[usual])) <= SAME_K)
         calibrated_c = float(np.mean(warm[near]))
         speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
         largest_rpm = max(float(np.max(np.abs(speeds))), 1.0)
@@ -281,6 +281,13 @@ class _Data:
         if "odd" in missing:
             missing = [name for name in missing if name not in ("even", "load")]
         return [f"not identified: {said[name]}" for name in missing]
+
+
+def _most_frequent(celsius: FloatArray) -> float:
+    """Return the temperature that has the most others beside it, the first of several."""
+    ordered = np.sort(celsius)
+    above, below = (np.searchsorted(ordered, celsius + each) for each in (SAME_K, -SAME_K))
+    return float(celsius[np.argmax(above - below)])
 
 
 def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
