@@ -300,8 +300,8 @@ random torques over the whole range, speeds up to 1200 1/min (output 15 1/min), 
 transducers, all with one zero. A reading is the mean over 0.1 s, beside it the counter's single
 window of 10 ms, in which misalignment's ripple within a revolution stays. The truth in a window is
 weighed as the regression counter weighs it.
-"Static only" is the same chain without temperature, rotation, inertia and ripple. U and coverage are
-those of single windows.
+"Static only" is the same chain without temperature, rotation, inertia and ripple. U and coverage
+are those of single windows.
 """
 
 
