@@ -83,7 +83,7 @@ class Proposed:
     now_percent : float
         Largest expanded uncertainty (k = 2) of the model fitted so far, in % of full scale.
     predicted_percent : float
-        The same as it is predicted with these points.
+        The same, predicted for these points.
     """
 
     target_nm: NDArray[np.float64]

@@ -267,7 +267,7 @@ def fit_models(
 
 
 def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
-    """Return the model in use of the chain that was calibrated, to compare a new one with.
+    """Return the calibrated chain's active model, for comparison with a new one.
 
     None if there is none, or where the transducer was adjusted since its calibration. A model whose
     file is missing or was changed is ignored; the bench refuses it.

@@ -103,9 +103,9 @@ def measure_calibration(
     resumption : Resumption, optional
         Where to go on; see `campaign.resuming`.
     metadata : mapping, optional
-        What else the run's record is to know.
+        Further metadata of the run.
     progress, on_pause
-        As everywhere.
+        Receives progress; called on a pause, see `Station.run`.
 
     Raises
     ------

@@ -90,8 +90,8 @@ def register_calibration(
     fitted : sequence of FittedModel
         Models of it.
     active : str or None
-        Name of the one that the module compensates with from now on, unless the calibration
-        contradicts itself; None if undecided.
+        Name of the model to be activated, unless the calibration contradicts itself; None if
+        undecided.
     """
     result, run_id, folder = measured.result, measured.record.run_id, measured.record.folder
     performed = datetime.fromisoformat(RunFolder(folder).manifest["sealed"])

@@ -272,9 +272,9 @@ def resume_calibration(
     station : Station
     interrupted : InterruptedCalibration
     metadata : mapping, optional
-        What else the run's record is to know, such as the models that are fitted to it.
+        Further metadata of the run, such as the models that are fitted to it.
     progress, on_pause
-        As everywhere.
+        As in `measure_calibration`.
     now : datetime.datetime, optional
         The present moment, for the profile's clause.
 

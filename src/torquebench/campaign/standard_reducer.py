@@ -174,7 +174,7 @@ def check_standard_reducer(
     compensation : str
         Compensation of the input module, in words.
     metadata : mapping, optional
-        What else the run's record is to know.
+        Further metadata of the run.
     progress, on_pause
         As in `measure_calibration`.
 

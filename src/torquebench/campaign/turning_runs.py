@@ -91,7 +91,7 @@ def measure_turning(
     wait : bool
         Whether series wait for their temperature.
     progress, on_pause
-        As everywhere.
+        As in `measure_calibration`.
 
     Raises
     ------

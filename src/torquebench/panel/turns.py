@@ -51,7 +51,7 @@ class Turns:
                 refusal = problem_response(
                     429,
                     "Too many requests",
-                    f"more than {MOST_WAITING} requests wait that nobody signed in has sent",
+                    f"more than {MOST_WAITING} unauthenticated requests are waiting",
                     remedy="wait a moment, or sign in",
                     headers={"Retry-After": "2", "Connection": "close"},
                 )

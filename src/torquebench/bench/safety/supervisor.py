@@ -285,7 +285,7 @@ class SafetySupervisor:
         self.heartbeats.expect(name, timeout_s, ping)
 
     def beat(self, name: str) -> None:
-        """Note that the named part lives."""
+        """Record a heartbeat of the named part."""
         self.heartbeats.beat(name)
 
     def release(self, name: str) -> None:

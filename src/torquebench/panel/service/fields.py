@@ -97,7 +97,7 @@ RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A
 
 
 def plain(text: str, longest: int) -> str:
-    r"""Return a text of one line without anything that a terminal or a log would obey.
+    r"""Return a text of one line without control characters.
 
     Examples
     --------
