@@ -82,7 +82,7 @@ class Event:
     name : str
         "job", "points", "prompt" or "alarm".
     data : dict or None
-        As the API has it; None where a question to the operator waits no longer.
+        As the API has it; None if the question to the operator has been answered.
     """
 
     name: str

@@ -188,10 +188,11 @@ class LimitsDescription(_Section):
 class ModuleDescription(_Section):
     """One module: range, transducer, drive, encoder, limits and its transducer's probe.
 
-    `flange_inertia_kgm2` is that of all that turns between the transducer's measuring section and
-    the reducer, with its expanded uncertainty (k = 2) as a share: torque-angle loops subtract the
-    torque that accelerates the output's flange. Unknown if it isn't given. `bearing_drag_percent`
-    is the limit of the drag of bearings between transducer and flange.
+    `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
+    measuring section and the reducer, with its expanded uncertainty (k = 2) as a share:
+    torque-angle loops subtract the torque that accelerates the output's flange. Unknown if it isn't
+    given. `bearing_drag_percent` is the limit of the drag of bearings between transducer and
+    flange.
     """
 
     range_nm: Torque

@@ -255,7 +255,7 @@ class SafetySupervisor:
     def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
         """Call this when an alarm or a warning comes, is cleared or is acknowledged.
 
-        In the thread that notes it, which is the supervisor's or acquisition's: be quick.
+        Called in the supervisor's or acquisition's thread: it must be fast.
         """
         self._book.subscribe(listener)
 
