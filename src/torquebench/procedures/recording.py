@@ -5,12 +5,11 @@ from __future__ import annotations
 import threading
 from dataclasses import dataclass
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.errors import InputError
-from torquebench.procedures.messages import progress
+from torquebench.procedures.messages import progress, sleep
 from torquebench.procedures.setup import Plan
 
 __all__ = ["LONGEST_RECORDING_S", "RecordedSpan", "record_signals"]
@@ -64,7 +63,7 @@ def record_signals(
             yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
             if clock.fast and duration_s is None:  # otherwise a day would pass at once
                 ended.wait(LOOK_S)
-            yield from bps.sleep(min(LOOK_S, left_s))
+            yield from sleep(min(LOOK_S, left_s))
         spans.append(RecordedSpan(start_s, clock.now()))
 
     spans: list[RecordedSpan] = []

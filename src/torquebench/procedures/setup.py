@@ -6,7 +6,6 @@ from collections.abc import Callable, Generator
 from dataclasses import dataclass
 from typing import Any, Literal, TypeVar
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 from bluesky.protocols import Movable
 from bluesky.utils import Msg
@@ -15,6 +14,7 @@ from ophyd_async.core import AsyncStatus
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
 from torquebench.bench.interlocks import check_procedure
+from torquebench.procedures.messages import move, read, sleep
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
@@ -88,13 +88,13 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
         The operator declines, or the bench's state forbids a step.
     """
     yield from power_off(devices)
-    mounted = yield from bps.rd(devices.mounting.mounted)
+    mounted = yield from read(devices.mounting.mounted)
     if mounted != setup.mounting:
-        yield from bps.mv(devices.clamp, False)
+        yield from move(devices.clamp, False)
         yield from mount(devices, setup.mounting)
     yield from rail_to_end(devices)
-    yield from bps.mv(devices.clamp, True)
-    yield from bps.abs_set(ProcedureGate(devices), setup.kind, wait=True)
+    yield from move(devices.clamp, True)
+    yield from move(ProcedureGate(devices), setup.kind)
     yield from set_mode(devices, other_side(setup.side), setup.opposite)
     yield from set_mode(devices, setup.side, "driven")
 
@@ -102,34 +102,34 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
 def mount(devices: BenchDevices, mounting: Mounting) -> Plan[None]:
     """Have something mounted: the guide rail is drawn back for it, where the bench moves one."""
     if devices.context.drivers.rail is not None:
-        yield from bps.mv(devices.rail, "away")
-    yield from bps.mv(devices.mounting, mounting)
+        yield from move(devices.rail, "away")
+    yield from move(devices.mounting, mounting)
 
 
 def rail_to_end(devices: BenchDevices) -> Plan[None]:
     """Bring the input module to where it is clamped, unless it is there."""
     if devices.context.drivers.rail is None:
         return
-    position = yield from bps.rd(devices.rail.position)
+    position = yield from read(devices.rail.position)
     if position != "end":
-        yield from bps.mv(devices.rail, "end")
+        yield from move(devices.rail, "end")
 
 
 def reseat(devices: BenchDevices, setup: Setup, seating: Seating) -> Plan[None]:
     """Let the operator turn or re-seat the standard, and restore the setup."""
     yield from power_off(devices)
-    yield from bps.mv(devices.clamp, False)
-    yield from bps.mv(devices.seat, seating)
+    yield from move(devices.clamp, False)
+    yield from move(devices.seat, seating)
     yield from set_up(devices, setup)
 
 
 def set_mode(devices: BenchDevices, side: Side, mode: Mode) -> Plan[None]:
     """Change a module's mode once both sides stand, unless it is in that mode already."""
     module = devices.module(side)
-    present = yield from bps.rd(module.mode.mode)
+    present = yield from read(module.mode.mode)
     if present != mode:
         yield from run_down(devices)
-        yield from bps.mv(module.mode, mode)
+        yield from move(module.mode, mode)
 
 
 def run_down(devices: BenchDevices) -> Plan[None]:
@@ -147,29 +147,29 @@ def run_down(devices: BenchDevices) -> Plan[None]:
                 fastest = max(fastest, abs(speed))
         if fastest <= standstill_rad_s:
             return
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
 
 
 def power_on(devices: BenchDevices, side: Side) -> Plan[None]:
     """Enable a module's drive at zero torque, unless it is enabled."""
     power = devices.module(side).drive.power
-    enabled = yield from bps.rd(power.enabled)
+    enabled = yield from read(power.enabled)
     if not enabled:
-        yield from bps.mv(power, True)
+        yield from move(power, True)
 
 
 def power_off(devices: BenchDevices) -> Plan[None]:
     """Bring every enabled drive to zero torque and zero speed and take its power off."""
     for module in (devices.input, devices.output):
-        enabled = yield from bps.rd(module.drive.power.enabled)
+        enabled = yield from read(module.drive.power.enabled)
         if not enabled:
             continue
         for axis in (module.drive.torque, module.drive.speed):
-            present = yield from bps.rd(axis.setpoint)
+            present = yield from read(axis.setpoint)
             if present != 0.0:
-                yield from bps.mv(axis, 0.0)
-        yield from bps.sleep(REST_S)
-        yield from bps.mv(module.drive.power, False)
+                yield from move(axis, 0.0)
+        yield from sleep(REST_S)
+        yield from move(module.drive.power, False)
 
 
 def unloaded_after(devices: BenchDevices, plan: Callable[[], Plan[Result]]) -> Plan[Result]:

@@ -6,12 +6,10 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-import bluesky.plan_stubs as bps
-
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.bench.drivers.base import Seating
 from torquebench.calibration import Step
-from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.messages import checkpoint, move, prepare, progress, sleep, take
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
 from torquebench.procedures.zeroing import zero
 
@@ -74,7 +72,7 @@ class _Loader:
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
         self.seen = self.devices.interruptions
         # From here on the standard is monitored, also during a preload.
-        yield from bps.prepare(self._module.steady, SteadySettings(reference=True), wait=True)
+        yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
             yield from progress(self.done + number, self.total, describe_step(step))
@@ -90,7 +88,7 @@ class _Loader:
                 on_row(step, (yield from self._point(number)))
             else:
                 yield from self._load(step)
-                yield from bps.sleep(step.duration_s)
+                yield from sleep(step.duration_s)
         yield from progress(self.done + len(self.steps), self.total, "done")
 
     def _zero(self, step: Step) -> Plan[None]:
@@ -117,7 +115,7 @@ class _Loader:
         step, steady = self.steps[number], self._module.steady
         wanted = steady_settings(step, standard=True)
         if wanted != self.settings:
-            yield from bps.prepare(steady, wanted, wait=True)
+            yield from prepare(steady, wanted, wait=True)
             self.settings = wanted
         yield from self._stamp(step)
         yield from self._load(step)
@@ -135,7 +133,7 @@ class _Loader:
         step = self.steps[number]
         if step.kind == "point" and step.branch < 0:
             yield from move(self._module.drive.torque, self.turning_point(number))
-            yield from bps.sleep(step.duration_s)
+            yield from sleep(step.duration_s)
 
     def turning_point(self, number: int) -> float:
         """Torque at which the falling branch of a step began."""

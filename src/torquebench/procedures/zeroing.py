@@ -5,13 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
-from torquebench.procedures.messages import take
+from torquebench.procedures.messages import checkpoint, move, prepare, sleep, take
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
@@ -79,14 +78,14 @@ def measure_zero(
     settings = SteadySettings(
         settle_s=REST_S, window_s=duration_s, limit_s=duration_s, reference=standard
     )
-    yield from bps.prepare(module.steady, settings, wait=True)
+    yield from prepare(module.steady, settings, wait=True)
     reading = yield from take(module.steady, devices.point, stream=f"zero_{side}")
     frequency = float(reading["frequency_hz"])
-    yield from bps.mv(module.transducer.zero, frequency)
+    yield from move(module.transducer.zero, frequency)
     standard_frequency = None
     if standard and "standard_frequency_hz" in reading:
         standard_frequency = float(reading["standard_frequency_hz"])
-        yield from bps.mv(getattr(devices.reference, f"{side}_zero"), standard_frequency)
+        yield from move(getattr(devices.reference, f"{side}_zero"), standard_frequency)
     return ZeroResult(frequency, standard_frequency)
 
 
@@ -104,7 +103,7 @@ def zero_modules(
 
     def measured() -> Plan[None]:
         for side in sides:
-            yield from bps.checkpoint()
+            yield from checkpoint()
             found[side] = yield from measure_zero(devices, side, duration_s=duration_s)
 
     yield from unloaded_after(devices, lambda: bpp.run_wrapper(measured(), md=metadata))
@@ -117,6 +116,6 @@ def preload(
     """Load a module once and unload it, so that its hysteresis starts from a loaded state."""
     torque = devices.module(side).drive.torque
     for target, duration_s in ((torque_nm, on_s), (0.0, off_s)):
-        yield from bps.checkpoint()
-        yield from bps.mv(torque, target)
-        yield from bps.sleep(duration_s)
+        yield from checkpoint()
+        yield from move(torque, target)
+        yield from sleep(duration_s)

@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 
@@ -13,7 +12,7 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, progress
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.reducers.setup import (
     GENTLE_RPM_PER_S,
@@ -128,9 +127,9 @@ def empty_run(
 
 def _with_nothing_mounted(devices: BenchDevices) -> Plan[None]:
     yield from power_off(devices)
-    mounted = yield from bps.rd(devices.mounting.mounted)
+    mounted = yield from read(devices.mounting.mounted)
     if mounted != "nothing":
-        yield from bps.mv(devices.clamp, False)
+        yield from move(devices.clamp, False)
         yield from mount(devices, "nothing")
     for side in SIDES:
         yield from set_mode(devices, side, "driven")
@@ -154,7 +153,7 @@ def _turned(
             series = (point.repeat, np.sign(point.speed_rpm))
             if present is not None:
                 yield from turn(0.0)
-            yield from bps.sleep(REST_S)
+            yield from sleep(REST_S)
             yield from table.zero(settings.zero_s)
         yield from stamp(devices, series=point.repeat, step=number, branch=1)
         present = point.speed_rpm
@@ -163,7 +162,7 @@ def _turned(
         window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
         yield from table.take(point, SteadySettings(settings.settle_s, window_s, 0.0, period_s))
     yield from turn(0.0)
-    yield from bps.sleep(REST_S)
+    yield from sleep(REST_S)
     yield from table.zero(settings.zero_s)
     yield from progress(len(points), len(points), "done")
 
@@ -176,4 +175,4 @@ def _turn(
     for module, part in ((devices.input, 1.0), (devices.output, ratio)):
         ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))
         towards += [module.drive.speed_ramp, ramp]
-    yield from bps.mv(*towards)
+    yield from move(*towards)

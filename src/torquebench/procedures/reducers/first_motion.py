@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import asdict, dataclass, field
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky.utils import Msg
@@ -14,7 +13,7 @@ from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.procedures.guarding import StepLimits, guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.setup import (
     ReducerLimits,
     angle_rad,
@@ -263,13 +262,13 @@ class _Finder:
         rate = self.settings.expected(self.side, self.limits) / self.settings.ramp_s
         yield from power_on(devices, self.side)
         yield from move(devices.recorder, "mark")
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
         moved = yield from self._until_motion(sign * largest, rate)
         yield from move(devices.module(self.side).drive.torque, 0.0)
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
         yield from self._record()
         yield from power_off(devices)  # its own friction brakes it
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
         if devices.interruptions != before:
             return None
         if not moved:

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +14,7 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import GENTLE_RPM_PER_S, check_speeds, turn_at
 from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
 from torquebench.procedures.zeroing import zero
@@ -206,7 +205,7 @@ def _sweep(
     rows: list[Mapping[str, Any]],
 ) -> Plan[None]:
     yield from progress(0, len(points), "zero")
-    yield from bps.mv(devices.point, Point())
+    yield from move(devices.point, Point())
     yield from zero(devices, "input", duration_s=settings.zero_s)
     for number, point in enumerate(points):
         text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
@@ -220,7 +219,7 @@ def _point(
     devices: BenchDevices, settings: FrictionSettings, point: FrictionPoint
 ) -> Plan[Mapping[str, Any]]:
     module = devices.input
-    yield from bps.prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
+    yield from prepare(module.steady, settings.steady(point.speed_rpm), wait=True)
     stamp = Point(series=point.series, step=point.number, branch=point.branch, group=point.repeat)
     yield from move(devices.point, stamp)
     yield from turn_at(devices, "input", point.speed_rpm, settings.rate_rpm_per_s)

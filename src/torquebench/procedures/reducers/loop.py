@@ -7,7 +7,6 @@ from dataclasses import asdict, dataclass, field
 from functools import partial
 from typing import Literal
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky.utils import Msg
@@ -18,7 +17,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.interlocks import standard_serial
 from torquebench.errors import BenchError, InputError
 from torquebench.procedures.guarding import guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.setup import (
     TURN_RPM,
     ReducerLimits,
@@ -304,11 +303,11 @@ class _LoopDriver:
         if not steps:
             yield from self._ramp(target_nm)
             return
-        start = yield from bps.rd(self.devices.output.drive.torque.setpoint)
+        start = yield from read(self.devices.output.drive.torque.setpoint)
         hold_s = self.settings.loop_s / (4 * steps)
         for level in np.linspace(float(start), target_nm, steps + 1)[1:]:
             yield from move(self.devices.output.drive.torque, float(level))
-            yield from bps.sleep(hold_s)
+            yield from sleep(hold_s)
 
     def _ramp(self, target_nm: float) -> Plan[None]:
         rate = 4.0 * self.torque_nm / self.settings.loop_s
@@ -414,7 +413,7 @@ def bench_twist(
             for target in (torque, -torque, 0.0):
                 yield from move(ramp, RampTo(target, rate))
             yield from _take(devices, parts)
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
         yield from power_off(devices)
         found[side] = SynchronousRecording.joined(parts)
 

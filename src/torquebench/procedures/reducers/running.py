@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +18,7 @@ from torquebench.procedures.guarding import (
     loading_limits,
     turning_limits,
 )
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.reducers.setup import (
@@ -422,7 +421,7 @@ def _load_grid(
         )
         yield from move(speed_axis, point.speed_rpm * RAD_S_PER_RPM)
         yield from move(torque_axis, point.torque_nm)
-        yield from bps.sleep(settings.settle_s)
+        yield from sleep(settings.settle_s)
         yield from table.take(point, _steady(settings, point.speed_rpm))
 
 
@@ -435,8 +434,8 @@ def _steady(settings: EfficiencySettings, speed_rpm: float) -> SteadySettings:
 def _stop(devices: BenchDevices) -> Plan[None]:
     """Remove the load first, then stop."""
     for axis in (devices.output.drive.torque, devices.input.drive.speed):
-        present = yield from bps.rd(axis.setpoint)
+        present = yield from read(axis.setpoint)
         if present != 0.0:
             yield from move(axis, 0.0)
-    yield from bps.sleep(REST_S)
+    yield from sleep(REST_S)
     yield from power_off(devices)

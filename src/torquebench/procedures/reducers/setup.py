@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import numpy as np
 from bluesky.utils import Msg
 from numpy.typing import NDArray
@@ -16,7 +15,7 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, RampTo
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, power_on
 from torquebench.units import RAD_S_PER_RPM
 
@@ -250,7 +249,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
             break
         if step % 6 == 0:
             yield from progress(0, 0, f"warming up: {warm:.1f} °C")
-        yield from bps.sleep(settings.interval_s)
+        yield from sleep(settings.interval_s)
     else:
         raise BenchError(
             f"the reducer's temperature ({seen[-1][1]:.2f} °C) still changes by "
@@ -259,7 +258,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
             "warm up for longer, at the speed of the test, or let the room temperature settle",
         )
     yield from move(devices.input.drive.speed, 0.0)
-    yield from bps.sleep(REST_S)
+    yield from sleep(REST_S)
     return seen[-1][1]
 
 
@@ -303,9 +302,9 @@ def turn_output(
         context = devices.context
         told_s = context.commands.input.changed_s
         wait_s = max(0.0, told_s + path / speed - context.clock.present())
-    yield from bps.sleep(wait_s)
+    yield from sleep(wait_s)
     yield from move(axis, 0.0)
-    yield from bps.sleep(REST_S)
+    yield from sleep(REST_S)
     after = yield from _angles(devices)
     if before is not None and after is not None:
         turned = after - before

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky.utils import Msg
@@ -16,7 +15,7 @@ from torquebench.bench.drivers.base import AngleSamples, Side
 from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
 from torquebench.errors import InputError
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.setup import (
     TURN_RPM,
     ReducerLimits,
@@ -221,7 +220,7 @@ def _revolution(
     speed = sign * settings.output_rpm * limits.ratio * RAD_S_PER_RPM
     yield from power_on(devices, "input")
     yield from move(devices.input.drive.speed, speed)
-    yield from bps.sleep(settings.settle_s)
+    yield from sleep(settings.settle_s)
     yield from move(devices.recorder, "mark")
     for chunk in range(_chunks(settings)):
         yield from progress(done[0] + chunk, done[1], "clockwise" if sign > 0 else "counter-cl.")
@@ -229,7 +228,7 @@ def _revolution(
         if devices.interruptions != before:
             return None
         yield from stamp(devices, series=sign, step=chunk, branch=sign)
-        yield from bps.sleep(CHUNK_S)
+        yield from sleep(CHUNK_S)
         yield Msg("trigger", devices.recorder, group="torquebench-recorder")
         yield Msg("wait", None, group="torquebench-recorder")
         yield Msg("create", None, name="points")
@@ -238,7 +237,7 @@ def _revolution(
         yield Msg("save")
         parts.add(devices.recorder.angles)
     yield from move(devices.input.drive.speed, 0.0)
-    yield from bps.sleep(REST_S)
+    yield from sleep(REST_S)
     return parts.joined()
 
 

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 
@@ -16,7 +15,7 @@ from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.errors import BenchError, LimitError
 from torquebench.procedures.guarding import StepLimits, guarded, loading_limits, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, take
+from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import check_followed, stamp, turn_at
 from torquebench.procedures.setup import Plan, Setup, power_on, set_up, unloaded_after
 from torquebench.procedures.turning.empty import reach_temperature, run_metadata
@@ -112,7 +111,7 @@ def _loaded(
     drive, steady = devices.module(side).drive, devices.module(side).steady
     top = profile.top_rpm(side)
     rate = top / profile.ramps.gentle_s
-    yield from bps.prepare(steady, SteadySettings(reference=True), wait=True)
+    yield from prepare(steady, SteadySettings(reference=True), wait=True)
     present, before, seen = 0.0, 0, devices.interruptions
     largest = max(abs(point.torque_nm) for point in points)
     for number, point in enumerate(points):
@@ -148,7 +147,7 @@ def _loaded(
         window = SteadySettings(
             profile.settle_s, profile.turning_s(point.speed_rpm), 0.0, period_s, reference=True
         )
-        yield from bps.prepare(steady, window, wait=True)
+        yield from prepare(steady, window, wait=True)
         yield from stamp(
             devices,
             series=point.series,

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-import bluesky.plan_stubs as bps
 import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky.utils import Msg
@@ -18,7 +17,7 @@ from torquebench.bench.devices.recorder import ModuleRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.setup import (
     angle_rad,
     speed_ramp,
@@ -215,9 +214,9 @@ def turn_empty(
 
     def in_bench() -> Plan[None]:
         yield from power_off(devices)
-        mounted = yield from bps.rd(devices.mounting.mounted)
+        mounted = yield from read(devices.mounting.mounted)
         if mounted != "nothing":
-            yield from bps.mv(devices.clamp, False)
+            yield from move(devices.clamp, False)
             yield from mount(devices, "nothing")
         yield from set_mode(devices, other_side(side), "free")
         yield from set_mode(devices, side, "driven")
@@ -257,7 +256,7 @@ def reach_temperature(
             return
         yield from progress(*done, f"waiting for {wanted:g} °C, {warm:.1f} °C now")
         yield from checkpoint()
-        yield from bps.sleep(settings.look_s)
+        yield from sleep(settings.look_s)
     raise BenchError(
         f"the {side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
         f"{wanted:g} °C ± {settings.within_k:g} K",
@@ -288,7 +287,7 @@ class _Runner:
             found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
             self.table.zero_hz = found.frequency_hz
             return
-        yield from bps.mv(module.transducer.zero, self.table.zero_hz)
+        yield from move(module.transducer.zero, self.table.zero_hz)
         yield from power_on(self.devices, self.side)
 
     def warm_up(self) -> Plan[None]:
@@ -305,10 +304,10 @@ class _Runner:
                 self.seen, turning = self.devices.interruptions, True
                 yield from power_on(self.devices, self.side)
                 yield from turn_at(self.devices, self.side, speed, rate)
-            yield from bps.sleep(min(left_s, LONGEST_PIECE_S))
+            yield from sleep(min(left_s, LONGEST_PIECE_S))
             left_s -= LONGEST_PIECE_S
         yield from turn_at(self.devices, self.side, 0.0, rate)
-        yield from bps.sleep(REST_S)
+        yield from sleep(REST_S)
 
     def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
         """Drive one leg, again after a pause."""
@@ -323,7 +322,7 @@ class _Runner:
                 top = self.profile.top_rpm(self.side)
                 rate = top / self.profile.ramps.gentle_s
                 yield from turn_at(self.devices, self.side, self.speed_rpm, rate)
-                yield from bps.sleep(REST_S)
+                yield from sleep(REST_S)
             kept = yield from self._leg(series, place, leg)
             if kept is not None:
                 break
@@ -344,7 +343,7 @@ class _Runner:
         left_s = leg.hold_s
         while True:
             if left_s > 0.0:
-                yield from bps.sleep(min(left_s, LONGEST_PIECE_S))
+                yield from sleep(min(left_s, LONGEST_PIECE_S))
                 left_s -= LONGEST_PIECE_S
             after = yield from self._temperature()
             yield Msg("trigger", self.devices.recorder, group="torquebench-recorder")
