@@ -1,14 +1,12 @@
 """What a plant's registry keeps up with: a simulated fleet in PostgreSQL, sent, asked, refitted.
 
-python -m benchmarks.plant [RUNS] [day] [refits] [lists] [grow]
-
 A PostgreSQL server of its own is started from Debian's package, as it comes (fsync on).
 """
 
 from __future__ import annotations
 
+import argparse
 import json
-import sys
 import tempfile
 import time
 from collections.abc import Iterator
@@ -39,6 +37,8 @@ from torquebench.plant.forwarding import BenchLink
 from torquebench.progress import NoProgress
 from torquebench.records import REGISTERS, Registry, RunFolder, RunSummary
 
+PARTS = ("day", "refits", "lists", "grow")
+"""24 h without a link; refitting on one and two processes; lists alone; growth to all runs."""
 SEED = 20261122
 BENCHES = 500
 LINKS = 5000
@@ -344,21 +344,31 @@ def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[st
 
 def main() -> None:
     """Measure, and write the tables where that is wanted."""
-    numbers = [int(each) for each in sys.argv[1:] if each.isdecimal()]
-    runs = numbers[0] if numbers else 1_000_000
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks.plant",
+        description=__doc__,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
+    parser.add_argument("--runs", type=int, default=1_000_000, help="of the fleet")
+    parser.add_argument("--quick", action="store_true", help="a hundredth of the runs")
+    options = parser.parse_args()
+    if unknown := sorted(set(options.parts) - set(PARTS)):
+        parser.error(f"parts {', '.join(unknown)}; allowed: {', '.join(PARTS)}")
+    runs = options.runs // 100 if options.quick else options.runs
+    parts = options.parts or PARTS
     with (
         tempfile.TemporaryDirectory(prefix="torquebench-plant-") as folder,
         postgresql_server.restartable(durable=True) as server,
     ):
         place = Path(folder)
-        parts = [each for each in sys.argv[1:] if each in ("day", "refits", "lists", "grow")]
-        if not parts or "day" in parts:
+        if "day" in parts:
             print("24 h without a link:", json.dumps(day_without_link(server, place)), flush=True)
-        if not parts or "refits" in parts:
+        if "refits" in parts:
             print("refits:", json.dumps(refits(server, place, min(runs // 100, 1000))), flush=True)
-        if not parts or "lists" in parts:
+        if "lists" in parts:
             listed(server, place, runs)
-        if not parts or "grow" in parts:
+        if "grow" in parts:
             grow(server, place, runs)
 
 

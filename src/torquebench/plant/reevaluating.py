@@ -27,6 +27,8 @@ CHUNK = 8
 """Runs per task: many reduce messages, few reduce the loss after a stop."""
 AHEAD = 4
 """Waiting chunks per worker: enough to keep it busy with little memory."""
+PATIENCE_S = 30.0
+"""Without an answer for so long, it is looked whether workers are left, s."""
 SAME = 1e-9
 """Largest relative difference of a value that is treated as unchanged."""
 KINDS = ("calibrate", "check", "verify", "test")
@@ -128,6 +130,8 @@ def reevaluate(
     ------
     InputError
         An unknown kind of run, or a cluster that doesn't answer.
+    RecordError
+        Workers were killed, or have another version; what was evaluated is kept.
     """
     unknown = sorted(set(kinds) - set(KINDS))
     if unknown:
@@ -256,7 +260,15 @@ class _Cluster:
         self._client = client
 
     def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]:
-        from distributed import as_completed
+        """Yield what comes back.
+
+        Raises
+        ------
+        RecordError
+            Workers die of their runs, or none is left.
+        """
+        from distributed import KilledWorker, wait
+        from distributed.client import FutureCancelledError
 
         def submitted() -> Any | None:
             chunk = next(tasks, None)
@@ -264,14 +276,35 @@ class _Cluster:
             return None if chunk is None else self._client.submit(_evaluated, chunk, pure=False)
 
         workers = max(len(self._client.ncores()), 1)
-        first = [each for _ in range(AHEAD * workers) if (each := submitted()) is not None]
-        running = as_completed(first)
-        for future in running:
-            yield future.result()
-            future.release()
-            following = submitted()
-            if following is not None:
-                running.add(following)
+        running = {each for _ in range(AHEAD * workers) if (each := submitted()) is not None}
+        while running:
+            try:
+                done, running = wait(running, timeout=PATIENCE_S, return_when="FIRST_COMPLETED")
+            except TimeoutError:
+                if not self._client.ncores():
+                    raise _worker_lost("no worker is left") from None
+                continue
+            for future in done:
+                try:
+                    found = future.result()
+                except KilledWorker as error:
+                    raise _worker_lost(f"workers were killed, {error.last_worker} last") from error
+                except FutureCancelledError as error:
+                    raise _worker_lost("the scheduler has gone") from error
+                yield found
+                future.release()
+                following = submitted()
+                if following is not None:
+                    running.add(following)
+
+
+def _worker_lost(found: str) -> RecordError:
+    return RecordError(
+        f"{found} while runs were evaluated again",
+        "workers that live until their runs are evaluated",
+        "see their log, and whether memory was enough; what is done is kept: the same command "
+        "goes on from there, with fewer --workers or --scheduler serial if need be",
+    )
 
 
 @contextmanager

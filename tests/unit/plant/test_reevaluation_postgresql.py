@@ -1,18 +1,19 @@
 """Recorded runs evaluated again: the same bits on every scheduler, and resumable."""
 
 import json
+import os
 import socket
 import subprocess
 import sys
 from collections.abc import Iterator
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import pytest
 from sqlalchemy import text
 from tests import postgresql_server
 from tests.plant_bench import add_run, backlash_results
-from tests.system.command_line import run, widest_line
+from tests.system.command_line import COMMAND, environment, run, widest_line
 
 from torquebench.campaign.reducers.results import plain_budget
 from torquebench.errors import InputError
@@ -60,6 +61,39 @@ def kept(plant: Plant, label: str) -> list[tuple[str, str, str]]:
         return [(row.run_id, row[1], row.problem) for row in rows]
 
 
+AT_WORK = """
+import sys, time
+from distributed import Client
+with Client(sys.argv[1]) as client:
+    while not any(client.processing().values()):
+        time.sleep(0.05)
+"""
+
+
+@contextmanager
+def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
+    """Start a scheduler and a worker that is missed when it dies once."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        port = free.getsockname()[1]
+    address = f"tcp://127.0.0.1:{port}"
+    python = [sys.executable, "-m"]
+    commands = (
+        ["distributed.cli.dask_scheduler", "--no-dashboard", "--host", "127.0.0.1"],
+        ["distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", address],
+    )
+    commands[0].extend(["--port", str(port)])
+    once = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
+    with ExitStack() as started:
+        for command in commands:
+            process = started.enter_context(
+                subprocess.Popen(
+                    [*python, *command], cwd=folder, stderr=subprocess.DEVNULL, env=once
+                )
+            )
+            started.callback(process.terminate)
+        yield address, process
+
+
 def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
     done = reevaluate(recorded, "serial", label="serial")
     assert (done.done, done.problems) == (4, 0), kept(recorded, "serial")
@@ -74,21 +108,11 @@ def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
 def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) -> None:
     """By the command, in this process, in several, and on a cluster that is there already."""
     plant = ("--plant", recorded.url.render_as_string(hide_password=False))
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        address = f"127.0.0.1:{free.getsockname()[1]}"
-    dask = [sys.executable, "-m", "distributed.cli.dask_scheduler", "--no-dashboard"]
-    worker = [sys.executable, "-m", "distributed.cli.dask_worker", "--no-dashboard", "--no-nanny"]
-    host, port = address.split(":")
-    with ExitStack() as started:
-        for command in ([*dask, "--host", host, "--port", port], [*worker, f"tcp://{address}"]):
-            process = started.enter_context(
-                subprocess.Popen(command, cwd=tmp_path, stderr=subprocess.DEVNULL)
-            )
-            started.callback(process.terminate)
+    with cluster(tmp_path) as (address, _):
         reevaluate(recorded, "serial", label="one")
         for label, scheduler in (
             ("two", "processes"),
-            ("three", f"tcp://{address}"),
+            ("three", address),
         ):
             options = ("--scheduler", scheduler, "--label", label)
             done = run("plant", "reevaluate", *options, *plant, cwd=tmp_path)
@@ -115,6 +139,33 @@ def test_what_was_broken_off_goes_on_where_it_was(recorded: Plant) -> None:
         reevaluate(recorded, "serial", label="again", progress=Stopped())
     last = reevaluate(recorded, "serial", label="again")
     assert (last.done, last.known) == (0, 4)
+
+
+def test_a_killed_worker_is_named_and_the_rest_is_done_later(plant: Plant, tmp_path: Path) -> None:
+    _, link = plant.register_bench("Bench 1")
+    with Registry.open(tmp_path / "data") as registry:
+        add_reducer_test(registry)
+        assert forward(registry, link).problems == []
+    file = Path(plant.runs(1)[0].url.removeprefix("file://")) / "results.json"
+    content = file.read_bytes()
+    file.unlink()
+    os.mkfifo(file)  # whoever reads it waits for ever
+    url = plant.url.render_as_string(hide_password=False)
+    with cluster(tmp_path) as (address, worker):
+        command = [COMMAND, "plant", "reevaluate", "--plant", url, "--label", "killed"]
+        with subprocess.Popen(
+            [*command, "--scheduler", address], stderr=subprocess.PIPE, text=True, env=environment()
+        ) as going:
+            subprocess.run([sys.executable, "-c", AT_WORK, address], check=True, timeout=300)
+            worker.kill()
+            said = " ".join(going.communicate(timeout=300)[1].split())
+    assert going.returncode == 1
+    assert "workers were killed" in said
+    assert "goes on from there" in said
+    file.unlink()
+    file.write_bytes(content)
+    done = reevaluate(plant, "serial", label="killed")
+    assert (done.done, done.known, done.problems) == (1, 0, 0)
 
 
 def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
