@@ -1,7 +1,7 @@
 """The messages of procedures: Bluesky's plan stubs without their bookkeeping, and those of a point.
 
-Each plan stub formats a stack trace to detect a missing `yield from`, which is a twentieth of the
-time of a simulated calibration. So procedures use the stubs' own generators.
+Each plan stub formats a stack trace to detect a missing `yield from`. Procedures use the stubs' own
+generators, which save that time.
 """
 
 from __future__ import annotations
