@@ -171,6 +171,16 @@ CHARTS: dict[str, tuple[str, Callable[[str], Figure]]] = {
         "How accurate are reducer tests?",
         lambda q: _shares(q, 3, 4, "95 % of errors / aim (1: aim)", which=1),
     ),
+    "efficiency": (
+        "How well is an efficiency known?",
+        lambda q: _columns(
+            q, {"largest U": 2, "aim": 3}, "U (k = 2), % of the efficiency", which=-1
+        ),
+    ),
+    "opcua": (
+        "Does the OPC UA server keep memory of clients that reconnect?",
+        lambda q: _columns(q, {"growth": 2, "aim": 3}, "growth of the panel's memory, %"),
+    ),
     "safety": (
         "How fast is the bench made safe?",
         lambda q: _columns(
