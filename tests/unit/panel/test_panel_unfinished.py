@@ -6,8 +6,7 @@ import pytest
 from tests.system.interrupted_phases import stopped
 from tests.unit.panel.test_panel_jobs import ANA, BEN, ended, opened
 
-from torquebench.errors import InputError
-from torquebench.panel.service import PermissionDeniedError
+from torquebench.panel.service import NotFoundError, PermissionDeniedError
 
 
 @pytest.mark.parametrize("discarded", [False, True])
@@ -36,5 +35,5 @@ def test_a_run_that_was_killed_before_its_registration_is_finished_or_discarded(
         assert service.unfinished() == []
         assert service.records.runs().total == 1, "nothing was measured"
         who = ANA if discarded else BEN
-        with pytest.raises(InputError, match="no unfinished run"):
+        with pytest.raises(NotFoundError, match="no unfinished run"):
             service.jobs.start(who, "finish-run", request)
