@@ -213,7 +213,10 @@ def test_a_station_without_description_is_the_simulated_one(
     assert data_directory() == tmp_path / "from-environment"
     assert data_directory(tmp_path) == tmp_path
     with Station.open() as station:
-        assert station.description == default_bench()
+        opened = station.description.model_dump(exclude={"calibrator": {"certified"}})
+        assert opened == default_bench().model_dump(exclude={"calibrator": {"certified"}})
+        certified = station.description.calibrator.certified
+        assert sorted(certified) == ["input", "output"], "the simulated standard brings its own"
         assert (tmp_path / "from-environment" / "registry.sqlite").exists()
     station.close()
 

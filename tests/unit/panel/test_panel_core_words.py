@@ -204,7 +204,7 @@ def test_every_known_sentence_is_still_said_somewhere() -> None:
     said += "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")
-        if "panel/text" not in file.as_posix()
+        if "_zh" not in file.parent.name and "zh" not in file.stem
     )
     stale = [
         english
