@@ -63,6 +63,24 @@ def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
     assert person.problems() == []
 
 
+def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) -> None:
+    """The page of calibrations shows the result itself, and lives on for seconds after it is left.
+
+    The job ends in this time.
+    """
+    begin(person)
+    person.open("/alarms")
+    person.press("Abort")
+    confirm = ".sheet button.danger"
+    person.wait(
+        lambda: person.driver.find_element(By.CSS_SELECTOR, confirm).click() is None, "the question"
+    )
+    person.sees("Calibration: aborted", seconds=60.0)
+    note = "//*[contains(@class, 'messages')]/div[contains(., 'Calibration: aborted')]//button"
+    person.driver.find_element(By.XPATH, note).click()
+    person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
+
+
 def test_a_server_that_died_says_so_to_who_had_started_something(
     panel: Panel, person: Visitor
 ) -> None:

@@ -49,7 +49,8 @@ class JobStrip:
         """Follow the jobs."""
         jobs = self._visitor.service.jobs
         self._follow(jobs.current)
-        if jobs.ended != self._ended:
+        # The server keeps a page for some seconds after it was left; its messages aren't read.
+        if jobs.ended != self._ended and self._frame.client.has_socket_connection:
             self._ended = jobs.ended
             self._tell()
 
