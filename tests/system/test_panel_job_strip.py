@@ -35,7 +35,8 @@ def begin(person: Visitor) -> None:
     if "Begin another calibration" in person.text:
         person.press("Begin another calibration")
     person.press("Mount the calibrator and begin")
-    person.sees("under way")
+    nothing = "Nothing else is under way"  # said of the bench before the job begins
+    person.wait(lambda: "under way" in person.text.replace(nothing, ""), "a job under way")
     assert strip(person) == ""  # the page shows the job itself
 
 
