@@ -96,6 +96,7 @@ def svg_text(figure: Figure) -> str:
     buffer, canvas = io.StringIO(), figure.canvas
     assert isinstance(canvas, FigureCanvasSVG)  # see `new_figure`
     # `savefig` draws twice, to lay out first; drawing once does both.
+    # Matplotlib states no types for it.
     canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
     text = buffer.getvalue()
     return text[text.index("<svg") :]

@@ -29,6 +29,20 @@ def strip(person: Visitor) -> str:
     return found[0].text if found and found[0].is_displayed() else ""
 
 
+def abort(person: Visitor) -> None:
+    person.press("Abort")
+    confirm = ".sheet button.danger"
+    person.wait(
+        lambda: person.driver.find_element(By.CSS_SELECTOR, confirm).click() is None, "the question"
+    )
+
+
+def dismiss(person: Visitor) -> None:
+    note = "//*[contains(@class, 'messages')]/div[contains(., 'Calibration: aborted')]//button"
+    person.driver.find_element(By.XPATH, note).click()
+    person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
+
+
 def begin(person: Visitor) -> None:
     person.open("/calibrate")
     person.sees("calibrat")
@@ -46,18 +60,12 @@ def test_a_job_is_seen_and_ended_from_another_page(person: Visitor) -> None:
         person.open(path)
         person.wait(lambda: "Calibration: under way" in strip(person), "the job on the page")
     assert person.axe() == []
-    person.press("Abort")
-    confirm = ".sheet button.danger"
-    person.wait(
-        lambda: person.driver.find_element(By.CSS_SELECTOR, confirm).click() is None, "the question"
-    )
+    abort(person)
     person.sees("Calibration: aborted")
     person.wait(lambda: strip(person) == "", "no strip")
     person.open("/records")
     person.sees("Calibration: aborted")  # until it is dismissed
-    note = "//*[contains(@class, 'messages')]/div[contains(., 'Calibration: aborted')]//button"
-    person.driver.find_element(By.XPATH, note).click()
-    person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
+    dismiss(person)
     person.open("/alarms")
     person.sees("No active alarms")
     assert "Calibration: aborted" not in person.text
@@ -71,15 +79,9 @@ def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) ->
     """
     begin(person)
     person.open("/alarms")
-    person.press("Abort")
-    confirm = ".sheet button.danger"
-    person.wait(
-        lambda: person.driver.find_element(By.CSS_SELECTOR, confirm).click() is None, "the question"
-    )
+    abort(person)
     person.sees("Calibration: aborted", seconds=60.0)
-    note = "//*[contains(@class, 'messages')]/div[contains(., 'Calibration: aborted')]//button"
-    person.driver.find_element(By.XPATH, note).click()
-    person.wait(lambda: "Calibration: aborted" not in person.text, "a dismissed message")
+    dismiss(person)
 
 
 def test_a_server_that_died_says_so_to_who_had_started_something(

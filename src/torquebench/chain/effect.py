@@ -120,7 +120,10 @@ class Effect(ABC):
         """Return which readings the effect refuses, None if it accepts all."""
         return None
 
-    def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:  # noqa: ARG002
+    def identified(
+        self,
+        range_nm: float,  # noqa: ARG002 - most effects are stated, not identified
+    ) -> tuple[MeasuredPart, ...]:
         """Return the parts that measurements of a rotating chain have identified."""
         return ()
 
