@@ -14,7 +14,11 @@ import typer
 from torquebench.cli import records
 from torquebench.cli.failure import guarded
 from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
-from torquebench.cli.output_options import add_output_options
+from torquebench.cli.output_options import (
+    HELP_OPTIONS,
+    add_output_options,
+    leave_out_types_of_flags,
+)
 
 __all__ = ["app", "main"]
 
@@ -25,7 +29,7 @@ app = typer.Typer(
     no_args_is_help=True,
     rich_markup_mode=HELP_MARKUP,
     pretty_exceptions_enable=False,
-    context_settings={"help_option_names": ["-h", "--help"]},
+    context_settings={"help_option_names": HELP_OPTIONS},
 )
 
 
@@ -107,7 +111,6 @@ def options(
         bool,
         typer.Option(
             "--version",
-            metavar=" ",
             help="Print the version.",
             callback=_print_version,
             is_eager=True,
@@ -117,7 +120,6 @@ def options(
         bool,
         typer.Option(
             "--debug",
-            metavar=" ",
             envvar="TORQUEBENCH_DEBUG",
             help="Show the traceback of an error.",
         ),
@@ -142,7 +144,9 @@ _debug = False
 
 def _run(arguments: list[str]) -> int:
     try:
-        app(args=arguments, prog_name="torquebench")
+        command = typer.main.get_command(app)
+        leave_out_types_of_flags(command)
+        command(args=arguments, prog_name="torquebench")
     except SystemExit as end:
         return end.code if isinstance(end.code, int) else int(end.code is not None)
     return 0

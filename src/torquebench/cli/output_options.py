@@ -13,18 +13,14 @@ import typer
 from torquebench.cli.answers import ANSWERS
 from torquebench.cli.console import begin_output
 
-__all__ = ["add_output_options"]
+__all__ = ["HELP_OPTIONS", "add_output_options", "leave_out_types_of_flags"]
 
 JsonOption = Annotated[
-    bool,
-    typer.Option(
-        "--json", metavar=" ", help="Print the results as one JSON object instead of tables."
-    ),
+    bool, typer.Option("--json", help="Print the results as one JSON object instead of tables.")
 ]
-QuietOption = Annotated[
-    bool, typer.Option("--quiet", "-q", metavar=" ", help="Print warnings and errors only.")
-]
+QuietOption = Annotated[bool, typer.Option("--quiet", "-q", help="Print warnings and errors only.")]
 
+HELP_OPTIONS = ["-h", "--help"]
 PLAIN_NAMES = {Path: "path", str: "str", float: "float", int: "int"}
 
 
@@ -67,12 +63,20 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
 def _value_name(kind: Any) -> str | None:
     """Return the value's name in help; None leaves it to the library.
 
-    A flag has none. An option for a list takes one value at a time, an option for a pair two.
+    An option for a list takes one value at a time, an option for a pair two.
     """
-    if kind is bool:
-        return " "
-    inner = [each for each in (*get_args(kind), kind) if get_origin(each) in (list, tuple)]
-    if not inner:
-        return None
-    names = [PLAIN_NAMES.get(each) for each in get_args(inner[0])]
-    return " ".join(f"<{name}>" for name in names) if all(names) else None
+    kinds = (*get_args(kind), kind)
+    inner = [each for each in kinds if get_origin(each) in (list, tuple)]
+    values = get_args(inner[0]) if inner else [each for each in kinds if each in (float, int)][:1]
+    names = [PLAIN_NAMES.get(each) for each in values]
+    return " ".join(f"<{name}>" for name in names) if names and all(names) else None
+
+
+def leave_out_types_of_flags(command: Any) -> None:
+    """Let the help of a command and those below show no type beside flags, which take no value."""
+    asked = command.get_help_option(typer.Context(command, help_option_names=HELP_OPTIONS))
+    for option in (*command.params, asked):
+        if getattr(option, "is_flag", False):
+            option.metavar = " "
+    for below in getattr(command, "commands", {}).values():
+        leave_out_types_of_flags(below)

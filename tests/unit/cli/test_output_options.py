@@ -9,6 +9,7 @@ from torquebench.cli import app
 from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
 from torquebench.cli.console import answer, begin_output, leave_standard_output, note, say, warn
 from torquebench.cli.failure import guarded
+from torquebench.cli.output_options import HELP_OPTIONS, leave_out_types_of_flags
 from torquebench.errors import InputError
 
 
@@ -38,6 +39,24 @@ def test_every_command_answers_in_json_or_is_named_with_the_reason() -> None:
 
 def test_every_command_can_be_quiet() -> None:
     assert [name for name, options in commands().items() if not {"--quiet", "-q"} <= options] == []
+
+
+def test_help_shows_no_type_beside_a_flag() -> None:
+    def helps(command: Any) -> list[str]:
+        shown = [
+            (max(each.opts, key=len), each.display_type_rich(context))
+            for context in [typer.Context(command, help_option_names=HELP_OPTIONS)]
+            for each in command.get_params(context)
+        ]
+        below = getattr(command, "commands", {}).values()
+        return [f"{command.name} {name}" for name, kind in shown if "bool" in str(kind)] + [
+            found for child in below for found in helps(child)
+        ]
+
+    command = typer.main.get_command(app)
+    assert "torquebench --help" in helps(command)
+    leave_out_types_of_flags(command)
+    assert helps(command) == []
 
 
 def test_completion_can_be_installed_and_shown() -> None:
@@ -97,10 +116,12 @@ def test_a_file_and_json_cannot_share_standard_output() -> None:
         leave_standard_output()
 
 
-def test_help_shows_no_value_of_a_flag_and_two_of_a_pair() -> None:
-    from typer.testing import CliRunner
-
-    said = CliRunner().invoke(app, ["evaluate", "hysteresis", "--help"]).output
-    assert said.count("bool") == 1  # the library's own --help
+def test_help_shows_two_values_of_a_pair(capsys: pytest.CaptureFixture[str]) -> None:
+    command = typer.main.get_command(app)
+    leave_out_types_of_flags(command)
+    with pytest.raises(SystemExit):
+        command(args=["evaluate", "hysteresis", "--help"], prog_name="torquebench")
+    said = capsys.readouterr().out
+    assert "bool" not in said
     assert "list[" not in said
     assert "<float> <float>" in " ".join(said.split())
