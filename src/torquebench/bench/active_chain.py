@@ -14,6 +14,7 @@ from torquebench.bench.acceleration import Acceleration
 from torquebench.chain import (
     ChainStream,
     Component,
+    Dynamics,
     EffectState,
     MeasuredRotation,
     MeasuringChain,
@@ -176,7 +177,7 @@ class ActiveChain:
         torque = self._stream.push(known)
         if len(torque):
             self._last = known, torque
-        self._recent.append(readings.time_s, torque)
+        self._recent.append(self._acted_s(readings.time_s), torque)
         return torque
 
     def push_fine(self, readings: StreamReadings) -> None:
@@ -184,7 +185,12 @@ class ActiveChain:
         if self._fine is None:
             self._fine = self._stream.copy(), _Recent()
         stream, recent = self._fine
-        recent.append(readings.time_s, stream.push(self._known(readings)))
+        recent.append(self._acted_s(readings.time_s), stream.push(self._known(readings)))
+
+    def _acted_s(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Return the times of torques: those by a dynamic filter are later than their readings."""
+        dynamics = next((each for each in self.chain.stored if isinstance(each, Dynamics)), None)
+        return time_s if dynamics is None else dynamics.acted_s(time_s)
 
     def end_fine(self) -> None:
         """Drop the shorter windows, which are no longer counted."""

@@ -13,9 +13,11 @@ import numpy as np
 from torquebench.chain.effect import EFFECTS, Effect, effect_from
 from torquebench.chain.effects import (
     SWITCHES,
+    Dynamics,
     Inertia,
     MeasuredRotation,
     MeasuredTemperature,
+    RecordedDynamics,
     Ripple,
     Scatter,
     StaticCurve,
@@ -205,12 +207,14 @@ class MeasuringChain:
             "give them in the readings' file",
         )
 
-    def following(self) -> MeasuringChain:
-        """Return the chain for tables of one stream that `torque` gets piece by piece, in order."""
-        kept = tuple(
-            effect.stream() if effect.kind == "dynamics" else effect for effect in self.stored
-        )
-        return replace(self, stored=kept)
+    def recorded(self) -> tuple[MeasuringChain, RecordedDynamics | None]:
+        """Return the chain for one record in blocks, and its dynamics, which get them first."""
+        dynamics = next((each for each in self.stored if isinstance(each, Dynamics)), None)
+        if dynamics is None:
+            return self, None
+        follows = dynamics.recorded()
+        kept = tuple(follows if each is dynamics else each for each in self.stored)
+        return replace(self, stored=kept), follows
 
     def stream(self) -> ChainStream:
         """Return a compensator for one stream of readings, block by block."""

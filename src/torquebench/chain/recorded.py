@@ -32,7 +32,8 @@ class RecordedStream:
 
     The acceleration comes from the speed if it isn't given. Where no branch is given, the place in
     the hysteresis loop of a chain that turns follows from the readings before. The result equals
-    that of `ChainStream` for the same readings and accelerations, wherever the record is cut.
+    that of `ChainStream` for the same readings and accelerations, wherever the record is cut; but
+    the torque by a dynamic filter, which is late in a live stream, belongs to the time of its row.
 
     Parameters
     ----------
@@ -60,7 +61,8 @@ class RecordedStream:
 
     def __init__(self, chain: MeasuringChain, by_speed: AccelerationBySpeed | None = None) -> None:
         self.chain = chain
-        self._stream, self._rows = chain.stream(), chain.following()
+        self._rows, self._dynamics = chain.recorded()
+        self._stream = self._rows.stream()
         self._by_speed = by_speed
         self._before: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
 
@@ -75,6 +77,8 @@ class RecordedStream:
             The block after it: the slope of the speed at the end depends on it.
         """
         known = self.completed_last = self.completed(readings, following)
+        if self._dynamics is not None:
+            self._dynamics.prepare(known, following)
         if known.branch is not None or not self.chain.turns:
             return self._rows.compensated(known)
         assert known.time_s is not None

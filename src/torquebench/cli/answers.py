@@ -218,7 +218,6 @@ class Applied(TypedDict):
     highest_nm: float
     largest_uncertainty_nm: float
     unmeasured: list[str]
-    delay_s: float | None
     files: list[str]
 
 

@@ -358,10 +358,12 @@ def apply(
         highest_nm=done.highest_nm,
         largest_uncertainty_nm=done.largest_uncertainty_nm,
         unmeasured=list(unmeasured),
-        delay_s=None if filtering is None else filtering.delay_s,
     )
     if filtering is not None:
-        say(f"each torque belongs to the time of its row less {1e3 * filtering.delay_s:.4g} ms")
+        say(
+            f"each torque belongs to the time of its row; the filter uses readings up to "
+            f"{1e3 * filtering.delay_s:.4g} ms later"
+        )
     if unmeasured:
         say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
     tell_missing(chain)

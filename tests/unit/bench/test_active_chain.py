@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
-from torquebench.chain import MeasuringChain, Temperature, Torque, Zero, joined
+from torquebench.chain import Dynamics, MeasuringChain, Temperature, Torque, Zero, joined
 from torquebench.compensation import MODELS, CompensationModel, features, make_model
+from torquebench.dynamics import TransferFunction, design_inverse
 
 FULL_SCALE_NM = 300.0
 SINGLE_CURVE = ["bayesian-network", "polynomial", "radial-basis", "spline"]
@@ -232,3 +233,22 @@ def test_a_model_without_a_table_is_asked_itself(kind: type[CompensationModel]) 
     np.testing.assert_allclose(found.value_nm, torque_nm, rtol=1e-12, atol=1e-12)
     np.testing.assert_array_equal(found.component("static curve"), uncertainty_nm)
     assert np.isnan(stream.push(reading, speed_rpm=0.0).value_nm).all()
+
+
+def test_torques_by_a_dynamic_filter_have_the_time_at_which_they_acted() -> None:
+    transfer = TransferFunction(80.0, 0.1, 5e-5, 2e-4, 1e-3)
+    effect = Dynamics.of("steps", design_inverse(transfer, 1e-3))
+    model = make_model("polynomial").fit(
+        features(np.linspace(-50.0, 50.0, 21)), np.linspace(-50.0, 50.0, 21)
+    )
+    active = ActiveChain(MeasuringChain(model, (effect,)), "1", model.kind)
+    time_s = 1e-3 * np.arange(1, 201)
+    # a slow pulse: the chain shows it late by its group delay only
+    middle_s = 0.1
+    pulse = 20.0 * np.exp(-0.5 * ((time_s - transfer.group_delay_s - middle_s) / 0.02) ** 2)
+    active.push(StreamReadings(time_s, pulse))
+    found = active.window(0.0, 1.0)
+    assert found is not None
+    torque, at = found.torque.value_nm, found.time_s - transfer.group_delay_s
+    assert abs(float(torque @ at) / float(torque.sum()) - middle_s) < 1e-3
+    assert effect.delay_s > 2e-3

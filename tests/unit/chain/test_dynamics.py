@@ -7,7 +7,14 @@ import numpy as np
 import pytest
 from tests.unit.dynamics.simulated_chain import SimulatedChain, steps
 
-from torquebench.chain import Dynamics, MeasuringChain, Readings, effect_from, joined
+from torquebench.chain import (
+    Dynamics,
+    MeasuringChain,
+    Readings,
+    RecordedStream,
+    effect_from,
+    joined,
+)
 from torquebench.compensation import features, make_model
 from torquebench.dynamics import TransferFunction, design_inverse
 from torquebench.errors import InputError
@@ -64,12 +71,49 @@ def test_a_stream_gives_the_torque_back_however_it_is_cut(
     assert error[100:].max() < 0.25 * raw.max()
 
 
-def test_a_table_in_pieces_gives_what_a_stream_gives(chain: MeasuringChain) -> None:
+def test_a_record_in_pieces_gives_what_the_whole_gives(
+    chain: MeasuringChain, effect: Dynamics
+) -> None:
     readings, _ = run()
-    following = chain.following()
-    pieces = [following.torque(part(readings, slice(*rows))) for rows in ((0, 500), (500, 1700))]
     expected = chain.torque(part(readings, slice(0, 1700)))
-    np.testing.assert_array_equal(joined(pieces).value_nm, expected.value_nm)
+    record = RecordedStream(chain)
+    cuts = [0, 3, 500, 1695, 1700]
+    blocks = [part(readings, slice(*pair)) for pair in pairwise(cuts)]
+    pieces = [record.torque(*pair) for pair in pairwise([*blocks, None])]
+    found = joined(pieces)
+    np.testing.assert_array_equal(found.value_nm, expected.value_nm)
+    np.testing.assert_array_equal(found.standard_uncertainty_nm, expected.standard_uncertainty_nm)
+    # the live stream gives the same torques, later
+    late, settled = effect.rows_late, len(effect.weights)
+    live = chain.stream().push(part(readings, slice(0, 1700)))
+    np.testing.assert_allclose(found.value_nm[settled:-late], live.value_nm[settled + late :])
+
+
+def test_a_record_keeps_the_time_of_a_pulse(chain: MeasuringChain, effect: Dynamics) -> None:
+    simulated = SimulatedChain(interval_s=INTERVAL_S, noise_nm=0.0)
+
+    def pulse(time_s: np.ndarray) -> np.ndarray:
+        return 20.0 * np.exp(-0.5 * ((time_s - 0.02) / 4e-4) ** 2)
+
+    time, reading, torque = simulated.run(pulse, 0.04)
+    found = chain.torque(Readings(reading / 1.002, time_s=time)).value_nm
+    near = np.abs(time - 0.02) < 2e-3
+    middle, true = (
+        np.sum(each[near] * time[near]) / np.sum(each[near]) for each in (found, torque)
+    )
+    assert abs(middle - true) < 0.5 * INTERVAL_S
+    assert effect.rows_late > 2
+    assert abs(int(np.argmax(found)) - int(np.argmax(torque))) <= 1
+
+
+def test_the_end_of_a_record_is_uncertain_by_what_the_filter_lacks(effect: Dynamics) -> None:
+    time = np.arange(200) * INTERVAL_S
+    quick = 10.0 * np.sin(2.0 * np.pi * 500.0 * time)
+    found, *_ = effect.components(Readings(quick, time_s=time), quick)
+    added, u = np.asarray(found.value_nm), np.asarray(found.uncertainty_nm)
+    last = slice(-effect.rows_late, None)
+    assert np.all(u[last] >= np.abs(added[last]) / np.sqrt(3.0))
+    assert u[100:150].max() < 0.2 * np.abs(added[100:150]).max()
 
 
 def test_steady_torques_and_readings_without_a_time_stay_as_they_are(

@@ -5,7 +5,7 @@ The static curve and the scatter belong to the fitted model; the others are stor
 
 from torquebench.chain.effects.counter import Counter, Timebase
 from torquebench.chain.effects.drift import Drift
-from torquebench.chain.effects.dynamics import Dynamics
+from torquebench.chain.effects.dynamics import Dynamics, RecordedDynamics
 from torquebench.chain.effects.inertia import Inertia
 from torquebench.chain.effects.measured_rotation import MeasuredRotation
 from torquebench.chain.effects.measured_temperature import MeasuredTemperature
@@ -28,6 +28,7 @@ __all__ = [
     "MeasuredRotation",
     "MeasuredTemperature",
     "Mounting",
+    "RecordedDynamics",
     "Reference",
     "Ripple",
     "Rotation",

@@ -16,7 +16,7 @@ from torquebench.dynamics import FilterStream, InverseFilter, UncertainFilter
 from torquebench.errors import InputError
 from torquebench.uncertainty import Distribution
 
-__all__ = ["Dynamics"]
+__all__ = ["Dynamics", "RecordedDynamics"]
 
 _UNEVEN = 0.05  # of the sample interval
 _SQUARE_ROOT_3 = 3.0**0.5
@@ -27,8 +27,9 @@ _SQUARE_ROOT_3 = 3.0**0.5
 class Dynamics(Effect):
     """The inverse of an identified transfer function, as a filter along the stream.
 
-    It works on readings at the rate that it was designed for. Its output is later than the torque
-    by `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as an
+    It works on readings at the rate that it was designed for. Rows of a record get the torque at
+    their own time, by readings up to `delay_s` later; torques of a live stream come later by
+    `delay_s`. Readings at another rate aren't corrected, and the chain's delay enters as an
     uncertainty that grows with the rate of change; readings without a time are treated as steady.
 
     Parameters
@@ -103,12 +104,34 @@ class Dynamics(Effect):
             "identify the dynamics at the rate of the readings",
         )
 
+    @property
+    def rows_late(self) -> int:
+        """Number of readings by which the filter's output is later than the torque."""
+        return round(self.delay_s / self.interval_s)
+
+    def acted_s(self, time_s: FloatArray) -> FloatArray:
+        """Return the times of readings whose torques a live filter states in their place.
+
+        The transducer's own delay stays: whoever uses the times subtracts it.
+        """
+        if time_s.size < 2 or abs(time_s[1] - time_s[0] - self.interval_s) > (
+            _UNEVEN * self.interval_s
+        ):
+            return time_s
+        return time_s - (self.delay_s - self.late_s)
+
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the components of rows that are a stream by themselves."""
-        return self.stream().components(readings, torque_nm)
+        """Return the components of rows that are a whole record."""
+        recorded = self.recorded()
+        recorded.prepare(readings, None)
+        return recorded.components(readings, torque_nm)
+
+    def recorded(self) -> RecordedDynamics:
+        """Return a filter for one record whose blocks come in order."""
+        return RecordedDynamics(self.record, self, _Prepared())
 
     def stream(self) -> Effect:
-        """Return a filter for one stream."""
+        """Return a filter for one live stream."""
         return _FollowedDynamics(self.record, self, _Memory(self.filter().stream()))
 
 
@@ -181,12 +204,7 @@ class _FollowedDynamics(Effect):
                 self.memory.filtering.forget()
                 self.memory.settling = 0
             self.memory.last_s, self.memory.last_nm = float(time[-1]), float(torque_nm[-1])
-        return (
-            Component(
-                "dynamics", Shared.LOADING, curve, added, distribution=Distribution.RECTANGULAR
-            ),
-            Component("noise of the dynamic filter", Shared.NOTHING, noise),
-        )
+        return _components(added, curve, noise)
 
     def _filter(
         self,
@@ -212,3 +230,102 @@ class _FollowedDynamics(Effect):
         unsettled = since < len(self.effect.weights) - 1
         curve[:] = np.hypot(curve, np.where(unsettled, added / _SQUARE_ROOT_3, 0.0))
         self.memory.settling = int(since[-1]) + 1
+
+
+def _components(added: FloatArray, curve: FloatArray, noise: FloatArray) -> tuple[Component, ...]:
+    return (
+        Component("dynamics", Shared.LOADING, curve, added, distribution=Distribution.RECTANGULAR),
+        Component("noise of the dynamic filter", Shared.NOTHING, noise),
+    )
+
+
+@dataclass
+class _Prepared:
+    """The present block of a record: correction and standard uncertainties of its rows."""
+
+    rows: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
+    used: int = 0
+    before: FloatArray = field(default_factory=lambda: np.zeros((3, 0)))
+    """Time, reading and its uncertainty in the last rows before the block."""
+
+
+@dataclass(frozen=True)
+class RecordedDynamics(Effect):
+    """The filter along a record: every row gets the torque at its own time.
+
+    `prepare` gets the blocks in order, each with the next one; `components` then returns the rows
+    of the block, in one piece or in several. At the end of the record and before a gap, readings
+    that the filter needs don't exist: U of those rows contains their correction.
+    """
+
+    title: ClassVar[str] = Dynamics.title
+    corrects_reading: ClassVar[bool] = True
+    effect: Dynamics
+    prepared: _Prepared
+
+    @property
+    def kind(self) -> str:  # type: ignore[override] # a stream stands in the place of its effect
+        """Name of the effect."""
+        return self.effect.kind
+
+    def prepare(self, readings: Readings, following: Readings | None) -> None:
+        """Filter the rows of the next block."""
+        if readings.time_s is None:
+            return
+        count, first = len(readings), self.prepared.before.shape[1]
+        blocks = [self.prepared.before, _rows(readings)]
+        if following is not None:
+            blocks.append(_rows(following)[:, : self.effect.rows_late])
+        record = np.concatenate(blocks, axis=1)
+        kept = first + count - len(self.effect.weights) + 1
+        self.prepared.before = record[:, max(kept, 0) : first + count]
+        self.prepared.rows = self._filtered(record)[:, first : first + count]
+        self.prepared.used = 0
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the components of the next rows of the block."""
+        if readings.time_s is None:
+            return ()
+        start = self.prepared.used
+        self.prepared.used += torque_nm.size
+        added, curve, noise = self.prepared.rows[:, start : self.prepared.used]
+        return _components(added, curve, noise)
+
+    def _filtered(self, record: FloatArray) -> FloatArray:
+        """Return correction and standard uncertainties of the rows between gaps and faults."""
+        time, reading, _ = record
+        step = np.diff(time)
+        wanted, faulty = self.effect.interval_s, ~np.isfinite(reading)
+        joined = np.abs(step - wanted) <= _UNEVEN * wanted
+        joined &= ~(faulty[1:] | faulty[:-1])
+        result = np.zeros_like(record)
+        for start, stop in pairwise([0, *(np.flatnonzero(~joined) + 1).tolist(), time.size]):
+            if stop - start > 1:
+                result[:, start:stop] = self._even(record[1:, start:stop])
+        alone = np.concatenate([[True], ~joined]) & np.concatenate([~joined, [True]])
+        if alone.any() and time.size > 1:
+            slope = np.concatenate([[0.0], np.abs(np.diff(reading) / step)])
+            widened = self.effect.late_s * slope[alone] / _SQUARE_ROOT_3
+            result[1, alone] = np.nan_to_num(widened, posinf=0.0)
+        result[0, faulty] = np.nan
+        return result
+
+    def _even(self, rows: FloatArray) -> FloatArray:
+        """Return the same of rows without a gap, by a filter that is ahead of them."""
+        late, count = self.effect.rows_late, rows.shape[1]
+        reading, spread = np.pad(rows, ((0, 0), (0, late)), mode="edge")
+        found = self.effect.filter().stream().push(reading, spread)
+        added = found.value[late:] - rows[0]
+        noise = np.sqrt(np.maximum(found.of_noise[late:] ** 2 - rows[1] ** 2, 0.0))
+        place = np.arange(count)
+        unknown = (place + late < len(self.effect.weights) - 1) | (place + late >= count)
+        lacking = np.where(unknown, added / _SQUARE_ROOT_3, 0.0)
+        return np.array([added, np.hypot(found.of_coefficients[late:], lacking), noise])
+
+
+def _rows(readings: Readings) -> FloatArray:
+    """Return time, reading and its uncertainty by counting."""
+    count = len(readings)
+    spread = np.broadcast_to(known_or(readings.counter_nm, 0.0), (count,))
+    assert readings.time_s is not None
+    return np.array([readings.time_s, readings.reading_nm, spread], dtype=np.float64)
