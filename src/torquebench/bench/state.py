@@ -16,12 +16,10 @@ Quantity = Literal["torque", "speed"]
 
 @dataclass(frozen=True)
 class SetPoint:
-    """A drive's commanded set point, and its ramp.
+    """A drive's commanded torque or speed, and its ramp.
 
     Parameters
     ----------
-    quantity : {"torque", "speed"}
-        Controlled quantity from then on.
     value : float
         N·m or rad/s.
     rate : float
@@ -32,7 +30,6 @@ class SetPoint:
         Bench time before and after the command; infinity until it was given.
     """
 
-    quantity: Quantity = "torque"
     value: float = 0.0
     rate: float = math.inf
     within_s: float = 0.0
@@ -61,8 +58,11 @@ class SideCommands:
         Monotonic wall time at which the drive was enabled: earlier states don't count.
     switching : bool
         Whether the drive is being switched on: it may have power already.
-    set_point : SetPoint
-        The last one, from the time of its command on.
+    controls : {"torque", "speed"}
+        Quantity of the last command; a shaft that a mounted standard holds keeps its torque while
+        its speed changes.
+    set_points : dict of str to SetPoint
+        The last one of each quantity, from the time of its command on.
     """
 
     enabled: bool = False
@@ -71,11 +71,20 @@ class SideCommands:
     changed_s: float = 0.0
     enabled_wall_s: float = 0.0
     switching: bool = False
-    set_point: SetPoint = field(default_factory=SetPoint)
+    controls: Quantity = "torque"
+    set_points: dict[Quantity, SetPoint] = field(
+        default_factory=lambda: {"torque": SetPoint(), "speed": SetPoint()}
+    )
+
+    @property
+    def uncertain_s(self) -> float:
+        """Ramp time to zero if it is unknown whether the drive got a command, s; else 0."""
+        return max(point.uncertain_s for point in self.set_points.values())
 
     def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> None:
         """Record that the command is about to be given."""
-        self.set_point = SetPoint(quantity, value, rate, asked_s=time_s, told_s=math.inf)
+        self.set_points[quantity] = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
+        self.controls = quantity
 
     def told(self, quantity: Quantity, value: float, time_s: float) -> None:
         """Record that the command was given."""
@@ -84,11 +93,11 @@ class SideCommands:
         else:
             self.speed_rad_s = value
         self.changed_s = time_s
-        self.set_point = replace(self.set_point, told_s=time_s)
+        self.set_points[quantity] = replace(self.set_points[quantity], told_s=time_s)
 
     def on(self) -> None:
         """Note that the drive has power, at zero torque."""
-        self.set_point = replace(self.set_point, quantity="torque")
+        self.controls = "torque"
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
 
@@ -96,15 +105,15 @@ class SideCommands:
         """Note that the drive is about to be commanded to go to zero, and within which time."""
         self.torque_nm = self.speed_rad_s = 0.0
         self.changed_s = time_s
-        self.set_point = SetPoint(
-            self.set_point.quantity, within_s=ramp_s, asked_s=time_s, told_s=math.inf
-        )
-        return self.set_point
+        asked = SetPoint(within_s=ramp_s, asked_s=time_s, told_s=math.inf)
+        self.set_points["torque"] = self.set_points["speed"] = asked
+        return asked
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
-        """Record that the command was given, unless another one followed."""
-        if self.set_point is asked:
-            self.set_point = replace(asked, told_s=time_s)
+        """Record that the command was given, except where another one followed."""
+        for quantity, point in self.set_points.items():
+            if point is asked:
+                self.set_points[quantity] = replace(asked, told_s=time_s)
 
     def at_zero(self, time_s: float) -> None:
         """Note that the drive is at zero torque and speed."""

@@ -31,52 +31,58 @@ DEVIATING_S = 0.1
 class _Course:
     """State of a drive that follows at once, now and a little earlier.
 
+    It is an interval: a drive may start the ramp of a newly controlled quantity at zero or at its
+    present value.
+
     Parameters
     ----------
+    quantity : {"torque", "speed"}
     time_s, found : float
-        Time when it got power, and the reading then.
+        Time from which the drive controls this quantity, and the reading then.
     """
 
-    def __init__(self, time_s: float, found: float) -> None:
+    def __init__(self, quantity: Quantity, time_s: float, found: float) -> None:
+        self.quantity = quantity
         self._point = SetPoint()
         self._rate = math.inf
-        self._time_s, self._value = time_s, 0.0
-        self._before = deque([(time_s, found), (time_s, 0.0)])
+        self._time_s = time_s
+        self._ends = min(found, 0.0), max(found, 0.0)
+        self._before = deque([(time_s, *self._ends)])
         self.deviating_s = 0.0
 
-    def go_on(self, point: SetPoint, stop_s: float, found: float, late_s: float) -> None:
+    def go_on(self, point: SetPoint, stop_s: float, late_s: float) -> None:
         """Advance to a time, towards a set point that the drive may follow late."""
         asked = replace(point, told_s=math.inf)  # a repeated command doesn't restart the ramp
         if asked != self._point:
-            if point.quantity != self._point.quantity:
-                self._value = 0.0
-                self._before = deque([(stop_s, found), (stop_s, 0.0)])
             self._time_s = max(self._time_s, point.asked_s)
-            apart = abs(point.value - self._value)
+            apart = max(abs(point.value - end) for end in self._ends)
             slowest = apart / point.within_s if point.within_s > 0.0 else math.inf
             self._rate = min(point.rate, slowest)
             self._point = asked
-        apart = point.value - self._value
-        way = self._rate * (stop_s - self._time_s) if apart else 0.0
-        self._value = point.value if abs(apart) <= way else self._value + math.copysign(way, apart)
+        low, high = (self._towards(point.value, end, stop_s) for end in self._ends)
+        self._ends = low, high
         self._time_s = stop_s
-        self._before.append((stop_s, self._value))
+        self._before.append((stop_s, low, high))
         late_s += point.told_s - point.asked_s  # infinite while the drive hasn't taken the command
         while self._before[0][0] < stop_s - late_s:
             self._before.popleft()
 
+    def _towards(self, target: float, present: float, stop_s: float) -> float:
+        apart = target - present
+        way = self._rate * (stop_s - self._time_s) if apart else 0.0
+        return target if abs(apart) <= way else present + math.copysign(way, apart)
+
     def band(self) -> tuple[float, float]:
         """Return the allowed range of the drive's value."""
-        values = [value for _, value in self._before]
-        return min(values), max(values)
+        return min(low for _, low, _ in self._before), max(high for _, _, high in self._before)
 
 
 class FollowingJudge:
     """Compares a drive's commands with the bench's readings; called by acquisition's thread.
 
-    With a standard mounted the flanges are held, so the whole commanded torque must be there. With
-    a reducer, which may turn, the torque is between zero and the command; the same applies to the
-    speed of a drive in speed control.
+    With a standard mounted the flanges are held, so the whole commanded torque must be there, also
+    while the standard's shaft is brought to another speed. With a reducer, which may turn, the
+    controlled quantity is compared: torque or speed between zero and the command.
 
     Parameters
     ----------
@@ -102,30 +108,32 @@ class FollowingJudge:
             if not (self._share and commands.enabled):
                 self._courses.pop(side, None)
                 continue
-            found = self._judge(side, commands.set_point, block)
+            held = reference_channel(side) in block.channels
+            # with a standard, the speed is that of its shaft, not of the drive
+            quantity: Quantity = "torque" if held else commands.controls
+            found = self._judge(side, quantity, commands.set_points[quantity], block, held=held)
             if found is not None:
                 return found
         return None
 
-    def _judge(self, side: Side, point: SetPoint, block: AcquiredBlock) -> Violation | None:
-        values = _values(point.quantity, side, block)
+    def _judge(
+        self, side: Side, quantity: Quantity, point: SetPoint, block: AcquiredBlock, *, held: bool
+    ) -> Violation | None:
+        values = _values(quantity, side, block)
         known = values[np.isfinite(values)]
-        course = self._courses.get(side)
         if known.size == 0:
             return None  # a missing signal is checked elsewhere
         last = float(known[-1])
-        if course is None:
-            course = self._courses[side] = _Course(block.stop_s, last)
+        course = self._courses.get(side)
+        if course is None or course.quantity != quantity:
+            course = self._courses[side] = _Course(quantity, block.start_s, last)
         lasts_s = block.stop_s - block.start_s
         # A command within a block shows at its end, and a speed is the mean over a block.
-        course.go_on(point, block.stop_s, last, self._late_s + 2.0 * lasts_s)
+        course.go_on(point, block.stop_s, self._late_s + 2.0 * lasts_s)
         low, high = course.band()
-        held = reference_channel(side) in block.channels
         if not held:
             low, high = min(low, 0.0), max(high, 0.0)
-        elif point.quantity == "speed":  # the standard's shaft turns, the drive doesn't
-            return None
-        allowed = self._share * self._range(side, point.quantity)
+        allowed = self._share * self._range(side, quantity)
         apart = float(np.min(np.maximum(low - known, known - high)))
         if apart <= allowed:
             course.deviating_s = 0.0
@@ -133,7 +141,7 @@ class FollowingJudge:
         before_s, course.deviating_s = course.deviating_s, course.deviating_s + lasts_s
         if before_s == 0.0 or course.deviating_s < DEVIATING_S:
             return None
-        return _violation(side, point.quantity, last, point.value, allowed)
+        return _violation(side, quantity, last, point.value, allowed)
 
     def _range(self, side: Side, quantity: Quantity) -> float:
         module = self._description.module(side)

@@ -573,7 +573,7 @@ class SafetySupervisor:
                 ramp_s = max(
                     abs(commands.torque_nm) / rates.torque_rate_nm_per_s,
                     abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
-                    commands.set_point.uncertain_s,
+                    commands.uncertain_s,
                 )
                 if commands.enabled and ramp_s > 0.0:  # otherwise it is at zero, or on its way
                     self._ramp_to_zero(side, ramp_s)

@@ -15,6 +15,7 @@ from torquebench.bench.safety.following import FollowingJudge
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError
+from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from tests.unit.bench.conftest import LowBench
@@ -181,15 +182,14 @@ def test_a_drive_going_to_zero_is_expected_there_before_it_has_answered(bench: L
 
     def slowly(duration_s: float) -> None:
         told(duration_s)
-        seen.append(bench.commands.output.set_point)
+        seen.append(bench.commands.output.set_points["torque"])
 
     drive.ramp_to_zero = slowly  # type: ignore[method-assign]
     lasts_s = bench.supervisor.unload(["output"])
     (meanwhile,) = seen
     assert (meanwhile.value, meanwhile.told_s) == (0.0, np.inf)
-    assert bench.commands.output.set_point == replace(
-        meanwhile, told_s=bench.commands.output.set_point.told_s
-    )
+    after = bench.commands.output.set_points["torque"]
+    assert after == replace(meanwhile, told_s=after.told_s)
     bench.clock.wait(lasts_s + 1.0)
     assert bench.supervisor.alarm is None
 
@@ -200,7 +200,55 @@ def test_being_told_later_does_not_begin_the_ramp_anew(late_s: float, ramp_s: fl
     commands = CommandState().output
     asked = commands.ask_zero(1.0, ramp_s)
     commands.told_zero(asked, 1.0 + late_s)
-    assert commands.set_point == replace(asked, told_s=1.0 + late_s)
+    assert set(commands.set_points.values()) == {replace(asked, told_s=1.0 + late_s)}
     other = commands.ask_zero(2.0, ramp_s)
     commands.told_zero(asked, 3.0)
-    assert commands.set_point is other
+    assert all(point is other for point in commands.set_points.values())
+
+
+SLOWLY = 100.0
+"""N·m/s: a ramp that takes longer than a drive may lag."""
+
+
+def test_a_turning_shaft_that_keeps_its_torque_may_change_its_speed(bench: LowBench) -> None:
+    bench.load_output(900.0)
+    bench.clock.wait(1.0)
+    drive, commands = bench.drivers.drives["output"], bench.commands.output
+    for rpm in (5.0, 10.0, 0.0):
+        commands.ask("speed", rpm / RPM_PER_RAD_S, 1.0, bench.clock.now())
+        drive.command_speed(rpm / RPM_PER_RAD_S, 1.0)
+        commands.told("speed", rpm / RPM_PER_RAD_S, bench.clock.now())
+        bench.clock.wait(2.0)
+        bench.command_torque(900.0 + rpm, SLOWLY)
+        bench.clock.wait(2.0)
+    assert bench.supervisor.alarm is None
+    drive.command_torque(-900.0, RATE)
+    with pytest.raises(BenchError, match=r"output drive: .* instead of 900\.0 N·m"):
+        bench.clock.wait(5.0)
+
+
+def test_torque_is_watched_while_the_speed_of_a_held_shaft_changes() -> None:
+    read = Read(standard=True)
+    read.commands.output.on()
+    for quantity, value in (("torque", 1000.0), ("speed", 1.0)):
+        read.commands.output.ask(quantity, value, RATE, read.now_s)
+        read.commands.output.told(quantity, value, read.now_s)
+    assert {read.block(1000.0, 0.5) for _ in range(40)} == {""}
+    assert "0.0 N·m instead of 1000.0 N·m" in [read.block(0.0, 0.5) for _ in range(20)][-1]
+
+
+@pytest.mark.parametrize("starts_at", [0.0, 20.0])
+def test_a_shaft_that_turned_under_torque_is_taken_over_at_its_speed_or_from_rest(
+    starts_at: float,
+) -> None:
+    read, rate = Read(standard=False), 2.0
+    read.commands.output.on()
+    read.commands.output.ask("torque", 100.0, RATE, 0.0)
+    read.commands.output.told("torque", 100.0, 0.0)
+    assert {read.block(100.0, 20.0) for _ in range(10)} == {""}
+    read.commands.output.ask("speed", 25.0, rate, read.now_s)
+    read.commands.output.told("speed", 25.0, read.now_s)
+    speeds = np.minimum(25.0, starts_at + rate * BLOCK_S * np.arange(1, 400))
+    assert {read.block(0.0, speed) for speed in speeds} == {""}
+    found = [read.block(0.0, -20.0) for _ in range(20)][-1]
+    assert f"instead of {25.0 * RPM_PER_RAD_S:.1f} rpm" in found
