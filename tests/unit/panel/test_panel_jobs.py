@@ -13,7 +13,9 @@ import pytest
 from tests.unit.panel.process_work import doubled, endless, refusing
 from tests.watching import Watching
 
+from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.prompts import QueuedOperator
+from torquebench.chain import Temperature, load_chain
 from torquebench.compensation import load_model
 from torquebench.errors import BenchError, InputError, RecordError
 from torquebench.panel.pages.calibrate.workflow import Dismissed, find_workflow
@@ -183,6 +185,21 @@ def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
         {"epochs": 200, "hidden": 10},
     ]
     assert len({model["model_id"] for model in shown.values()}) == 2
+
+
+def test_another_fit_of_an_old_calibration_uses_the_bench_as_it_was_then(tmp_path: Path) -> None:
+    request = {"side": "output", "step_percent": 50.0, "models": ["polynomial-1"]}
+    with opened(tmp_path) as service:
+        number = start(service, "calibrate", request).result.calibration_id
+    today = default_bench().model_dump(mode="json")
+    today["output"]["transducer"]["temperature_zero_percent_per_10k"] *= 50.0
+    with BenchService.open(BenchDescription.model_validate(today), tmp_path, fast=True) as service:
+        start(service, "fit", {"calibration_id": number, "model": "polynomial-2"})
+    chains = [load_chain(file) for file in (tmp_path / "models").glob("*.json")]
+    (before, after) = [
+        [effect for effect in chain.stored if isinstance(effect, Temperature)] for chain in chains
+    ]
+    assert before == after
 
 
 def start(service: BenchService, kind: str, request: dict[str, Any]) -> JobView:

@@ -24,7 +24,7 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from torquebench.bench.description import StandardDescription
+from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.roles import Side
 from torquebench.calibration import (
     Profile,
@@ -370,13 +370,15 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     station = context.station
     (choice,) = _choices([request.model], request.network, rising_only=request.rising_only)
     entry, data = calibration_data(station, request.calibration_id)
+    run = RunFolder(station.registry.run(str(entry.run_id)).folder)
+    described = BenchDescription.model_validate(run.metadata["bench"])  # as it was then
     (item,) = fit_models(
         data,
         [choice],
         context.job,
         title="Fitting",
-        effects=bench_effects(station.description, data),
-        limits=run_profile(RunFolder(station.registry.run(str(entry.run_id)).folder)).plausibility,
+        effects=bench_effects(described, data),
+        limits=run_profile(run).plausibility,
         before=model_in_use(station.registry, data),
     )
     metrics = fit_metrics(item, data)
