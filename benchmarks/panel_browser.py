@@ -5,9 +5,10 @@ long the stop button takes there and back, and memory on both sides over an hour
 (ten minutes with ``--quick``), which the simulated bench does as fast as it computes while the
 page goes on painting. ``--stop N`` measures N stops only, in a crowd: five browsers, twenty
 watchers and a flood of sign-in pages; one of the browsers and a program without a page press in
-turn, and what the server takes is told from what the browser takes. The server is `torquebench
-panel` in a process of its own; the browser is Debian's Chromium without a graphics card, so its
-figures are the worst case.
+turn, and what the server takes is told from what the browser takes. ``--soak MINUTES`` works in
+real time: one browser goes from page to page and stays on the live page, and every minute there
+is a recording and a calibration. The server is `torquebench panel` in a process of its own; the
+browser is Debian's Chromium without a graphics card, so its figures are the worst case.
 ``--write`` puts the table into ``docs/benchmarks.md``. Exits with 1 where an aim is missed.
 """
 
@@ -27,7 +28,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,7 @@ class Server:
     url: str
     process: psutil.Process
     token: str
+    log: list[str] = field(default_factory=list)
 
     def call(self, method: str, path: str, body: Any = None) -> Any:
         """Call the HTTP API."""
@@ -127,10 +129,14 @@ def served(folder: Path, *options: str) -> Iterator[Server]:
     assert process.stdout is not None
     try:
         line = next(each for each in process.stdout if "http://" in each)
-        yield Server(line[line.index("http://") :].strip(), psutil.Process(process.pid), token)
+        address = line[line.index("http://") :].strip()
+        server = Server(address, psutil.Process(process.pid), token)
+        # A pipe that nobody reads would hold the server up.
+        threading.Thread(target=server.log.extend, args=(process.stdout,), daemon=True).start()
+        yield server
     finally:
         process.terminate()
-        process.communicate(timeout=60)
+        process.wait(timeout=60)
 
 
 @contextlib.contextmanager
@@ -327,6 +333,116 @@ def soak(server: Server, profile: Path, seconds: float) -> list[Moment]:
     return found
 
 
+SAMPLED_S = 20.0
+"""Time between two samples of a soak in real time."""
+QUICK_CALIBRATION = {
+    "side": "output",
+    "models": ["polynomial-2"],
+    "profile": "staircase",
+    "step_percent": 25,
+    "repeats": 1,
+}
+PAGES = ("/calibrate", "/reducer", "/records", "/settings", "/alarms", "/")
+
+
+@dataclass(frozen=True)
+class Sample:
+    """What server and browser hold after so many seconds."""
+
+    wall_s: float
+    server_mb: float
+    threads: int
+    files: int
+    sockets: int
+    page_mb: float
+    tab_mb: float
+    log_lines: int
+
+
+def soak_in_real_time(server: Server, profile: Path, seconds: float) -> list[Sample]:
+    """Work before a browser as a person does; print and return what is held on the way."""
+    found: list[Sample] = []
+    ended = threading.Event()
+    work = threading.Thread(target=_work, args=(server, ended), daemon=True)
+    with browsing(server, profile) as driver:
+        work.start()
+        started = time.perf_counter()
+        while (passed := time.perf_counter() - started) < seconds:
+            if not work.is_alive():
+                raise SystemExit("the work before the browser has ended")
+            if len(found) % 3 == 0:
+                for page in PAGES:
+                    driver.get(server.url + page)
+                    time.sleep(1.0)
+            process = server.process
+            found.append(
+                Sample(
+                    passed,
+                    process.memory_info().rss / 2**20,
+                    process.num_threads(),
+                    process.num_fds(),
+                    len(process.net_connections()),
+                    heap_mb(driver),
+                    _tab_mb(driver),
+                    len(server.log),
+                )
+            )
+            print(*(f"{value:.1f}" for value in vars(found[-1]).values()), sep="\t", flush=True)
+            ended.wait(max(0.0, SAMPLED_S * len(found) - (time.perf_counter() - started)))
+        ended.set()
+        work.join(timeout=120.0)
+    return found
+
+
+def _work(server: Server, ended: threading.Event) -> None:
+    """Record and calibrate once a minute; of two calibrations one is aborted, one completed."""
+    number = 0
+    while not ended.is_set():
+        started, number = time.perf_counter(), number + 1
+        job = server.call("POST", "/start/record", {"name": f"soak {number}"})
+        ended.wait(5.0)
+        server.call("POST", f"/jobs/{job['job_id']}/finish")
+        _until_ended(server, job)
+        job = server.call("POST", "/start/calibrate", QUICK_CALIBRATION)
+        patience = 15.0 if number % 2 else 600.0
+        while job["finished"] is None and time.perf_counter() < started + patience:
+            ended.wait(1.0)
+            patience = 0.0 if ended.is_set() else patience
+            job = server.call("GET", f"/jobs/{job['job_id']}")
+        with contextlib.suppress(urllib.error.HTTPError):  # it may have ended
+            server.call("POST", f"/jobs/{job['job_id']}/abort", {"reason": "soak"})
+        _until_ended(server, job)
+        ended.wait(max(0.0, 60.0 - (time.perf_counter() - started)))
+
+
+def _until_ended(server: Server, job: Any) -> Any:
+    while job["finished"] is None:
+        time.sleep(0.2)
+        job = server.call("GET", f"/jobs/{job['job_id']}")
+    return job
+
+
+def soaked(minutes: float) -> int:
+    """Soak in real time; print the growth of each quantity; 1 where the aim is missed."""
+    with tempfile.TemporaryDirectory() as scratch:
+        (data := Path(scratch) / "data").mkdir()
+        names = [each.name for each in fields(Sample)]
+        print(*names, sep="\t")
+        with served(data) as server:
+            samples = soak_in_real_time(server, Path(scratch) / "browser", 60.0 * minutes)
+            jobs = server.call("GET", "/jobs")
+            tracebacks = sum("Traceback" in line for line in server.log)
+    print(f"last jobs: {[each['state'] for each in jobs]}; tracebacks in the log: {tracebacks}")
+    met = tracebacks == 0
+    for name in names[1:-1]:
+        values = [float(getattr(each, name)) for each in samples]
+        grown = growth(values)
+        met = met and grown <= GROWTH_AIM
+        print(f"{name}: begin {values[0]:.1f}, end {values[-1]:.1f}, last quarter over the "
+              f"second {grown:+.1%} (aim: at most {GROWTH_AIM:.0%})")  # fmt: skip
+    return 0 if met else 1
+
+
 def _tab_mb(driver: webdriver.Chrome) -> float:
     """Return the memory that the browser's processes of pages have for themselves, MB."""
     children = psutil.Process(driver.service.process.pid).children(recursive=True)
@@ -340,10 +456,10 @@ def _bench_time(server: Server) -> float:
 
 def _calibrate(server: Server) -> None:
     """Calibrate once and wait for the end."""
-    job = server.call("POST", "/start/calibrate", {"side": "output", "models": ["polynomial-2"]})
-    while job["finished"] is None:
-        time.sleep(0.2)
-        job = server.call("GET", f"/jobs/{job['job_id']}")
+    job = _until_ended(
+        server,
+        server.call("POST", "/start/calibrate", {"side": "output", "models": ["polynomial-2"]}),
+    )
     if job["state"] != "done":
         raise SystemExit(f"a calibration ended {job['state']}: {job['problem']}")
 
@@ -451,11 +567,14 @@ def main() -> int:
     parser.add_argument("--quick", action="store_true", help="ten minutes instead of an hour")
     parser.add_argument("--write", action="store_true", help="put the table into the document")
     parser.add_argument("--stop", type=int, metavar="N", help="only N stops in a crowd")
+    parser.add_argument("--soak", type=float, metavar="MINUTES", help="only a soak in real time")
     parser.add_argument("--flood", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.flood:
         flood(options.flood)
         return 0
+    if options.soak:
+        return soaked(options.soak)
     if options.stop:
         return crowded(options.stop)
     with tempfile.TemporaryDirectory() as scratch:
