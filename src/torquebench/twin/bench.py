@@ -27,8 +27,8 @@ from torquebench.twin.blocks import (
     TwinBlock,
 )
 from torquebench.twin.calibrator import ReferenceParameters
-from torquebench.twin.chain import transducer_torque, without_chain
-from torquebench.twin.drive import CONTROL_OFF, CONTROL_SPEED, CONTROL_TORQUE, Loading
+from torquebench.twin.chain import without_chain
+from torquebench.twin.drive import CONTROL_OFF, Loading
 from torquebench.twin.faults import Fault, broken_edges, broken_frequency, make_fault
 from torquebench.twin.parameters import TwinParameters
 from torquebench.twin.reducer import ReducerConstants
@@ -101,6 +101,10 @@ class BenchTwin:
         self._clamped = False
         self._enabled = [False, False]
         self._faults: list[Fault] = []
+        self._run_into: simulation.Recording | None = None  # while time passes
+        self._run_from = 0  # first step of this recording
+        self._told_at: list[tuple[int, int]] = []
+        self._told: list[tuple[float, float]] = []
         self._constants = self._gather((0.0, 0.0))
         self._references = self._reference_set("calibrator")
         self._tables = np.array([reference.error_table() for reference in self._references])
@@ -168,6 +172,7 @@ class BenchTwin:
         conversion = _CONVERSION[mode]
         if self._orders.conversion[index] == conversion:
             return
+        self._catch_up()
         self._orders.conversion[index] = conversion
         row = self._state.shafts[index]
         row[mechanism.RELAXED] = row[mechanism.MOTOR_ANGLE] - row[mechanism.FLANGE_ANGLE]
@@ -177,6 +182,7 @@ class BenchTwin:
     def set_clamped(self, clamped: bool) -> None:
         """Close or open the hydraulic clamp of the tested assembly."""
         if clamped != self._clamped:
+            self._catch_up()
             self._clamped = clamped
             self._settle_plant()
 
@@ -186,6 +192,7 @@ class BenchTwin:
             raise InputError(f"mounting {what!r}", f"one of {', '.join(MOUNTINGS)}")
         if what == self._mounting:
             return
+        self._catch_up()
         self._mounting = what
         if what in ("calibrator", "verification_standard"):
             self._references = self._reference_set(what)
@@ -205,6 +212,7 @@ class BenchTwin:
 
     def enable(self, side: Side, enabled: bool) -> None:
         """Enable or disable a drive; a disabled drive gives no torque. Commands are cleared."""
+        self._catch_up()
         self._enabled[_index(side)] = enabled
         self._forget(side)
 
@@ -219,11 +227,7 @@ class BenchTwin:
         torque = _finite(torque_nm, "torque", "N·m")
         if not self._enabled[index]:
             return
-        chain = self._constants.chains[index]
-        wanted = torque + self._loading[index].error(torque)
-        angle = float(self._state.shafts[index, mechanism.FLANGE_ANGLE])
-        self._orders.control[index] = CONTROL_TORQUE
-        self._orders.target[index] = transducer_torque(chain, wanted, angle)
+        self._tell(index, torque + self._loading[index].error(torque), np.nan)
 
     def command_speed(self, side: Side, speed_rad_s: float) -> None:
         """Read from the drive a speed."""
@@ -231,14 +235,7 @@ class BenchTwin:
         speed = _finite(speed_rad_s, "speed", "rad/s")
         if not self._enabled[index]:
             return
-        if self._holds():
-            self._orders.held_speed_rad_s[index] = speed
-            if self._orders.control[index] == CONTROL_OFF:
-                self._orders.control[index] = CONTROL_TORQUE
-                self._orders.target[index] = 0.0
-        else:
-            self._orders.control[index] = CONTROL_SPEED
-            self._orders.target[index] = speed
+        self._tell(index, np.nan, speed)
 
     def set_ambient(self, temperature_c: float) -> None:
         """Set the hall's temperature; the parts follow with their own time constants.
@@ -277,6 +274,7 @@ class BenchTwin:
                 f"for {drop_min} min every {drop_every_h} h",
                 "sizes of at least 0 K, times above 0",
             )
+        self._catch_up()
         self._orders.climate[:] = _climate(
             mean_c, swing_k, period_h, self.time_s, drop_k, drop_every_h, drop_min
         )
@@ -317,6 +315,7 @@ class BenchTwin:
         hours : float
             Hours of turning that it counts as having had: a fresh one runs in.
         """
+        self._catch_up()
         self._state.lubrication[_index(side)] = fresh_lubrication(lubricant, amount, hours)
 
     def inject_fault(
@@ -374,13 +373,17 @@ class BenchTwin:
         first = self._steps
         steps = -(-stop_tick // self._step_ticks) - first
         recording = simulation.record(steps)
-        while self._tick < stop_tick:
-            left = stop_tick - self._tick
-            if drive is not None:
-                wish_s = drive(left / self._timebase_hz)
-                left = min(left, max(1, round(wish_s * self._timebase_hz)))
-            self._tick += left
-            self._run(recording, first)
+        self._run_into, self._run_from = recording, first
+        try:
+            while self._tick < stop_tick:
+                left = stop_tick - self._tick
+                if drive is not None:
+                    wish_s = drive(left / self._timebase_hz)
+                    left = min(left, max(1, round(wish_s * self._timebase_hz)))
+                self._tick += left
+            self._catch_up()
+        finally:
+            self._run_into = None
         edges = {channel: self._edges(channel, first, recording) for channel in self._active}
         ticks = np.arange(first, first + steps, dtype=np.int64) * self._step_ticks
         temperature = dict(zip(heat.PLACES, self._state.temperature_c.tolist(), strict=True))
@@ -465,23 +468,36 @@ class BenchTwin:
         )
 
     # Inside --------------------------------------------------------------------------------
-    def _run(self, recording: simulation.Recording, first: int) -> None:
-        """Simulate up to the present tick, into the recording that began with a step."""
-        steps = -(-self._tick // self._step_ticks) - self._steps
-        if steps == 0:
+    def _tell(self, index: int, torque_nm: float, speed_rad_s: float) -> None:
+        """Give a command: at once, or at its step of the time that is passing."""
+        if self._run_into is None:
+            constants, state, orders = self._constants, self._state, self._orders
+            simulation.obey(constants, state, orders, index, torque_nm, speed_rad_s)
+        else:
+            self._told_at.append((-(-self._tick // self._step_ticks), index))
+            self._told.append((torque_nm, speed_rad_s))
+
+    def _catch_up(self) -> None:
+        """Simulate up to the present tick: one call of the kernel for all commands until then."""
+        if self._run_into is None:
             return
+        steps = -(-self._tick // self._step_ticks) - self._steps
         simulation.simulate(
             self._steps,
             steps,
+            np.array(self._told_at, dtype=np.int64).reshape(-1, 2),
+            np.array(self._told, dtype=np.float64).reshape(-1, 2),
             self._constants,
             (self._references[0].constants, self._references[1].constants),
             self._tables,
             self._orders,
             self._state,
             self._process,
-            recording,
-            self._steps - first,
+            self._run_into,
+            self._steps - self._run_from,
         )
+        self._told_at.clear()
+        self._told.clear()
         self._steps += steps
 
     def _reference_set(self, what: Mounting) -> tuple[ReferenceParameters, ReferenceParameters]:
@@ -513,9 +529,6 @@ class BenchTwin:
             self._parameters.thermal,
             (first.turning, second.turning),
         )
-
-    def _holds(self) -> bool:
-        return bool(self._orders.plant[0] == mechanism.FLANGE_HELD)
 
     def _forget(self, side: Side) -> None:
         """Clear a side's commands."""

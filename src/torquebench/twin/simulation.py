@@ -4,6 +4,7 @@ Numba's cache of a kernel checks the kernel's own file only: after a change in a
 kernels call, delete ``__pycache__/*.nb*`` here, or old code runs.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -21,6 +22,7 @@ __all__ = [
     "Recording",
     "State",
     "fresh_state",
+    "obey",
     "record",
     "simulate",
     "sweep",
@@ -216,9 +218,30 @@ def _signals(
 
 
 @njit(cache=True)
+def obey(
+    constants: Constants, state: State, orders: Orders, side: int, torque_nm: float, speed: float
+) -> None:
+    """Take a command: a torque at the flange, or a speed in rad/s; the other one is NaN."""
+    if not math.isnan(torque_nm):
+        angle = state.shafts[side, mechanism.FLANGE_ANGLE]
+        orders.control[side] = drv.CONTROL_TORQUE
+        orders.target[side] = chain.transducer_torque(constants.chains[side], torque_nm, angle)
+    elif orders.plant[0] != mechanism.FLANGE_HELD:
+        orders.control[side] = drv.CONTROL_SPEED
+        orders.target[side] = speed
+    else:
+        orders.held_speed_rad_s[side] = speed
+        if orders.control[side] == drv.CONTROL_OFF:
+            orders.control[side] = drv.CONTROL_TORQUE
+            orders.target[side] = 0.0
+
+
+@njit(cache=True)
 def simulate(
     first_step: int,
     steps: int,
+    told_at: IntArray,
+    told: FloatArray,
     constants: Constants,
     references: tuple[calibrator.ReferenceConstants, calibrator.ReferenceConstants],
     tables: FloatArray,
@@ -228,10 +251,21 @@ def simulate(
     recording: Recording,
     offset: int,
 ) -> None:
-    """Run the bench for some steps; changes the state and fills the recording from a place on."""
+    """Run the bench for some steps; changes the state and fills the recording from a place on.
+
+    Parameters
+    ----------
+    told_at : int64[n, 2], told : float64[n, 2]
+        Commands in order, see `obey`: step before which it is given and side; torque and speed.
+    """
+    commands = 0
     motor, added, speed = np.zeros(2), np.zeros(2), np.zeros(2)
     normal = np.zeros(_DRAWS)
     for step in range(steps):
+        while commands < len(told_at) and told_at[commands, 0] <= first_step + step:
+            side, torque_nm, wanted = told_at[commands, 1], told[commands, 0], told[commands, 1]
+            obey(constants, state, orders, side, torque_nm, wanted)
+            commands += 1
         for k in range(_DRAWS):
             normal[k] = generator.standard_normal()
         _record_state(constants, state, recording, offset + step)
@@ -275,6 +309,8 @@ def simulate(
                 state.lubrication[side, turning.HOURS] += STEP_S / 3600.0
         _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
     recording.frequency_hz[:, offset + steps] = state.lagged_hz
+    for k in range(commands, len(told_at)):
+        obey(constants, state, orders, told_at[k, 1], told[k, 0], told[k, 1])
 
 
 @njit(cache=True)
