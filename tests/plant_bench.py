@@ -1,5 +1,6 @@
 """Benches of a plant for tests: a data directory with sealed runs, made without measuring."""
 
+from collections.abc import Mapping
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -23,11 +24,16 @@ def add_run(
     hours: float = 0.0,
     status: Any = "completed",
     simulated: bool = True,
+    metadata: Mapping[str, Any] | None = None,
+    files: Mapping[str, bytes] | None = None,
 ) -> RunFolder:
-    """Write, seal and register one run with results."""
+    """Write, seal and register one run with results, and further metadata and files."""
     started = START + timedelta(hours=hours)
     folder = RunFolder.create(
-        registry.root / "runs", {"simulated": simulated}, kind=kind, run_id=run_id
+        registry.root / "runs",
+        {**(metadata or {}), "simulated": simulated},
+        kind=kind,
+        run_id=run_id,
     )
     folder.samples({"time_s": [0.0, 1.0], "torque_nm": [1.0, 2.0]})
     registry.add_run(
@@ -42,6 +48,7 @@ def add_run(
             bench="Bench",
         )
     )
+    folder.write_files(files or {})
     folder.write_results(results)
     sealed = folder.seal(status)
     registry.finish_run(sealed, started + timedelta(minutes=5))

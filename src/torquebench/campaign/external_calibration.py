@@ -134,7 +134,7 @@ def register_table(
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
-        writer.write_text("table.csv", table_text(table, called))
+        writer.write_file("table.csv", table_text(table, called))
         writer.write_results(
             {
                 "data": data,

@@ -272,16 +272,20 @@ def measure(
     metadata: Mapping[str, Any],
     progress: Progress,
     on_pause: OnPause | None,
+    files: Callable[[], Mapping[str, bytes]] = dict,
 ) -> Measured[Result]:
     """Rehearse a plan and execute it as a separate run.
 
-    `rehearsed` makes the plan without the steps that need real recordings.
+    `rehearsed` makes the plan without the steps that need real recordings; `files` returns further
+    files of the run, see `Station.run`.
     """
     progress.start(title, rehearse(station.devices, rehearsed()).steps or None)
     found = _mounting.get()
     if found is not None and found.entered():
         metadata = {**metadata, **found.metadata()}
-    record = station.run(plan(), kind=kind, metadata=metadata, progress=progress, on_pause=on_pause)
+    record = station.run(
+        plan(), kind=kind, metadata=metadata, progress=progress, on_pause=on_pause, files=files
+    )
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -238,6 +239,7 @@ def _keep(plant: Plant, label: str, tasks: Sequence[RunTask], found: Sequence[Re
             "earlier": dict(task.earlier),
             "values": each.values,
             "problem": each.problem,
+            "remark": each.remark,
             "evaluated": now,
         }
         for task, each in zip(tasks, found, strict=True)
@@ -351,7 +353,7 @@ def _version() -> str:
 
 
 def differences(plant: Plant, label: str = __version__, against: str | None = None) -> Answer:
-    """Return the changes: every value that differs in this evaluation.
+    """Return the changes: every value that differs in this evaluation, is new, or is missing.
 
     Parameters
     ----------
@@ -363,8 +365,10 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
     """
     query = """
         SELECT n.bench_key || ' ' || b.name AS bench, n.run_id, n.values, n.problem,
+          n.remark, r.kind,
           CASE WHEN CAST(:against AS text) IS NULL THEN n.earlier ELSE o.values::jsonb END AS old
         FROM plant.reevaluations n JOIN plant.benches b ON b.bench_key = n.bench_key
+        JOIN plant.runs r ON r.bench_key = n.bench_key AND r.run_id = n.run_id
         LEFT JOIN plant.reevaluations o ON o.bench_key = n.bench_key AND o.run_id = n.run_id
           AND o.label = :against
         WHERE n.label = :label ORDER BY n.bench_key, n.run_id
@@ -373,6 +377,12 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
         name: [] for name in ("bench", "run", "what", "earlier", "now", "change")
     }
     runs = problems = compared = changed = 0
+    remarks: Counter[str] = Counter()
+
+    def add(row: Any, what: str, *values: float | None) -> None:
+        for name, value in zip(columns, (row.bench, row.run_id, what, *values), strict=True):
+            columns[name].append(value)
+
     with plant.transaction() as connection:
         rows = connection.execution_options(yield_per=1000).execute(
             text(query), {"label": label, "against": against}
@@ -381,22 +391,29 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
             runs += 1
             if row.problem:
                 problems += 1
-                found = (row.bench, row.run_id, f"can't be evaluated: {row.problem}", None, None)
-                for name, value in zip(columns, (*found, None), strict=True):
-                    columns[name].append(value)
+                add(row, f"can't be evaluated: {row.problem}", None, None, None)
                 continue
-            old, differs = row.old or {}, False
-            for what, now in json.loads(row.values).items():
-                if what not in old:
+            if row.remark:
+                remarks[row.remark] += 1
+            old, new, differs = row.old or {}, json.loads(row.values), False
+            # Of other runs than tests, not every value was kept when they were measured.
+            added = new if old and row.kind.startswith("test-") else ()
+            for what in dict.fromkeys((*added, *old)):
+                before, now = old.get(what), new.get(what)
+                if before is None or now is None:
+                    differs = True
+                    add(row, what, before, now, None)
                     continue
                 compared += 1
-                before = float(old[what])
                 if abs(now - before) > SAME * max(abs(now), abs(before)):
                     differs = True
-                    entry = (row.bench, row.run_id, what, before, now, now - before)
-                    for name, value in zip(columns, entry, strict=True):
-                        columns[name].append(value)
+                    add(row, what, float(before), now, now - before)
             changed += differs
+    notes = [
+        f"{many} {'run' if many == 1 else 'runs'}: {said}" for said, many in sorted(remarks.items())
+    ]
+    if not runs:
+        notes.append(f"nothing was evaluated as {label}")
     return Answer(
         f"Evaluated again as {label}",
         columns,
@@ -406,5 +423,5 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
             "runs with a change": changed,
             "runs that can't be evaluated": problems,
         },
-        notes=() if runs else (f"nothing was evaluated as {label}",),
+        notes=tuple(notes),
     )

@@ -13,8 +13,12 @@ from typing import Any
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.plant.folders import FolderStore
 from torquebench.records.run_folder import MANIFEST
+from torquebench.uncertainty import Verdict
 
-__all__ = ["Reevaluated", "RunTask", "SealedFolder", "reevaluate_run"]
+__all__ = ["BUDGETS_ONLY", "Reevaluated", "RunTask", "SealedFolder", "reevaluate_run"]
+
+BUDGETS_ONLY = "no recording: only U and verdicts, from the stored budgets"
+"""Remark about a reducer test whose folder has no recording."""
 
 
 @dataclass(frozen=True)
@@ -65,20 +69,24 @@ class Reevaluated:
         Names with units to numbers, as canonical JSON: equal bits give equal text.
     problem : str
         Reason for missing results; otherwise empty.
+    remark : str
+        What wasn't evaluated again; otherwise empty.
     """
 
     bench_key: int
     run_id: str
     values: str
     problem: str = ""
+    remark: str = ""
 
 
 def reevaluate_run(task: RunTask) -> Reevaluated:
     """Fit and evaluate one recorded run with this version.
 
     A calibration is fitted again with the models that it was begun with; a check or verification is
-    evaluated with its models fitted again; for a reducer test, U and verdicts are computed again
-    from the stored budgets. Every file is checked against the manifest first.
+    evaluated with its models fitted again; a reducer test is evaluated from its recording. Of a
+    reducer test without a recording, by version 0.1, U and verdicts are computed again from the
+    stored budgets, and `remark` says so. Every file is checked against the manifest first.
 
     Nothing of it depends on the processor's other work: one thread, no clock, no chance.
 
@@ -91,22 +99,22 @@ def reevaluate_run(task: RunTask) -> Reevaluated:
 
     try:
         with threadpool_limits(1):
-            values = _evaluated(task)
+            values, remark = _evaluated(task)
     except (TorquebenchError, OSError, KeyError, TypeError, ValueError) as error:
         said = getattr(error, "found", "") or f"{type(error).__name__}: {error}"
         return Reevaluated(task.bench_key, task.run_id, "{}", said)
     finite = {name: value for name, value in values.items() if abs(value) < float("inf")}
     text = json.dumps(finite, sort_keys=True, separators=(",", ":"), ensure_ascii=False)
-    return Reevaluated(task.bench_key, task.run_id, text)
+    return Reevaluated(task.bench_key, task.run_id, text, remark=remark)
 
 
-def _evaluated(task: RunTask) -> dict[str, float]:
+def _evaluated(task: RunTask) -> tuple[dict[str, float], str]:
     store = FolderStore(task.store)
     if task.kind.startswith("test-"):
-        return _tested(_content(store, task.folder, "results.json"))
+        return _tested(store, task.folder)
     if task.kind.startswith("calibrate-"):
-        return _calibrated(store, task.folder)
-    return _verified(store, task)
+        return _calibrated(store, task.folder), ""
+    return _verified(store, task), ""
 
 
 def _content(store: FolderStore, folder: SealedFolder, name: str) -> Any:
@@ -122,7 +130,7 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
         return sealed
     entry = json.loads(sealed)["files"].get(name)
     if entry is None:
-        raise RecordError(f"{folder.url} holds no {name}", "a run with results")
+        raise RecordError(f"{folder.url} contains no {name}", "a run with results")
     content = store.read(f"{folder.url}/{name}")
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
         raise RecordError(f"{folder.url}/{name} was changed after sealing")
@@ -194,7 +202,25 @@ def _verified(store: FolderStore, task: RunTask) -> dict[str, float]:
     return values
 
 
-def _tested(results: Any) -> dict[str, float]:
+def _tested(store: FolderStore, folder: SealedFolder) -> tuple[dict[str, float], str]:
+    from torquebench.bench import BenchDescription
+    from torquebench.campaign.reducers.recorded import RecordedTest
+    from torquebench.records import RECORDING
+
+    if RECORDING not in _content(store, folder, MANIFEST)["files"]:
+        return _budgets(_content(store, folder, "results.json")), BUDGETS_ONLY
+    recorded = RecordedTest.read(_file(store, folder, RECORDING), f"{folder.url}/{RECORDING}")
+    bench = _content(store, folder, "run.json")["bench"]
+    values = {}
+    for each in recorded.evaluated(BenchDescription.model_validate(bench)).quantities:
+        values[f"{each.key} value"] = each.value
+        values[f"{each.key} expanded_uncertainty"] = each.expanded_uncertainty
+        if each.limit:
+            values[f"{each.key} passes"] = float(each.verdict is Verdict.PASS)
+    return values, ""
+
+
+def _budgets(results: Any) -> dict[str, float]:
     from torquebench.campaign.reducers.results import budget_from_plain
     from torquebench.plant.statistics import limits_in_words
     from torquebench.uncertainty import Tolerance, decide
@@ -213,5 +239,7 @@ def _tested(results: Any) -> dict[str, float]:
                 Tolerance(lower, upper),
                 degrees_of_freedom=estimate.degrees_of_freedom,
             )
-            values[f"{row['key']} passes"] = float(decision.verdict.value == "pass")
+            # A short test passes conditionally at best.
+            passes = decision.verdict is Verdict.PASS and not results.get("short")
+            values[f"{row['key']} passes"] = float(passes)
     return values

@@ -190,6 +190,7 @@ reevaluations = Table(
     Column("earlier", JSONB, nullable=False),
     Column("values", Text, nullable=False),
     _text("problem"),
+    _text("remark"),
     Column("evaluated", _Moment, nullable=False),
 )
 

@@ -41,6 +41,12 @@ from .integrity import (
 from .raw_stream import (
     RawReading as RawReading,
 )
+from .recording_file import (
+    RECORDING as RECORDING,
+    from_plain as from_plain,
+    recording_content as recording_content,
+    recording_file as recording_file,
+)
 from .registry import (
     Registry as Registry,
 )

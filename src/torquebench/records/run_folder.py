@@ -252,9 +252,9 @@ class RunWriter:
         results : mapping, dataclass or pydantic model
             The results; arrays become lists.
         """
-        self.write_text(_RESULTS, json_text(results, indent=2) + "\n")
+        self.write_file(_RESULTS, json_text(results, indent=2) + "\n")
 
-    def write_text(self, name: str, text: str) -> Path:
+    def write_file(self, name: str, content: str | bytes) -> Path:
         """Write another file of the run, whole or not at all, and return its path.
 
         Raises
@@ -273,8 +273,13 @@ class RunWriter:
             raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
         with self._lock:
             self._require_open()
-            atomic_write(self.path / name, text, private=True)
+            atomic_write(self.path / name, content, private=True)
         return self.path / name
+
+    def write_files(self, contents: Mapping[str, str | bytes]) -> None:
+        """Write other files of the run by their names; see `write_file`."""
+        for name, content in contents.items():
+            self.write_file(name, content)
 
     def seal(self, status: RunStatus = "completed", reason: str = "") -> RunFolder:
         """Close the run and write its manifest; afterwards nothing changes.

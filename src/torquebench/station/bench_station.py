@@ -310,6 +310,7 @@ class Station:
         progress: Progress = NO_PROGRESS,
         on_pause: OnPause | None = None,
         before_s: float = 0.0,
+        files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
         """Run a plan to its end, with everything it emits kept in a run folder.
 
@@ -330,6 +331,9 @@ class Station:
             it the run waits for `resume` or `abort`.
         before_s : float
             Keep what was acquired so long before, too, s; see `Acquisition.remember`.
+        files : callable, optional
+            Returns further files of the run by name. They are written when the plan has ended,
+            before the results, and also when it failed.
 
         Returns
         -------
@@ -347,7 +351,9 @@ class Station:
             if not self._run_lock.acquire(blocking=False):
                 raise BenchError("a run is under way", "one run at a time", "wait or abort it")
             try:
-                return self._run(plan, kind, dict(metadata or {}), progress, on_pause, before_s)
+                return self._run(
+                    plan, kind, dict(metadata or {}), progress, on_pause, before_s, files
+                )
             finally:
                 self._run_lock.release()
         finally:
@@ -362,6 +368,7 @@ class Station:
         progress: Progress,
         on_pause: OnPause | None,
         before_s: float,
+        files: Callable[[], Mapping[str, bytes]],
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
         started_s, before = self.clock.now(), self.devices.interruptions
@@ -387,7 +394,13 @@ class Station:
         if not self.clock.fast:
             self.engine.watch()
         try:
-            outcome = self.engine.run(plan, recording.document)
+            try:
+                outcome = self.engine.run(plan, recording.document)
+            except BaseException:
+                with contextlib.suppress(TorquebenchError):  # it doesn't hide why the plan failed
+                    writer.write_files(files())
+                raise
+            writer.write_files(files())
             aborted = outcome.exit_status != "success"
             if not aborted and outcome.plan_result is not None:
                 writer.write_results(outcome.plan_result)

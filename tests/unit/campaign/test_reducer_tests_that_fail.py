@@ -12,16 +12,19 @@ from torquebench.bench.description import default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
 from torquebench.campaign.reducers import tests as reducer_tests
 from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.campaign.reducers.preparation import Known
+from torquebench.campaign.reducers.recorded import RecordedTest
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import rehearse_reducer_test, run_reducer_test
 from torquebench.chain import MeasuredRotation, MeasuringChain
 from torquebench.compensation import features, make_model
-from torquebench.errors import BenchError, TorquebenchError
+from torquebench.errors import BenchError, InputError, TorquebenchError
 from torquebench.procedures.reducers.empty_run import EmptyRunSettings
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running import NoLoadSettings
 from torquebench.procedures.reducers.setup import WarmUp
+from torquebench.records import RECORDING, RunFolder
 from torquebench.reducers import load_reducer
 from torquebench.reports.page_pdf import page_pdf
 from torquebench.reports.reducer_report import reducer_page
@@ -104,6 +107,23 @@ def test_an_empty_run_is_taken_off_and_kept(station: Station) -> None:
     names = {line.name for line in outcome.result.points[0].torque.lines}
     assert {"tare", "tare transfer"} <= names
     assert "bearing drag" not in names
+
+
+def test_what_cannot_be_evaluated_keeps_its_recording(station: Station) -> None:
+    cold = NoLoadSettings(replace(SWEEP, counter_clockwise=True), WarmUp(longest_s=0.0))
+    slow = EmptyRunSettings(speeds_rpm=(100.0, 200.0), repeats=1, window_s=0.4)
+    settings = replace(SHORT.with_plans({"no-load": cold}), empty_run=slow)
+    with pytest.raises(InputError, match="an empty run up to 200 rpm for a test at 30"):
+        run_reducer_test(station, "no-load", REDUCER, settings)
+    (line,) = station.registry.runs(kind="test-no-load-short")
+    assert line.status == "failed"
+    folder = RunFolder.open(line.folder)
+    folder.verify()
+    assert folder.results is None
+    recorded = RecordedTest.read((folder.path / RECORDING).read_bytes(), line.run_id)
+    assert (recorded.test, recorded.recording.speed_rpm["input"].size) == ("no-load", 2)
+    alone = replace(recorded, known=Known()).evaluated(station.description)
+    assert alone.quantities
 
 
 def test_a_chain_that_corrects_rotation_needs_no_empty_run(station: Station) -> None:

@@ -174,7 +174,7 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
         connection.execute(
             text(
                 "INSERT INTO plant.reevaluations SELECT bench_key, run_id, 'other', '9', "
-                "manifest_sha256, earlier, replace(\"values\", '0.8', '0.9'), '', now() "
+                "manifest_sha256, earlier, replace(\"values\", '0.8', '0.9'), '', '', now() "
                 "FROM plant.reevaluations WHERE label = 'now'"
             )
         )

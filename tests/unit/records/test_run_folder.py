@@ -240,10 +240,10 @@ def test_samples_keep_their_columns(runs):
 
 def test_other_files_of_a_run_have_plain_names(runs):
     writer = RunFolder.create(runs, {}, kind="measure")
-    assert writer.write_text("calibration.csv", "reading_nm\n").read_text() == "reading_nm\n"
+    assert writer.write_file("calibration.csv", "reading_nm\n").read_text() == "reading_nm\n"
     for name in ("../x", "run.json", "events.jsonl", "manifest.json"):
         with pytest.raises(InputError, match="file name"):
-            writer.write_text(name, "")
+            writer.write_file(name, "")
     folder = writer.seal()
     assert "calibration.csv" in folder.manifest["files"]
 

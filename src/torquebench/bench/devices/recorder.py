@@ -107,8 +107,9 @@ class Recorder(Device, AsyncReadable, Triggerable):
     `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its samples,
     and the next stretch begins. `set("fine")` does the same, but torques are counted in windows of
     `FINE_WINDOW_S`, which begin with the next block: have it a while before they matter. An
-    instrument with its own counter has fixed windows. The event stores only start and end: every
-    sample is in the run's raw stream.
+    instrument with its own counter has fixed windows. The event stores only start, end and number
+    of samples. The run's raw stream has the bench's windows, but no fine ones: those of a reducer
+    test are in its recording.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:

@@ -14,7 +14,8 @@ from torquebench.campaign.reducers.twist import TwistCompliance, twist_complianc
 from torquebench.campaign.reducers.uncertainty import tares_of
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.empty_run import empty_run
-from torquebench.procedures.reducers.loop import bench_twist
+from torquebench.procedures.reducers.loop import BenchTwistRecording, bench_twist
+from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.procedures.reducers.setup import ReducerLimits
 from torquebench.reducers import Tare
 from torquebench.units import ARCMIN
@@ -22,27 +23,45 @@ from torquebench.units import ARCMIN
 __all__ = ["Known", "Preparation", "preparations"]
 
 
-@dataclass
+@dataclass(eq=False)
 class Known:
-    """Known properties of the bench.
+    """What is known of the bench, as stated or recorded before a test.
 
     Parameters
     ----------
-    twists : mapping of side to TwistCompliance
-    tares : mapping of side to Tare
+    twist_arcmin_per_nm : float or None
+        The bench's own twist as stated, arcmin/(N·m).
+    twist : BenchTwistRecording or None
+        Recorded against the calibrator.
+    empty : RunningRecording or None
+        Recorded without a reducer.
     """
 
-    twists: dict[Side, TwistCompliance]
-    tares: dict[Side, Tare]
+    twist_arcmin_per_nm: float | None = None
+    twist: BenchTwistRecording | None = None
+    empty: RunningRecording | None = None
 
-    @classmethod
-    def stated(cls, settings: ReducerTestSettings) -> Known:
-        """Return the values stated beforehand."""
-        known = settings.twist_arcmin_per_nm
+    def needed_by(self, test: ReducerTest) -> Known:
+        """Return the part that the evaluation of a test takes."""
+        return Known(
+            self.twist_arcmin_per_nm if test.bench_twist else None,
+            self.twist if test.bench_twist else None,
+            self.empty if test.empty_run else None,
+        )
+
+    def twists(self) -> dict[Side, TwistCompliance]:
+        """Return the twist of each side; without one that is unknown."""
+        if self.twist is not None:
+            return twist_compliances(self.twist)
+        known = self.twist_arcmin_per_nm
         if known is None:
-            return cls({}, {})
+            return {}
         twist = TwistCompliance(known * ARCMIN, 0.02 * abs(known) * ARCMIN, "as stated, ± 2 %")
-        return cls({"output": twist}, {})
+        return {"output": twist}
+
+    def tares(self, ratio: float) -> dict[Side, Tare]:
+        """Return the empty run of each side; `ratio` is negative where the output reverses."""
+        return {} if self.empty is None else tares_of(self.empty, ratio)
 
 
 @dataclass(frozen=True)
@@ -55,7 +74,7 @@ class Preparation:
     plan : callable
         Makes its plan.
     learn : callable
-        Enters the run's results.
+        Enters the run's recording.
     """
 
     name: str
@@ -93,7 +112,7 @@ def preparations(
     if needed and twist is not None:
 
         def twisted(known: Known, recording: Any) -> None:
-            known.twists = twist_compliances(recording)
+            known.twist = recording
 
         found.append(
             Preparation(
@@ -109,7 +128,7 @@ def preparations(
         within = empty.within(limits)
 
         def emptied(known: Known, recording: Any) -> None:
-            known.tares = tares_of(recording, limits.ratio)
+            known.empty = recording
 
         found.append(
             Preparation(

@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from typing import Any
 
 from torquebench import __version__
 from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.campaign.reducers.catalogue import ReducerTest
 from torquebench.campaign.reducers.preparation import Known, Preparation
-from torquebench.campaign.reducers.results import (
-    ReducerTestOutcome,
-    ReducerTestQuantity,
-    plain_budget,
-)
-from torquebench.campaign.reducers.sampling import PartlySampled
+from torquebench.campaign.reducers.recorded import EvaluatedTest, RecordedTest
+from torquebench.campaign.reducers.results import ReducerTestOutcome, plain_budget
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
-from torquebench.campaign.reducers.uncertainty import Bench
-from torquebench.campaign.reducers.work import Evaluated
 from torquebench.procedures import Plan
 from torquebench.progress import Progress
-from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
+from torquebench.records import RECORDING
+from torquebench.reducers import ReducerDescription
 from torquebench.station import SPECIMEN, RunRecord, Station
 from torquebench.uncertainty import Verdict
 
@@ -41,7 +36,7 @@ class Specimen:
     known: Known = field(init=False)
 
     def __post_init__(self) -> None:
-        self.known = Known.stated(self.settings)
+        self.known = Known(twist_arcmin_per_nm=self.settings.twist_arcmin_per_nm)
 
     def prepare(self, preparation: Preparation) -> None:
         """Measure something of the bench itself."""
@@ -54,9 +49,10 @@ class Specimen:
 
     def test(self, test: ReducerTest) -> ReducerTestOutcome:
         """Run a test and return its results."""
-        bench = Bench(self.station.description, self.known.twists, self.known.tares)
         work, settings = test.work(), self.settings.plans[test.name]
-        kept: list[tuple[Any, Evaluated, tuple[ReducerTestQuantity, ...]]] = []
+        short = self.settings.is_short
+        kept: list[RecordedTest] = []
+        evaluations: list[EvaluatedTest] = []
 
         def plan() -> Plan[Any]:
             limits = reducer_limits(self.reducer)
@@ -64,22 +60,22 @@ class Specimen:
 
         def evaluated() -> Plan[Any]:
             recording = yield from plan()
-            found = work.evaluate(bench, self.reducer, recording)
-            unsampled = work.unsampled(settings)
-            found = replace(found, remarks=(*found.remarks, *(each.remark for each in unsampled)))
-            whole = PartlySampled(found.result, unsampled)
-            judged = _quantities(
-                whole, verdicts(whole, self.reducer), conditional=self.settings.is_short
-            )
-            kept.append((recording, found, judged))
-            return self._results(test, found, whole, judged)
+            known = self.known.needed_by(test)
+            kept.append(RecordedTest(test.name, self.reducer, settings, short, known, recording))
+            evaluations.append(kept[-1].evaluated(self.station.description))
+            return self._results(test, evaluations[-1])
 
         # A rehearsal records nothing that could be evaluated.
-        short = self.settings.is_short
         kind = f"test-{test.name}-short" if short else f"test-{test.name}"
         title = f"{test.title}, short test" if short else test.title
-        run = self._run(kind, title, evaluated, plan)
-        recording, found, quantities = kept[-1]
+        run = self._run(
+            kind,
+            title,
+            evaluated,
+            plan,
+            lambda: {RECORDING: kept[-1].file()} if kept else {},
+        )
+        found, quantities = evaluations[-1].found, evaluations[-1].quantities
         return ReducerTestOutcome(
             name=test.name,
             title=title,
@@ -87,7 +83,7 @@ class Specimen:
             verdict=Verdict.worst(each.verdict for each in quantities),
             remarks=found.remarks,
             findings=tuple(getattr(found.result, "findings", ())),
-            recording=recording,
+            recording=kept[-1].recording,
             result=found.result,
             run=run,
             short=short,
@@ -99,6 +95,7 @@ class Specimen:
         title: str,
         plan: Callable[[], Plan[Any]],
         rehearsed: Callable[[], Plan[Any]],
+        files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
         return measure(
             self.station,
@@ -116,6 +113,7 @@ class Specimen:
             },
             progress=self.progress,
             on_pause=self.on_pause,
+            files=files,
         ).record
 
     def _equipment(self) -> dict[str, Any] | None:
@@ -134,16 +132,9 @@ class Specimen:
             },
         }
 
-    def _results(
-        self,
-        test: ReducerTest,
-        found: Evaluated,
-        whole: PartlySampled,
-        quantities: tuple[ReducerTestQuantity, ...],
-    ) -> dict[str, Any]:
+    def _results(self, test: ReducerTest, evaluated: EvaluatedTest) -> dict[str, Any]:
         """Return the content of the run's ``results.json``."""
-        budgets = {each.key: plain_budget(each.estimate) for each in whole.quantities()}
-        budgets |= {each.key: plain_budget(each.estimate) for each in verdicts(whole, self.reducer)}
+        found, budgets = evaluated.found, evaluated.budgets
         return {
             "test": test.name,
             "short": self.settings.is_short,
@@ -151,42 +142,12 @@ class Specimen:
             "serial": self.serial,
             "simulated": self.station.description.simulated,
             "software_version": __version__,
-            "quantities": [{**vars(each), "budget": budgets[each.key]} for each in quantities],
+            "quantities": [
+                {**vars(each), "budget": plain_budget(budgets[each.key])}
+                for each in evaluated.quantities
+            ],
             "findings": list(getattr(found.result, "findings", ())),
             "remarks": list(found.remarks),
-            "empty_run": dict(self.known.tares),
+            "empty_run": evaluated.bench.tares,
             "evaluation": found.result,
         }
-
-
-def _quantities(
-    result: ReducerResult, judged: tuple[QuantityVerdict, ...], *, conditional: bool
-) -> tuple[ReducerTestQuantity, ...]:
-    limits = {each.key: each for each in judged}
-    found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
-    # A limit between measured points, such as an efficiency, isn't in the list of quantities.
-    known = {key for key, _, _, _ in found}
-    found += [
-        (each.key, each.title, each.estimate, "interpolated")
-        for each in judged
-        if each.key not in known
-    ]
-    rows = []
-    for key, title, estimate, rule in found:
-        held = limits.get(key)
-        verdict = Verdict.NONE if held is None else held.decision.verdict
-        if conditional and verdict is Verdict.PASS:
-            verdict = Verdict.CONDITIONAL_PASS
-        rows.append(
-            ReducerTestQuantity(
-                key=key,
-                title=title,
-                value=estimate.value,
-                expanded_uncertainty=estimate.expanded_uncertainty(),
-                unit=estimate.unit,
-                limit="" if held is None else held.limit,
-                verdict=verdict,
-                rule=rule,
-            )
-        )
-    return tuple(rows)

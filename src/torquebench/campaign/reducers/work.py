@@ -47,6 +47,8 @@ class TestWork:
     ----------
     settings, short : object
         Settings of its plan: for a full test, and for a short one.
+    recording : type
+        What its plan records.
     plan : callable
         Makes its plan from the devices, the reducer's limits and the settings.
     evaluate : callable
@@ -61,6 +63,7 @@ class TestWork:
 
     settings: Any
     short: Any
+    recording: type
     plan: Callable[[BenchDevices, ReducerLimits, Any], Plan[Any]]
     evaluate: Callable[[Bench, ReducerDescription, Any], Evaluated]
     figures: Callable[[Any], tuple[tuple[str, str], ...]]

@@ -142,6 +142,7 @@ def _work(side: Side) -> TestWork:
     return TestWork(
         settings=BreakawaySettings(),
         short=BreakawaySettings(positions=2),
+        recording=BreakawayRecording,
         plan=partial(_plan, side),
         evaluate=_evaluate,
         figures=_figures,

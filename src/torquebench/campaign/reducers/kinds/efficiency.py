@@ -128,6 +128,7 @@ WORK = TestWork(
         target_points=None,
         warm_up=WarmUp(longest_s=0.0),
     ),
+    recording=RunningRecording,
     plan=_plan,
     evaluate=_evaluate,
     figures=_figures,

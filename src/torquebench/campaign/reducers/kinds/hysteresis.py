@@ -215,6 +215,7 @@ def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
 WORK = TestWork(
     settings=HysteresisSettings(),
     short=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
+    recording=LoopRecording,
     plan=_plan,
     evaluate=_evaluate,
     figures=_figures,

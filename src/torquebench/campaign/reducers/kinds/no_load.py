@@ -78,6 +78,7 @@ _FEW_SPEEDS = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 10
 WORK = TestWork(
     settings=NoLoadSettings(),
     short=NoLoadSettings(_FEW_SPEEDS, WarmUp(longest_s=0.0), target_percent=None),
+    recording=RunningRecording,
     plan=_plan,
     evaluate=_evaluate,
     figures=_figures,

@@ -145,6 +145,7 @@ def _figures(result: TransmissionErrorResult) -> tuple[tuple[str, str], ...]:
 WORK = TestWork(
     settings=TransmissionSettings(),
     short=TransmissionSettings(output_rpm=4.0),
+    recording=TransmissionRecording,
     plan=transmission_error,
     evaluate=_evaluate,
     figures=_figures,
