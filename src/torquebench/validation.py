@@ -22,6 +22,7 @@ __all__ = [
     "ConflictError",
     "allowed_at",
     "as_input_error",
+    "choices_at",
     "faults_of",
     "parse_toml",
     "refuse_future",
@@ -83,11 +84,20 @@ def faults_of(
     return {}
 
 
-def allowed_at(model: type[BaseModel], key: str) -> str:
-    """Return in words what a dotted key of a document may hold; empty where that is any text."""
+def allowed_at(model: type[BaseModel], key: str, unit: str = "") -> str:
+    """Return in words the range of numbers at a dotted key of a document; empty for other values.
+
+    `unit` is that of a field that doesn't state its own.
+    """
     field = _field_at(model, key.split("."))
-    allowed = _allowed(field) if field else ""
-    return "" if allowed.startswith("a section") else allowed
+    return _interval(*_constraints(field), unit) if field else ""
+
+
+def choices_at(model: type[BaseModel], key: str) -> tuple[Any, ...]:
+    """Return the values to choose from at a dotted key of a document; empty for other values."""
+    field = _field_at(model, key.split("."))
+    annotation = _constraints(field)[0] if field else None
+    return get_args(annotation) if get_origin(annotation) is Literal else ()
 
 
 def as_input_error(
@@ -160,7 +170,7 @@ def _model_at(
     for part in location:
         if present is None or not isinstance(part, str) or part not in present.model_fields:
             return None
-        annotation = present.model_fields[part].annotation
+        annotation = _without_none(present.model_fields[part].annotation)
         present = (
             annotation
             if isinstance(annotation, type) and issubclass(annotation, BaseModel)
@@ -180,30 +190,64 @@ def _allowed(field: FieldInfo) -> str:
     annotation, metadata, unit = _constraints(field)
     if get_origin(annotation) is Literal:
         return "one of " + ", ".join(repr(choice) for choice in get_args(annotation))
-    low = high = ""
-    for item in metadata:
-        if isinstance(item, annotated_types.Gt):
-            low = f"above {item.gt:g}"
-        elif isinstance(item, annotated_types.Ge):
-            low = f"{item.ge:g}"
-        elif isinstance(item, annotated_types.Le):
-            high = f"{item.le:g}"
-    if low or high:
-        interval = " to ".join(bound for bound in (low, high) if bound)
-        kind = "a whole number, " if annotation is int else "a number, "
-        return f"{kind}{interval} {unit}".rstrip()
+    if interval := _interval(annotation, metadata, unit):
+        return interval
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         required = [n for n, f in annotation.model_fields.items() if f.is_required()]
         return "a section with " + ", ".join(required)
     return ""
 
 
+def _interval(annotation: Any, metadata: Sequence[Any], unit: str, otherwise: str = "") -> str:
+    """Describe a range of numbers; empty without bounds."""
+    if annotation not in (int, float):
+        return ""
+    above = low = high = ""
+    for item in metadata:
+        if isinstance(item, annotated_types.Gt):
+            above = f"above {plain_number(item.gt)}"
+        elif isinstance(item, annotated_types.Ge):
+            low = plain_number(item.ge)
+        elif isinstance(item, annotated_types.Le):
+            high = plain_number(item.le)
+    interval = " to ".join(bound for bound in (above or low, high) if bound)
+    if not interval:
+        return ""
+    if not high and low:
+        interval = f"at least {low}"
+    elif not (above or low):
+        interval = f"at most {high}"
+    kind = "a whole number, " if annotation is int else "a number, "
+    return f"{kind}{interval} {unit or otherwise}".rstrip()
+
+
+def plain_number(value: Any) -> str:
+    """Return a number as a person writes it: with separators, without exponent where it fits.
+
+    Examples
+    --------
+    >>> plain_number(1e9), plain_number(2**31), plain_number(1e-06), plain_number(0.5)
+    ('1,000,000,000', '2,147,483,648', '0.000001', '0.5')
+    >>> plain_number(1e300), plain_number(0)
+    ('1e+300', '0')
+    """
+    number = float(value)
+    if number != 0.0 and not 1e-9 <= abs(number) < 1e15:
+        return f"{number:g}"
+    return f"{number:,.9f}".rstrip("0").rstrip(".")
+
+
+def _without_none(annotation: Any) -> Any:
+    """Return the type of a field that may be None."""
+    if get_origin(annotation) not in (Union, UnionType):
+        return annotation
+    return next(part for part in get_args(annotation) if part is not type(None))
+
+
 def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
-    annotation: Any = field.annotation
     metadata = list(field.metadata)
     unit = field.description or ""
-    if get_origin(annotation) in (Union, UnionType):
-        annotation = next(part for part in get_args(annotation) if part is not type(None))
+    annotation = _without_none(field.annotation)
     if get_origin(annotation) is Annotated:
         inner = get_args(annotation)
         annotation = inner[0]

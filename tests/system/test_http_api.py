@@ -91,7 +91,7 @@ def test_wrong_arguments_are_explained_as_in_files(admin: httpx.Client) -> None:
     """What was found, what is allowed and what to do, for queries and bodies."""
     asked = admin.get("/trend", params={"seconds": "x", "points": 5}).json()
     assert asked["detail"] == "query: seconds = 'x'"
-    assert asked["allowed"] == "a number, above 0 to 3600"
+    assert asked["allowed"] == "a number, above 0 to 3,600"
     assert asked["remedy"] == "correct the value"
     asked = admin.post("/users", json={"nam": "Ana"}).json()
     assert asked["detail"] == "body: nam is not a key of this section"

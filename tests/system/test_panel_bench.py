@@ -115,7 +115,8 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     entry.send_keys("many")
     field = entry.find_element(By.XPATH, "ancestor::div[contains(@class, 'field')]")
     person.wait(lambda: "Allowed: a number, above 0" in field.text, "an answer beside the field")
-    assert "a number, above 0 to 1e+06 N·m · output.limits.torque_nm" in field.text
+    assert "a number, above 0 to 1,000,000 N·m" in field.text
+    assert "output.limits" not in field.text
     person.sees("Values that can't be: 1.")
     assert not person.driver.find_element(
         By.XPATH, "//button[contains(., 'Apply these changes')]"
@@ -127,7 +128,7 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.press("Apply these changes")
     person.sees("Changed and logged.")
     person.press("Changes")
-    person.sees("output.limits.torque_nm")
+    person.sees("Output module: Limits: Torque limit")
     person.press("Undo")
     person.sees("undoes change")
     assert person.problems() == []

@@ -422,7 +422,9 @@ class ConditionsDescription(_Section):
 class _BenchSection(_Section):
     name: Text
     driver: Text = "simulated"
-    reducer_ratio: Annotated[float, Field(gt=0, le=1e4, description="input to output turns")] = 80.0
+    reducer_ratio: Annotated[
+        float, Field(gt=0, le=1e4, description="input turns per output turn")
+    ] = 80.0
 
 
 class BenchDescription(_Section):

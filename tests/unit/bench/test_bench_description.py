@@ -37,7 +37,7 @@ def test_every_example_is_a_valid_description(path: Path) -> None:
 @pytest.mark.parametrize(
     ("old", "new", "found", "allowed"),
     [
-        ("range_nm = 50\n", "range_nm = -1\n", "input.range_nm = -1", "above 0 to 1e+06 N·m"),
+        ("range_nm = 50\n", "range_nm = -1\n", "input.range_nm = -1", "above 0 to 1,000,000 N·m"),
         ("range_nm = 50\n", 'range_nm = "x"\n', "input.range_nm = 'x'", "N·m"),
         ("range_nm = 50\n", "range_nm = 60\n", "input.range_nm = 60", "nominal 50 N·m"),
         ("range_nm = 50\n", "", "input.range_nm is missing", "N·m"),
@@ -45,7 +45,7 @@ def test_every_example_is_a_valid_description(path: Path) -> None:
         ("option_khz = 60", "option_khz = 61", "input.transducer.option_khz = 61", "60, 240"),
         ("torque_nm = 60\n", "torque_nm = 9\n", "input.limits.torque_nm = 9", "75 N·m"),
         ("SIM-CAL-1-IN", "SIM-T50", "calibrator.input.serial = 'SIM-T50'", "input.transducer"),
-        ("100e6", "nan", "counter.timebase_hz = nan", "1e+06 to 1e+09 Hz"),
+        ("100e6", "nan", "counter.timebase_hz = nan", "1,000,000 to 1,000,000,000 Hz"),
         ("window_s = 0.01", "window_s = 0.03", "counter.block_s = 0.05", "window_s = 0.03"),
         (
             "option_khz = 60\n",

@@ -1,3 +1,4 @@
+import re
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from importlib import resources
@@ -6,9 +7,11 @@ from pathlib import Path
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydantic import BaseModel
 
 from torquebench.bench.description import default_bench
 from torquebench.errors import InputError
+from torquebench.panel.pages.settings.names import group_title, setting_title, unit_of
 from torquebench.panel.service import (
     Actor,
     BusyError,
@@ -17,9 +20,17 @@ from torquebench.panel.service import (
     read_upload,
 )
 from torquebench.panel.service.settings.differences import flat, nested
-from torquebench.panel.service.settings.documents import LARGEST_UPLOAD
+from torquebench.panel.service.settings.documents import (
+    BENCH,
+    LARGEST_UPLOAD,
+    SECTIONS,
+    builtin_names,
+    load_builtin,
+)
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
+from torquebench.panel.text import Text
+from torquebench.panel.text.catalogue import Language
 
 ADA = Actor("Ada", "administrator", "1")
 BEN = Actor("Ben", "metrologist", "2")
@@ -248,3 +259,42 @@ def test_a_document_of_another_shape_is_refused(
 def test_who_may_change_nothing_learns_nothing_of_changes(settings: SettingsStore) -> None:
     with pytest.raises(PermissionDeniedError):
         settings.undo(Actor("Olga", "operator", "3"), 999)
+
+
+def labelled() -> Iterator[tuple[str, str]]:
+    """Every section and key that an editor may show."""
+    for name, section in SECTIONS.items():
+        documents: list[BaseModel] = [default_bench()]
+        if name != BENCH:
+            documents = [load_builtin(section.name, each) for each in builtin_names(section.name)]
+        for key in {key for each in documents for key in flat(each.model_dump(mode="json"))}:
+            yield name, key
+
+
+@pytest.mark.parametrize("language", ["en", "zh"])
+def test_every_setting_has_a_plain_label_and_range(
+    settings: SettingsStore, language: Language
+) -> None:
+    text = Text(language)
+    for section, key in labelled():
+        label, unit = setting_title(text, key), unit_of(key)
+        assert "_" not in label, (section, key)
+        hint = text.core(settings.allowed(section, key, unit))
+        assert not re.search(r"\de[+-]?\d|_|'", hint), (section, key, hint)
+        assert not (unit and hint) or not hint[-1].isdecimal(), (section, key, hint)
+        if language == "zh":
+            words = [hint.replace(unit, ""), label, group_title(text, key.rpartition(".")[0])]
+            assert not any(re.search("[a-z]{3,}", each) for each in words), (key, words)
+        for choice in settings.choices(section, key):
+            if not isinstance(choice, int):
+                said = text.maybe(f"setting_choice.{choice}", "")
+                assert said or section == "reducers", (key, choice)
+
+
+def test_a_value_of_the_benchs_own_file_is_named_as_such(settings: SettingsStore) -> None:
+    fixed = [key for section, key in labelled() if settings.fixed(section, key)]
+    assert {"driver.seed", "bench.driver", "calibrator.certificate"} <= set(fixed)
+    assert "conditions.temperature_low_c" not in fixed
+    for key in fixed:
+        with pytest.raises(InputError, match=r"can't be changed|is not a key|other"):
+            settings.change(ADA, "bench", "bench", nested({key: "other"}))

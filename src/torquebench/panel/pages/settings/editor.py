@@ -65,8 +65,8 @@ def change_lines(text: Text, differences: Sequence[Difference]) -> None:
         for each in differences:
             with box("li", "line"):
                 group = group_title(text, each.key.rpartition(".")[0])
-                words("span", f"{group}: {setting_title(text, each.key)}", "name")
-                words("span", each.key, "small muted")
+                title = f"{group}: {setting_title(text, each.key)}"
+                words("span", title, "name", title=each.key)
                 if each.before is not None:
                     words("del", shown(each.before), "old")
                 if each.after is not None:
@@ -156,21 +156,43 @@ class SettingEditor:
         return dict(sorted(groups.items(), key=lambda pair: pair[0] not in OPEN_GROUPS))
 
     def _field(self, key: str) -> None:
-        value = self._before[key]
-        options = {"true": "true", "false": "false"} if isinstance(value, bool) else None
-        allowed = self._visitor.service.settings.allowed(self._item.section, key)
-        said = f"{self._text.core(allowed)} · {key}" if allowed else key
+        value, section, text = self._before[key], self._item.section, self._text
+        settings = self._visitor.service.settings
+        fixed = settings.fixed(section, key)
+        named = section == "profiles" and key == "name"
         self._fields[key] = Field(
-            setting_title(self._text, key),
+            setting_title(text, key),
             shown(value),
             unit=unit_of(key),
-            hint=said,
-            options=options,
-            disabled=not self._editable or (key == "name" and self._item.section == "profiles"),
+            hint=text("settings.in_file") if fixed else self._hint(key),
+            options=self._options(key),
+            disabled=not self._editable or fixed or named,
             on_change=lambda said: self._typed(key, said),
             autocomplete="off",
             data_key=key,
+            title=key,
         )
+
+    def _hint(self, key: str) -> str:
+        """Say what a field may hold, and how a list is written."""
+        settings = self._visitor.service.settings
+        if isinstance(self._before[key], list):
+            return self._text("settings.list_hint")
+        return self._text.core(settings.allowed(self._item.section, key, unit_of(key)))
+
+    def _options(self, key: str) -> dict[str, str] | None:
+        """Return the values to choose from with their words; None where a value is free."""
+        text, value = self._text, self._before[key]
+        choices = self._visitor.service.settings.choices(self._item.section, key)
+        if isinstance(value, bool):
+            choices = (True, False)
+        if not choices:
+            return None
+        empty = {"": "–"} if value is None else {}
+        return empty | {
+            shown(each): text.maybe(f"setting_choice.{shown(each)}", shown(each))
+            for each in choices
+        }
 
     def _renamed(self, said: str) -> None:
         self._item = replace(self._item, name=said.strip())

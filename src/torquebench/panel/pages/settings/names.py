@@ -7,6 +7,10 @@ from torquebench.panel.text import Text
 __all__ = ["group_title", "setting_title", "unit_of"]
 
 UNITS = {
+    "_percent_per_1000rpm": "%/(1000 rpm)",
+    "_percent_per_10k": "%/(10 K)",
+    "_percent_per_year": "%/a",
+    "_percent_per_h": "%/h",
     "_nm_per_arcmin": "N·m/arcmin",
     "_nm_per_s": "N·m/s",
     "_rpm_per_s": "rpm/s",
@@ -19,9 +23,12 @@ UNITS = {
     "_rpm": "rpm",
     "_deg": "°",
     "_khz": "kHz",
+    "_mm": "mm",
+    "_kw": "kW",
     "_hz": "Hz",
     "_nm": "N·m",
     "_s": "s",
+    "_v": "V",
     "_h": "h",
     "_c": "°C",
     "_k": "K",

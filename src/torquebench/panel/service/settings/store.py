@@ -39,7 +39,7 @@ from torquebench.panel.service.settings.documents import (
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
 from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
-from torquebench.validation import allowed_at, faults_of, validated
+from torquebench.validation import allowed_at, choices_at, faults_of, validated
 
 __all__ = ["SettingsStore"]
 
@@ -48,7 +48,7 @@ DEEPEST = 12
 NAME = re.compile(r"[a-z0-9][a-z0-9.-]{0,62}[a-z0-9]")
 
 _CHANGEABLE = re.compile(
-    r"(input|output|counter|safety|recording|calibrator|verification_standard)\..+"
+    r"(input|output|counter|safety|recording|conditions|calibrator|verification_standard)\..+"
     r"|bench\.(name|reducer_ratio)|temperatures"
 )
 _FILES = re.compile(r".*\.certificate")
@@ -171,9 +171,17 @@ class SettingsStore:
         found = find_section(section)
         return faults_of(found.model, document, f"{section} {name}")
 
-    def allowed(self, section: str, key: str) -> str:
-        """Return the allowed values in words: range with unit, or choices."""
-        return allowed_at(find_section(section).model, key)
+    def allowed(self, section: str, key: str, unit: str = "") -> str:
+        """Return the allowed range in words; `unit` is that of a key that doesn't state its own."""
+        return allowed_at(find_section(section).model, key, unit)
+
+    def choices(self, section: str, key: str) -> tuple[Any, ...]:
+        """Return the values to choose from; empty where a value is free."""
+        return choices_at(find_section(section).model, key)
+
+    def fixed(self, section: str, key: str) -> bool:
+        """Whether a value can be changed only in the bench's own file."""
+        return section == BENCH and _fixed(key)
 
     def change(
         self,
@@ -398,11 +406,15 @@ def _last(connection: Connection, section: str, name: str) -> Row[Any] | None:
     return connection.execute(query).one_or_none()
 
 
+def _fixed(key: str) -> bool:
+    return not _CHANGEABLE.fullmatch(key) or _FILES.fullmatch(key) is not None
+
+
 def _refuse_fixed(found: tuple[Difference, ...]) -> None:
     for each in found:
-        if not _CHANGEABLE.fullmatch(each.key) or _FILES.fullmatch(each.key):
+        if _fixed(each.key):
             raise InputError(
                 f"{each.key} can't be changed in the panel",
-                "channels, limits, safety, counter, recording",
+                "channels, limits, safety, counter, recording, conditions",
                 "change it in the bench's own file",
             )
