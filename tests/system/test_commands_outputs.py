@@ -129,3 +129,19 @@ def test_a_static_report_without_a_model_speaks_of_no_compensation(tables: Path)
     run(*words, "both.html", "--model", "model.json", cwd=tables)
     both = (tables / "both.html").read_text("utf-8")
     assert "against the standard, before and after compensation." in both
+
+
+def test_the_standards_uncertainty_is_stated_in_every_way_of_the_program(tables: Path) -> None:
+    (tables / "standard.csv").write_text(
+        "torque_nm,expanded_uncertainty_nm\n40,0.4\n2000,0.4\n", encoding="utf-8"
+    )
+    found = []
+    for stated in ("0.02 of range", "standard.csv"):
+        words = ("evaluate", "static", "calibration.csv", "--range", "2000", "--resolution", "0.01")
+        done = run(*words, "--reference-uncertainty", stated, "--out", "all.json", cwd=tables)
+        assert done.returncode in (0, 1), done.stderr
+        found.append(json.loads((tables / "all.json").read_text("utf-8"))["results"])
+    assert found[0] == found[1]
+    done = run(*words, "--reference-uncertainty", "11", cwd=tables)
+    assert done.returncode == 2
+    assert "0 to 10 % of the torque" in done.stderr

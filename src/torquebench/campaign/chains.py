@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import date
+from typing import Any
 
 import numpy as np
 
 from torquebench.bench.chain_effects import chain_effects
-from torquebench.bench.description import BenchDescription
+from torquebench.bench.description import BenchDescription, stated_uncertainty
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
     Drift,
@@ -21,7 +23,13 @@ from torquebench.chain import (
 )
 from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["bench_effects", "mounting_effect", "reference_effect", "stated_effects"]
+__all__ = [
+    "bench_effects",
+    "mounting_effect",
+    "recorded_effects",
+    "reference_effect",
+    "stated_effects",
+]
 
 
 def reference_effect(
@@ -94,6 +102,23 @@ def bench_effects(
         day,
         () if standard is None else (float(np.min(standard)), float(np.max(standard))),
     )
+
+
+def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tuple[Effect, ...]:
+    """Return the effects of a calibration as its run has recorded them.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Of the run: the bench's description at the time, or the standard of an external calibration.
+    data : CalibrationData
+    """
+    if "bench" in metadata:
+        return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
+    standard = metadata["standard"]
+    certified = stated_uncertainty(standard, data.side, data.range_nm)
+    record = f"certificate {standard['certificate_number'] or 'unknown'} of {standard['serial']}"
+    return reference_effect(certified, record)
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:

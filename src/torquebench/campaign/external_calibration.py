@@ -27,6 +27,7 @@ from torquebench.records import (
     sha256_of_file,
 )
 from torquebench.records.table_files import table_text
+from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 
 __all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
@@ -57,8 +58,8 @@ class ExternalCalibration:
         Type of the standard.
     resolution_nm : float
         Resolution of the indication, N·m.
-    reference_percent_of_torque : float
-        Expanded uncertainty (k = 2) of the standard, % of the torque.
+    reference_uncertainty : CertifiedUncertainty or float
+        Expanded uncertainty (k = 2) of the standard: over the torque, or in % of the torque.
     """
 
     performed: datetime
@@ -69,7 +70,7 @@ class ExternalCalibration:
     reference: Report
     reference_model: str
     resolution_nm: float
-    reference_percent_of_torque: float
+    reference_uncertainty: CertifiedUncertainty | float
 
 
 @dataclass(frozen=True)
@@ -222,9 +223,27 @@ def _metadata(
             "laboratory": reference.laboratory,
             "performed": reference.performed,
             "due": reference.due,
-            "expanded_uncertainty_percent": circumstances.reference_percent_of_torque,
-            "expanded_uncertainty_of": "torque",
+            **_stated(circumstances.reference_uncertainty, data),
         },
+    }
+
+
+def _stated(uncertainty: CertifiedUncertainty | float, data: CalibrationData) -> dict[str, Any]:
+    """Return the fields of a record of a standard that `stated_uncertainty` reads."""
+    if isinstance(uncertainty, float):
+        return {
+            "expanded_uncertainty_percent": uncertainty,
+            "expanded_uncertainty_of": "torque",
+        }
+    points = {
+        "torque_nm": list(uncertainty.torque_nm),
+        "expanded_uncertainty_nm": list(uncertainty.expanded_nm),
+    }
+    largest = 100.0 * uncertainty.largest_nm(data.range_nm) / data.range_nm
+    return {
+        "expanded_uncertainty_percent": largest,
+        "expanded_uncertainty_of": "range",
+        "certified": {data.side: points},
     }
 
 

@@ -12,9 +12,8 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
-from torquebench.bench.description import BenchDescription
 from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
-from torquebench.campaign.chains import bench_effects
+from torquebench.campaign.chains import recorded_effects
 from torquebench.campaign.checking import finish_check
 from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models, model_in_use
 from torquebench.campaign.measuring import Measured
@@ -137,14 +136,13 @@ def finish_calibration(
         The registry or the disk can't take it. Everything is measured: it can be finished later.
     """
     data, run_id = measured.result.data, measured.record.run_id
-    description = BenchDescription.model_validate(measured.record.metadata["bench"])
     before = registered_patiently(registry, run_id, lambda: model_in_use(registry, data), progress)
     fitted = fit_models(
         data,
         choices,
         progress,
         title=title or f"Fitting the {data.side} module",
-        effects=bench_effects(description, data),
+        effects=recorded_effects(measured.record.metadata, data),
         limits=profile.plausibility,
         before=before,
     )

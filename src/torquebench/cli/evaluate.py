@@ -21,8 +21,10 @@ from torquebench.cli.options import (
     RangeOption,
     check_kept,
     check_output,
+    stated_reference,
 )
 from torquebench.cli.reducer_tables import check_reports
+from torquebench.errors import InputError
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -35,6 +37,7 @@ if TYPE_CHECKING:
         StaticEvaluation,
     )
     from torquebench.campaign.external_calibration import ExternalCalibration
+    from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["app"]
 
@@ -57,8 +60,12 @@ def static(
         Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
     ],
     reference_uncertainty: Annotated[
-        float,
-        typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2) of the standard, %."),
+        str,
+        typer.Option(
+            metavar="%|FILE",
+            help="U (k = 2) of the standard: % of the torque, `0.02 of range`, or the CSV file of "
+            "its certificate with torque_nm and expanded_uncertainty_nm.",
+        ),
     ],
     resolution: Annotated[float, typer.Option(min=0, help="Resolution of the indication, N·m.")],
     profile: Annotated[
@@ -151,8 +158,8 @@ def static(
     _print_heading(points, chosen)
     _print_deviations(deviations)
     evaluable = evaluable_points(read, points, chosen, deviations)
-    uncertainties = (resolution, reference_uncertainty)
-    found = _evaluate(evaluable, uncertainties, model)
+    stated = _reference(reference_uncertainty, points)
+    found = _evaluate(evaluable, resolution, stated, model)
     if report:
         from torquebench.reports.evaluation_report import static_page
         from torquebench.reports.page_pdf import write_report
@@ -200,7 +207,7 @@ def static(
             certificate,
             reference_model,
             resolution,
-            reference_uncertainty,
+            stated,
         )
         _register(records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):
@@ -208,10 +215,27 @@ def static(
         raise typer.Exit(CHECK_FAILED)
 
 
+def _reference(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
+    """Return the standard's U (k = 2): % of the torque, or over the torque."""
+    try:
+        percent = float(stated.removesuffix(" of torque").rstrip("% "))
+    except ValueError:
+        option = "--reference-uncertainty"
+        certified = stated_reference(stated, points.range_nm, points.side, option=option)
+        assert certified is not None
+        return certified
+    if not 0.0 <= percent <= 10.0:
+        raise InputError(f"--reference-uncertainty {stated}", "0 to 10 % of the torque")
+    return percent
+
+
 def _evaluate(
-    points: EvaluablePoints, uncertainties: tuple[float, float], model: Path | None
+    points: EvaluablePoints,
+    resolution_nm: float,
+    reference: CertifiedUncertainty | float,
+    model: Path | None,
 ) -> CalibrationResults | None:
-    """Evaluate and print; uncertainties are the resolution in N·m and the reference's U in %."""
+    """Evaluate and print; the resolution is in N·m, a reference's U as a number in % of torque."""
     from torquebench.calibration import calibration_results
     from torquebench.uncertainty import CertifiedUncertainty
 
@@ -223,11 +247,12 @@ def _evaluate(
         assert points.data.nominal_nm is not None
         steps = ", ".join(f"{step:g}" for step in sorted(set(points.data.nominal_nm.tolist())))
         say(f"evaluated by the table's own steps: {steps} N·m")
-    resolution_nm, reference_percent = uncertainties
+    if isinstance(reference, float):
+        reference = CertifiedUncertainty.of_torque(1e-2 * reference)
     results = calibration_results(
         points.data,
         resolution_nm=resolution_nm,
-        reference=CertifiedUncertainty.of_torque(1e-2 * reference_percent),
+        reference=reference,
         torque_nm=None if model is None else _compensated(model, points.data),
     )
     _print_results(results)

@@ -233,7 +233,7 @@ def check_output_folder(path: Path) -> Path:
 
 
 def stated_reference(
-    stated: str | None, range_nm: float, side: str = ""
+    stated: str | None, range_nm: float, side: str = "", *, option: str = "--reference"
 ) -> CertifiedUncertainty | None:
     """Return U of a standard over the torque, as `ReferenceOption` states it; None without."""
     if stated is None:
@@ -249,7 +249,7 @@ def stated_reference(
         return read_uncertainty(stated, side)
     if not (0.0 <= share <= 1.0 and of in ("", "range", "torque")):
         raise InputError(
-            f"--reference {stated!r}",
+            f"{option} {stated!r}",
             "% of range such as 0.02, % of the torque such as '0.02 of torque', or a file",
         )
     return (

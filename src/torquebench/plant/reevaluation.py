@@ -152,8 +152,7 @@ def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
 
 def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -> list[Any]:
     """Fit a calibration again: with all models of the original run, or with one kind."""
-    from torquebench.bench import BenchDescription
-    from torquebench.campaign.chains import bench_effects
+    from torquebench.campaign.chains import recorded_effects
     from torquebench.campaign.fitting import ModelChoice, fit_models
     from torquebench.compensation import RECOMMENDED
     from torquebench.records import REGISTERS
@@ -164,7 +163,7 @@ def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -
     choices = [ModelChoice(**each) for each in wanted["models"]]
     if kind is not None:
         choices = [each for each in choices if each.name == kind] or [ModelChoice(kind)]
-    effects = bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
+    effects = recorded_effects(metadata, data)
     return [
         (data, each)
         for each in fit_models(data, choices, effects=effects, limits=profile.plausibility)

@@ -9,12 +9,14 @@ import pytest
 from tests.unit.reports.calibrated_bench import points
 
 from torquebench.calibration import CalibrationData, load_profile
+from torquebench.campaign.chains import recorded_effects
 from torquebench.campaign.external_calibration import (
     ExternalCalibration,
     RegisteredTable,
     register_table,
 )
 from torquebench.campaign.modules import store_model
+from torquebench.chain import Reference
 from torquebench.compensation import make_model
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
@@ -28,6 +30,8 @@ from torquebench.records import (
 )
 from torquebench.reports.certificate import Issue, build_record
 from torquebench.reports.certificate.record import Party
+from torquebench.reports.certificate.source import Source
+from torquebench.uncertainty import CertifiedUncertainty
 
 PROFILE = load_profile("staircase")
 ISSUE = Issue(
@@ -42,7 +46,7 @@ CIRCUMSTANCES = ExternalCalibration(
     reference=Report("calibrator", "R-9", "K-77", "PTB", due=date(2027, 1, 31)),
     reference_model="TN 2000",
     resolution_nm=0.02,
-    reference_percent_of_torque=0.05,
+    reference_uncertainty=0.05,
 )
 
 
@@ -149,3 +153,22 @@ def test_a_later_certificate_of_the_standard_hides_no_expired_one(
     entered = enter(registry, data, replace(CIRCUMSTANCES, reference=due))
     with pytest.raises(RecordError, match=r"expired on 2026-03-01 \(clause reference.in_date"):
         build_record(registry, entered.calibration, ISSUE)
+
+
+@pytest.mark.parametrize(
+    "uncertainty", [0.05, CertifiedUncertainty.of_table([200.0, 2000.0], [0.2, 0.6])]
+)
+def test_another_model_and_the_certificate_use_the_standard_of_the_table(
+    registry: Registry, data: CalibrationData, uncertainty: CertifiedUncertainty | float
+) -> None:
+    entered = enter(registry, data, replace(CIRCUMSTANCES, reference_uncertainty=uncertainty))
+    folder = RunFolder(registry.run(entered.run_id).folder)
+    (effect,) = recorded_effects(folder.metadata, data)
+    assert isinstance(effect, Reference)
+    assert effect.record == "certificate K-77 of R-9"
+    expected = uncertainty
+    if isinstance(uncertainty, float):
+        expected = CertifiedUncertainty.of_torque(1e-2 * uncertainty)
+    assert effect.certified == expected
+    source = Source.of(registry, entered.calibration)
+    assert source.reference.uncertainty(data.range_nm) == expected

@@ -182,6 +182,9 @@ def test_a_hostile_table_is_refused_in_words(
         ("range_nm", 1e300),
         ("resolution_nm", float("inf")),
         ("reference_uncertainty_percent", "0.02"),
+        ("reference_uncertainty_percent", None),
+        ("reference_points", {"torque_nm": [100.0], "expanded_uncertainty_nm": [0.1]}),
+        ("reference_uncertainty_of", "speed"),
         ("performed", 1767225600),
         ("performed", "2026-03-02"),
         ("performed", "9999-12-31T23:59:59-23:59"),
@@ -210,3 +213,23 @@ def test_an_upload_is_read_as_spreadsheets_save_it(encoding: str) -> None:
 def test_an_upload_that_is_no_text_is_refused(content: bytes) -> None:
     with pytest.raises(TorquebenchError, match="upload"):
         read_table(content)
+
+
+def test_the_standards_uncertainty_is_a_share_of_range_or_its_certificates_table(
+    looking: TableImport, table: str
+) -> None:
+    asked = {**CIRCUMSTANCES, "content": table}
+    without = {key: value for key, value in asked.items() if "uncertainty" not in key}
+    points = {"torque_nm": [200.0, 2000.0], "expanded_uncertainty_nm": [0.4, 0.4]}
+    found = [
+        looking.preview(each).directions[0].uncertainty_percent
+        for each in (asked, asked | {"reference_uncertainty_of": "range"},
+                     without | {"reference_points": points})
+    ]  # fmt: skip
+    assert found[1] == pytest.approx(found[2])  # 0.02 % of 2000 N·m
+    assert found[1][0] > 1.2 * found[0][0]
+    assert found[1][-1] == pytest.approx(found[0][-1])
+    for wrong in ({"torque_nm": [0.0], "expanded_uncertainty_nm": [0.4]},
+                  {"torque_nm": [200.0, 2000.0], "expanded_uncertainty_nm": [0.4]}):  # fmt: skip
+        with pytest.raises(InputError):
+            looking.preview(without | {"reference_points": wrong})

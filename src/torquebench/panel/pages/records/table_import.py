@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import binascii
+import re
 from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
@@ -93,7 +94,15 @@ class TableEntry:
                 self._field("profile", next(iter(profiles)), options=profiles)
                 today = datetime.now(UTC).date().isoformat()
                 self._field("performed", today, kind="date", max=today)
+                stated = {
+                    each: text(f"elsewhere.stated_{each}") for each in ("torque", "range", "points")
+                }
+                self._field(
+                    "reference_uncertainty_of", "torque", options=stated, on_change=self._stated
+                )
                 self._field("reference_uncertainty_percent", "0.02", unit="%", inputmode="decimal")
+                self._field("reference_points", lines=True, hinted=True)
+                self._stated("torque")
                 self._field("resolution_nm", "0.01", unit="N·m", inputmode="decimal")
                 self._field("range_nm", unit="N·m", inputmode="decimal", hinted=True)
                 self._field("reference_due", kind="date")
@@ -118,6 +127,37 @@ class TableEntry:
         hint = self._text(f"elsewhere.{name}_hint") if hinted else ""
         self._fields[name] = Field(self._text(f"elsewhere.{name}"), value, hint=hint, **more)
 
+    def _stated(self, way: str) -> None:
+        """Ask for the standard's uncertainty in this way."""
+        for name in ("reference_uncertainty_percent", "reference_points"):
+            asked = (name == "reference_points") == (way == "points")
+            self._fields[name].frame.set_visibility(asked)
+
+    def _points(self) -> dict[str, list[float]]:
+        """Return the typed table of a certificate; raises ValueError where it isn't one."""
+        lines = self._fields["reference_points"].value.strip().splitlines()
+        pairs = [
+            [typed_number(cell) for cell in re.split(r"[;\s]+", line.strip())] for line in lines
+        ]
+        torque, expanded = zip(*pairs, strict=True)
+        return {"torque_nm": list(torque), "expanded_uncertainty_nm": list(expanded)}
+
+    def _reference(self) -> dict[str, Any] | None:
+        """Return the standard's uncertainty as it was entered; None where it isn't one."""
+        way = self._fields["reference_uncertainty_of"].value
+        name = "reference_points" if way == "points" else "reference_uncertainty_percent"
+        field, wrong = self._fields[name], ""
+        asked: dict[str, Any] | None = None
+        try:
+            if way == "points":
+                asked = {name: self._points()}
+            else:
+                asked = {name: typed_number(field.value), "reference_uncertainty_of": way}
+        except ValueError:
+            wrong = "needed" if not field.value.strip() else "no_number"
+        field.wrong(self._text(f"elsewhere.{wrong}") if wrong else "")
+        return asked
+
     def _chosen(self, sent: Any) -> None:
         """Take the bytes of the file; its name is a label only."""
         name, content = sent
@@ -141,7 +181,7 @@ class TableEntry:
 
     def _request(self, *names: str) -> dict[str, Any] | None:
         """Return the entered values; None where one isn't a number."""
-        numbers = ("reference_uncertainty_percent", "resolution_nm", "range_nm")
+        numbers = ("resolution_nm", "range_nm")
         asked: dict[str, Any] = {"content": self._content}
         good = bool(self._content)
         if not good:
@@ -157,11 +197,12 @@ class TableEntry:
                     wrong = self._text("elsewhere.no_number")
             elif said:
                 asked[name] = _moment(said) if name == "performed" else said
-            elif name in (*NEEDED, "performed", *numbers[:2]):
+            elif name in (*NEEDED, "performed", "resolution_nm"):
                 wrong = self._text("elsewhere.needed")
             field.wrong(wrong)
             good = good and not wrong
-        return asked if good else None
+        reference = self._reference()
+        return asked | reference if good and reference is not None else None
 
     async def _look(self) -> None:
         asked = self._request()

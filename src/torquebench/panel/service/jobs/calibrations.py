@@ -24,13 +24,13 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from torquebench.bench.description import BenchDescription, StandardDescription
+from torquebench.bench.description import StandardDescription
 from torquebench.bench.roles import Side
 from torquebench.calibration import (
     Profile,
     verify,
 )
-from torquebench.campaign.chains import bench_effects
+from torquebench.campaign.chains import recorded_effects
 from torquebench.campaign.finishing import (
     FinishedCalibration,
     finish_calibration,
@@ -371,13 +371,12 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
     (choice,) = _choices([request.model], request.network, rising_only=request.rising_only)
     entry, data = calibration_data(station, request.calibration_id)
     run = RunFolder(station.registry.run(str(entry.run_id)).folder)
-    described = BenchDescription.model_validate(run.metadata["bench"])  # as it was then
     (item,) = fit_models(
         data,
         [choice],
         context.job,
         title="Fitting",
-        effects=bench_effects(described, data),
+        effects=recorded_effects(run.metadata, data),
         limits=run_profile(run).plausibility,
         before=model_in_use(station.registry, data),
     )

@@ -10,10 +10,11 @@ import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, Self, TypeVar
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torquebench.bench.description import flat_of_range
 from torquebench.calibration import (
     CalibrationData,
     CalibrationRecord,
@@ -38,7 +39,7 @@ from torquebench.records.table_files import table_text
 from torquebench.records.table_formats import is_csv
 from torquebench.reports.certificate import person_among
 from torquebench.uncertainty import CertifiedUncertainty
-from torquebench.validation import validated
+from torquebench.validation import ConflictError, validated
 
 __all__ = [
     "EnterTableRequest",
@@ -55,6 +56,8 @@ LONGEST_TABLE = 512 * 1024
 MOST_LINES = 5000
 LONGEST_LINE = 2000
 LARGEST_NM = 1e9
+MOST_CERTIFIED = 200
+"""Most lines of a standard's certificate."""
 MOST_DEVIATIONS = 200
 """Most messages shown: a table of another kind causes one a line."""
 
@@ -62,6 +65,26 @@ Request = TypeVar("Request", bound="TableRequest")
 
 Words = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Needed = Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x1f\x7f]+$")]
+
+
+class ReferencePoints(BaseModel):
+    """Expanded uncertainty (k = 2) of the standard at its certified torques, N·m."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    torque_nm: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_CERTIFIED)]
+    expanded_uncertainty_nm: Annotated[
+        tuple[Number, ...], Field(min_length=1, max_length=MOST_CERTIFIED)
+    ]
+
+    @model_validator(mode="after")
+    def _usable(self) -> Self:
+        self.certified()
+        return self
+
+    def certified(self) -> CertifiedUncertainty:
+        """Return it over the torque."""
+        return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
 
 
 class TableRequest(BaseModel):
@@ -75,9 +98,15 @@ class TableRequest(BaseModel):
 
     content: Annotated[str, Field(min_length=1, max_length=LONGEST_TABLE)]
     profile: ProfileName = "staircase"
-    reference_uncertainty_percent: Annotated[
-        Number, Field(gt=0, le=10, description="Expanded (k = 2), of the standard, %.")
-    ]
+    reference_uncertainty_percent: (
+        Annotated[Number, Field(gt=0, le=10, description="% of torque or range")] | None
+    ) = Field(default=None, description="Expanded (k = 2), of the standard, %.")
+    reference_uncertainty_of: Literal["torque", "range"] = Field(
+        default="torque", description="What that percentage refers to."
+    )
+    reference_points: ReferencePoints | None = Field(
+        default=None, description="Instead: the table of the standard's certificate."
+    )
     resolution_nm: Annotated[
         Number, Field(ge=0, le=1e6, description="Resolution of the indication, N·m.")
     ]
@@ -88,6 +117,27 @@ class TableRequest(BaseModel):
     reference_due: Day | None = Field(
         default=None, description="Last day of the standard's certificate."
     )
+
+    @model_validator(mode="after")
+    def _one_uncertainty(self) -> Self:
+        if (self.reference_uncertainty_percent is None) == (self.reference_points is None):
+            raise ConflictError(
+                "reference_uncertainty_percent",
+                "none" if self.reference_points is None else "one beside reference_points",
+                "a percentage or reference_points",
+                "state the standard's uncertainty in one way",
+            )
+        return self
+
+    def uncertainty(self, range_nm: float) -> CertifiedUncertainty:
+        """Return U (k = 2) of the standard over the torque."""
+        if self.reference_points is not None:
+            return self.reference_points.certified()
+        assert self.reference_uncertainty_percent is not None
+        share = 1e-2 * self.reference_uncertainty_percent
+        if self.reference_uncertainty_of == "range":
+            return flat_of_range(share, range_nm)
+        return CertifiedUncertainty.of_torque(share)
 
 
 class EnterTableRequest(TableRequest):
@@ -351,7 +401,7 @@ def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDire
     results = calibration_results(
         points.data,
         resolution_nm=asked.resolution_nm,
-        reference=CertifiedUncertainty.of_torque(1e-2 * asked.reference_uncertainty_percent),
+        reference=asked.uncertainty(points.data.range_nm),
     )
     found = []
     for direction in results.directions:
@@ -393,5 +443,10 @@ def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> Externa
         ),
         reference_model=asked.reference_model,
         resolution_nm=asked.resolution_nm,
-        reference_percent_of_torque=asked.reference_uncertainty_percent,
+        reference_uncertainty=(
+            asked.reference_uncertainty_percent
+            if asked.reference_uncertainty_percent is not None
+            and asked.reference_uncertainty_of == "torque"
+            else asked.uncertainty(points.range_nm)
+        ),
     )
