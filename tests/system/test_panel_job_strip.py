@@ -88,6 +88,8 @@ def test_a_server_that_died_says_so_to_who_had_started_something(
     panel: Panel, person: Visitor
 ) -> None:
     begin(person)
+    # The page would load itself again when the server is back, instead of the page asked for.
+    person.driver.get("about:blank")
     panel.end(signal.SIGKILL)
     panel.start()
     person.sign_in("Ben", "/alarms")

@@ -41,7 +41,7 @@ from .integrity import (
 from .raw_stream import (
     RawReading as RawReading,
 )
-from .recording_file import (
+from .sealed_recording import (
     RECORDING as RECORDING,
     from_plain as from_plain,
     recording_content as recording_content,

@@ -44,7 +44,7 @@ def test_files_are_relative_to_the_settings(tmp_path: Path) -> None:
         (GOOD.replace("127.0.0.1", "me:pw@127.0.0.1"), "password_file"),
         (GOOD.replace("127.0.0.1", "127.0.0.1:99999"), "mqtt://host:port"),
         (GOOD.replace("127.0.0.1", "broker.example"), "insecure_network = true"),
-        (GOOD + "interval_s = 0.01", "0.1 to 3600 s"),
+        (GOOD + "interval_s = 0.01", "0.1 to 3,600 s"),
         (GOOD + 'password_file = "password"', "a name where there is a password_file"),
         (GOOD + "reconnect_first_s = 100.0", "at least reconnect_first_s, 100 s"),
         (GOOD + '[tls]\ncert_file = "a.pem"', "both cert_file and key_file"),

@@ -123,8 +123,8 @@ class TableRequest(BaseModel):
         if (self.reference_uncertainty_percent is None) == (self.reference_points is None):
             raise ConflictError(
                 "reference_uncertainty_percent",
-                "none" if self.reference_points is None else "one beside reference_points",
-                "a percentage or reference_points",
+                "none" if self.reference_points is None else "both",
+                "a percentage or the table of the standard's certificate",
                 "state the standard's uncertainty in one way",
             )
         return self
