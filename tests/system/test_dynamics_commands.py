@@ -68,6 +68,22 @@ def test_quick_torques_come_back_by_apply(folder: Path) -> None:
     assert errors["quick"] < 0.35 * errors["plain"]
 
 
+def test_dynamics_become_part_of_a_chain_by_fit(folder: Path, tmp_path: Path) -> None:
+    whole = tmp_path / "whole.json"
+    made = run("fit", "calibration.csv", "--model", "polynomial", "--dynamics", "dynamics.json",
+               "--out", str(whole), cwd=folder)  # fmt: skip
+    assert made.returncode == 0, made.stderr
+    tables = []
+    for arguments in ((str(whole),), ("model.json", "--dynamics", "dynamics.json")):
+        table = tmp_path / f"{len(tables)}.csv"
+        found = run("apply", arguments[0], "steps.csv", *arguments[1:], "--out", str(table),
+                    cwd=folder)  # fmt: skip
+        assert found.returncode == 0, found.stderr
+        lines = table.read_text().splitlines()[1:]
+        tables.append([float(row["torque_nm"]) for row in csv.DictReader(lines)])
+    np.testing.assert_allclose(tables[0], tables[1], rtol=1e-9, atol=1e-9)
+
+
 def test_what_cannot_be_used_is_refused_and_nothing_is_written(folder: Path) -> None:
     before = sorted(path.name for path in folder.iterdir())
     for arguments, word in (

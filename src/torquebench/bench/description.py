@@ -191,8 +191,9 @@ class ModuleDescription(_Section):
     `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
     measuring section and the reducer, with its expanded uncertainty (k = 2) as a share:
     torque-angle loops subtract the torque that accelerates the output's flange. Unknown if it isn't
-    given. `bearing_drag_percent` is the limit of the drag of bearings between transducer and
-    flange.
+    given. `motor_inertia_kgm2` is that of motor, coupling and shaft up to the measuring section, by
+    their data sheets: the dynamics by steps of torque need it. `bearing_drag_percent` is the limit
+    of the drag of bearings between transducer and flange.
     """
 
     range_nm: Torque
@@ -203,6 +204,8 @@ class ModuleDescription(_Section):
     temperature_probe: Text
     flange_inertia_kgm2: Annotated[float, Field(gt=0, le=1e4, description="kg·m²")] | None = None
     flange_inertia_uncertainty_percent: Annotated[float, Field(ge=0, le=100, description="%")] = 10
+    motor_inertia_kgm2: Annotated[float, Field(gt=0, le=1e4, description="kg·m²")] | None = None
+    motor_inertia_uncertainty_percent: Annotated[float, Field(ge=0, le=100, description="%")] = 6
     bearing_drag_percent: Annotated[float, Field(ge=0, le=10, description="% of range")] = 0.01
 
     @model_validator(mode="after")

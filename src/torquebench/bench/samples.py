@@ -16,10 +16,20 @@ from torquebench.bench.roles import Side, torque_channel
 from torquebench.chain import Torque
 from torquebench.signals import EdgeBlock, SignalFaultKind, TorqueSamples
 
-__all__ = ["FINE_WINDOW_S", "AcquiredBlock", "ChannelSamples", "SampleRing", "Stretch", "Viewer"]
+__all__ = [
+    "FAST_WINDOW_S",
+    "FINE_WINDOW_S",
+    "AcquiredBlock",
+    "ChannelSamples",
+    "SampleRing",
+    "Stretch",
+    "Viewer",
+]
 
 FINE_WINDOW_S = 0.002
 """Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
+FAST_WINDOW_S = 0.001
+"""Windows of steps of torque, s: they resolve the vibration of a shaft, up to 400 Hz."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,15 +16,23 @@ from torquebench.atomic_write import atomic_write
 from torquebench.chain import Dynamics, Readings, effect_from, load_chain
 from torquebench.dynamics import (
     PARAMETERS,
+    Delay,
     Inertia,
     InverseFilter,
     Known,
+    MotorInertia,
     Shaft,
+    Sine,
+    Steps,
     TransferFunction,
+    Vibration,
     design_inverse,
     identify,
+    identify_delay,
     identify_inertia,
+    identify_vibration,
     shaft_of,
+    shaft_on_bench,
 )
 from torquebench.errors import InputError
 from torquebench.records import json_text
@@ -36,6 +44,11 @@ __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dyn
 
 FORMAT = "torquebench dynamics 1"
 _UNEVEN = 0.01
+_STEPS = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
+_DELAY_SHARE = 0.1
+"""Limit of the error of a reference's delay by its data sheet, as a share."""
+_FASTER = 11.0
+"""Rate of the readings over the chain's bandwidth, where no rate is stated."""
 _UNCOMPENSATED = 0.1
 """Relative standard uncertainty of an inertia that was identified from uncompensated readings."""
 
@@ -54,6 +67,10 @@ class IdentifiedDynamics:
         Whether a table states that.
     sha256 : dict of str to str
         Of every table, by its name.
+    shaft : Shaft or None
+        Stiffness and damping, where the inertia is known.
+    vibration : Vibration or None
+        By steps of torque on a bench.
     """
 
     transfer: TransferFunction
@@ -61,11 +78,8 @@ class IdentifiedDynamics:
     inertia: Inertia | None
     simulated: bool
     sha256: dict[str, str]
-
-    @property
-    def shaft(self) -> Shaft | None:
-        """Stiffness and damping, where the inertia is known."""
-        return None if self.inertia is None else shaft_of(self.transfer, self.inertia)
+    shaft: Shaft | None = None
+    vibration: Vibration | None = None
 
     @property
     def effect(self) -> Dynamics:
@@ -81,13 +95,16 @@ def identify_dynamics(
     model: Path | None = None,
     window_s: float | None = None,
     bandwidth_hz: float | None = None,
+    interval_s: float | None = None,
+    motor: MotorInertia | None = None,
 ) -> IdentifiedDynamics:
     """Identify the dynamics of a chain from tables, and design the inverse filter.
 
     Parameters
     ----------
     runs : sequence of pathlib.Path
-        Tables with time_s, reading_nm and standard_nm: steps or sines of a known torque.
+        Tables with time_s, reading_nm and standard_nm: steps or sines of a known torque; or tables
+        of `turn --profile dynamics`.
     empty : pathlib.Path, optional
         Table of an empty run with ramps: time_s, reading_nm, speed_rpm and, if there is one,
         acceleration_rad_s2.
@@ -98,6 +115,11 @@ def identify_dynamics(
         Length of the counter's window; the sample interval where not given.
     bandwidth_hz : float, optional
         Wanted bandwidth, see `design_inverse`.
+    interval_s : float, optional
+        Between the readings that are to be filtered; that of the runs by default, and for runs of
+        `turn` what the bandwidth needs.
+    motor : MotorInertia, optional
+        For runs of `turn`; by their tables where not given.
 
     Raises
     ------
@@ -109,14 +131,19 @@ def identify_dynamics(
     def torque_of(reading_nm: NDArray[np.float64]) -> NDArray[np.float64]:
         return reading_nm if chain is None else chain.torque(Readings(reading_nm)).value_nm
 
+    if not runs:
+        raise InputError("no table with a known torque", "one at least")
+    on_bench = [path for path in runs if "segment" in read_table(path).header]
+    if on_bench and len(on_bench) < len(runs):
+        raise InputError(
+            f"{on_bench[0]} of `turn --profile dynamics` beside other tables", "one kind of tables"
+        )
     known, hashes, simulated = [], {}, False
-    for path in runs:
+    for path in [] if on_bench else runs:
         table = _Table(path, ("time_s", "reading_nm", "standard_nm"))
         known.append(Known(table.interval_s, torque_of(table["reading_nm"]), table["standard_nm"]))
         hashes[path.name] = table.sha256
         simulated = simulated or table.simulated
-    if not known:
-        raise InputError("no table with a known torque", "one at least")
     inertia = None
     if empty is not None:
         table = _Table(empty, ("time_s", "reading_nm", "speed_rpm"))
@@ -132,10 +159,124 @@ def identify_dynamics(
             inertia = replace(inertia, standard_uncertainty_kgm2=u)
         hashes[empty.name] = table.sha256
         simulated = simulated or table.simulated
-    interval_s = known[0].interval_s
-    transfer = identify(known, interval_s if window_s is None else window_s)
-    designed = design_inverse(transfer, interval_s, bandwidth_hz)
-    return IdentifiedDynamics(transfer, designed, inertia, simulated, hashes)
+    if on_bench:
+        found = _OnBench.of(on_bench)
+        transfer, identified = found.chain(motor, inertia)
+        step_s = _interval(transfer) if interval_s is None else interval_s
+        transfer = replace(transfer, window_s=step_s if window_s is None else window_s)
+        return IdentifiedDynamics(
+            transfer,
+            design_inverse(transfer, step_s, bandwidth_hz),
+            inertia,
+            simulated or found.simulated,
+            {**found.sha256, **hashes},
+            identified,
+            found.vibration,
+        )
+    counted_s = known[0].interval_s
+    transfer = identify(known, counted_s if window_s is None else window_s)
+    if interval_s is not None and window_s is None:
+        transfer = replace(transfer, window_s=interval_s)
+    designed = design_inverse(
+        transfer, counted_s if interval_s is None else interval_s, bandwidth_hz
+    )
+    shaft = None if inertia is None else shaft_of(transfer, inertia)
+    return IdentifiedDynamics(transfer, designed, inertia, simulated, hashes, shaft)
+
+
+def _interval(transfer: TransferFunction) -> float:
+    """Return the longest round interval that allows three times the bandwidth."""
+    most = 1.0 / (_FASTER * replace(transfer, window_s=0.0).bandwidth_hz())
+    decade = 10.0 ** np.floor(np.log10(most))
+    return float(decade * max(each for each in (1.0, 2.0, 5.0) if each * decade <= most))
+
+
+@dataclass(frozen=True, eq=False)
+class _OnBench:
+    """Runs of `turn --profile dynamics`."""
+
+    vibration: Vibration
+    delay: Delay
+    motor: MotorInertia | None
+    simulated: bool
+    sha256: dict[str, str]
+
+    @classmethod
+    def of(cls, paths: Sequence[Path]) -> _OnBench:
+        """Return what runs with steps and sines show.
+
+        Raises
+        ------
+        InputError
+            They don't identify the vibration or the delay.
+        """
+        steps, sines = list[NDArray[np.float64]](), list[Sine]()
+        hashes, remarks, interval_s = {}, dict[str, str](), 0.0
+        for path in paths:
+            table, columns = understood(read_table(path), _STEPS[:3])
+            hashes[path.name], remarks = sha256(path.read_bytes()).hexdigest(), table.remarks
+            time, reading, standard = (
+                np.asarray(quantity(table, columns, name), np.float64) for name in _STEPS[:3]
+            )
+            segment, period = (table.numbers(name) for name in _STEPS[3:])
+            interval_s = float(np.median(np.diff(time)))
+            for number in np.unique(segment):
+                rows = segment == number
+                both = np.array([reading[rows], standard[rows]])
+                if np.ptp(np.diff(time[rows])) > _UNEVEN * interval_s:
+                    raise InputError(
+                        f"{path}: segment {number:g} has gaps", "an even rate", "repeat the run"
+                    )
+                period_s = float(period[rows][0])
+                if period_s > 0.0:
+                    whole = int(both.shape[1] * interval_s / period_s) * period_s
+                    kept = both[:, : round(whole / interval_s)]
+                    sines.append(Sine(interval_s, period_s, *kept))
+                else:
+                    steps.append(both)
+        shortest = min((each.shape[1] for each in steps), default=0)
+        rows = np.array([each[:, :shortest] for each in steps]).reshape(-1, 2, shortest)
+        stacked = Steps(interval_s, rows[:, 0], rows[:, 1])
+        vibration = identify_vibration(stacked)
+        late = identify_delay(stacked, sines)
+        reference_s = float(remarks.get("reference_delay_s", "0"))
+        delay = Delay(
+            reference_s + late.delay_s,
+            float(np.hypot(late.standard_uncertainty_s, _DELAY_SHARE * reference_s / 3.0**0.5)),
+        )
+        motor = None
+        if "motor_inertia_kgm2" in remarks:
+            name = "motor_inertia_standard_uncertainty_kgm2"
+            motor = MotorInertia(float(remarks["motor_inertia_kgm2"]), float(remarks[name]))
+        return cls(vibration, delay, motor, is_simulated(remarks), hashes)
+
+    def chain(
+        self, motor: MotorInertia | None, inertia: Inertia | None
+    ) -> tuple[TransferFunction, Shaft]:
+        """Return transfer function and shaft.
+
+        Raises
+        ------
+        InputError
+            An inertia isn't known.
+        """
+        motor = motor or self.motor
+        vibrates = f"steps that show a vibration of {self.vibration.frequency_hz:.4g} Hz, but not"
+        if motor is None:
+            raise InputError(
+                f"{vibrates} the inertia that vibrates",
+                "the inertia of motor and shaft up to the transducer, by their data sheets",
+                "give --motor-inertia, or motor_inertia_kgm2 in the bench description before the "
+                "run",
+            )
+        if inertia is None:
+            raise InputError(
+                f"{vibrates} the inertia between transducer and flange",
+                "an empty run with gentle and steep ramps",
+                "record one with `torquebench turn --profile identification`, and give it with "
+                "--empty and the chain's --model",
+            )
+        return shaft_on_bench(self.vibration, motor, inertia, self.delay)
 
 
 def save_dynamics(path: Path, found: IdentifiedDynamics) -> None:
@@ -155,6 +296,7 @@ def save_dynamics(path: Path, found: IdentifiedDynamics) -> None:
         "window_s": found.transfer.window_s,
         "inertia": found.inertia,
         "shaft": found.shaft,
+        "vibration": found.vibration,
         "step": {"raw": raw, "compensated": compensated},
         "bandwidth_hz": found.designed.bandwidth_hz,
         "noise_gain": found.designed.noise_gain,

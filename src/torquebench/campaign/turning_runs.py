@@ -17,6 +17,7 @@ from torquebench.procedures import Plan, Rehearsal, rehearse
 from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
+from torquebench.procedures.turning.stepping import StepTable, step_torques
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.csv_text import read_csv
 from torquebench.records.tables import read_calibration_csv, write_calibration_csv
@@ -59,8 +60,10 @@ class TurningRun:
 
 def rehearse_turning(
     station: Station, side: Side, profile: TurningProfile
-) -> Rehearsal[EmptySummary] | Rehearsal[CalibrationData]:
+) -> Rehearsal[EmptySummary] | Rehearsal[CalibrationData] | Rehearsal[StepTable]:
     """Rehearse a run; its duration excludes waiting times."""
+    if profile.kind == "dynamics":
+        return rehearse(station.devices, step_torques(station.devices, side, profile, StepTable()))
     if profile.kind != "empty":
         return rehearse(station.devices, calibrate_turning(station.devices, side, profile))
     return rehearse(station.devices, turn_empty(station.devices, side, profile, EmptyTable(side)))
@@ -72,12 +75,12 @@ def measure_turning(
     profile: TurningProfile,
     target: Path,
     *,
-    begun: EmptyTable | BegunCalibration | None = None,
+    begun: EmptyTable | BegunCalibration | StepTable | None = None,
     wait: bool = True,
     progress: Progress = NO_PROGRESS,
     on_pause: OnPause | None = None,
 ) -> TurningRun:
-    """Run a profile and write its table; an empty run's after every complete series.
+    """Run a profile and write its table after every complete series.
 
     Parameters
     ----------
@@ -86,7 +89,7 @@ def measure_turning(
     profile : TurningProfile
     target : pathlib.Path
         CSV file.
-    begun : EmptyTable or BegunCalibration, optional
+    begun : EmptyTable, BegunCalibration or StepTable, optional
         Of an interrupted run, by `read_begun`.
     wait : bool
         Whether series wait for their temperature.
@@ -106,6 +109,13 @@ def measure_turning(
         "profile_sha256": profile.sha256,
         "operator": operator_name(),
     }
+    if profile.kind == "dynamics":
+        if isinstance(begun, EmptyTable | BegunCalibration):
+            raise InputError(f"profile {profile.name}", "the one of the interrupted run")
+        return _measure_steps(
+            station, side, profile, target, StepTable() if begun is None else begun,
+            metadata, progress, on_pause,
+        )  # fmt: skip
     if profile.kind != "empty":
         before = begun if isinstance(begun, BegunCalibration) else None
         done = 0 if before is None else before.series_done
@@ -149,7 +159,7 @@ def measure_turning(
         record = points.record
         rows = len(points.result) + (0 if before is None else len(before.points))
         return TurningRun(record.run_id, rows, record.bench_seconds)
-    if isinstance(begun, BegunCalibration):
+    if isinstance(begun, BegunCalibration | StepTable):
         raise InputError(f"profile {profile.name}", "the one of the interrupted run")
     table = EmptyTable(side) if begun is None else begun
 
@@ -171,13 +181,57 @@ def measure_turning(
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
 
 
+def _measure_steps(
+    station: Station,
+    side: Side,
+    profile: TurningProfile,
+    target: Path,
+    table: StepTable,
+    metadata: dict[str, str],
+    progress: Progress,
+    on_pause: OnPause | None,
+) -> TurningRun:
+    """Run steps and sines of torque; the table is written after every complete series."""
+    module, standard = station.description.module(side), station.description.calibrator
+    remarks = {"reference_delay_s": f"{standard.transducer(side).group_delay_s:.6g}"}
+    if module.motor_inertia_kgm2 is not None:
+        u = 0.005 * module.motor_inertia_uncertainty_percent * module.motor_inertia_kgm2
+        remarks["motor_inertia_kgm2"] = f"{module.motor_inertia_kgm2:.6g}"
+        remarks["motor_inertia_standard_uncertainty_kgm2"] = f"{u:.6g}"
+    if len(table.rows):
+        begins_s = float(table.rows[-1, 0]) + _RESUMED_AFTER_S
+        table.shift_s = begins_s - station.clock.now()
+
+    def write(done: StepTable) -> None:
+        stated = {**_remarks(station, side, profile, done.series_done), **remarks}
+        lines = [f"# {name} = {value}" for name, value in stated.items()]
+        lines.append(",".join(StepTable.COLUMNS))
+        lines += [
+            f"{time_s:.6f},{reading_nm:.7g},{standard_nm:.7g},{segment:.0f},{period_s:g}"
+            for time_s, reading_nm, standard_nm, segment, period_s in done.rows.tolist()
+        ]
+        atomic_write(target, "\n".join(lines) + "\n")
+
+    found = measure(
+        station,
+        lambda: step_torques(station.devices, side, profile, table, on_series=write),
+        rehearsed=lambda: step_torques(station.devices, side, profile, StepTable()),
+        kind=f"dynamics-{side}",
+        title=f"Dynamics of the {side} module",
+        metadata=metadata,
+        progress=progress,
+        on_pause=on_pause,
+    )
+    return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
+
+
 def _remarks(
     station: Station, side: Side, profile: TurningProfile, series_done: int
 ) -> dict[str, str]:
     """Return remarks that identify a table's run and state how far it came."""
     module = station.description.module(side)
     series = profile.series()
-    if profile.kind != "empty":
+    if profile.kind in ("calibration", "verification"):
         series = profile.points(side, module.range_nm)[-1].series
     return {
         "simulated": str(station.devices.context.drivers.truth is not None).lower(),
@@ -211,7 +265,7 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
 
 def read_begun(
     path: Path, side: Side, profile: TurningProfile, transducer_serial: str
-) -> EmptyTable | BegunCalibration:
+) -> EmptyTable | BegunCalibration | StepTable:
     """Return the complete series of an interrupted run.
 
     Raises
@@ -235,6 +289,11 @@ def read_begun(
     done, _, total = table.remarks.get("series_done", "0 of 1").partition(" of ")
     if int(done) >= int(total):
         raise InputError(f"{path} is complete", "an interrupted run", "begin another file")
+    if profile.kind == "dynamics":
+        steps = StepTable()
+        kept = [table.numbers(name) for name in StepTable.COLUMNS]
+        steps.begin_with(np.column_stack(kept), int(done))
+        return steps
     if profile.kind != "empty":
         return BegunCalibration(read_calibration_csv(path), int(done))
     rows: NDArray[np.float64] = np.column_stack(

@@ -24,7 +24,10 @@ def register(app: typer.Typer) -> None:
 def dynamics(
     runs: Annotated[
         list[Path],
-        typer.Argument(help="Tables with time_s, reading_nm and standard_nm: steps, sines."),
+        typer.Argument(
+            help="Tables with time_s, reading_nm and standard_nm: steps, sines; or of "
+            "`turn --profile dynamics`."
+        ),
     ],
     result: Annotated[Path, typer.Option("--out", help="The JSON file to write.")],
     empty: Annotated[
@@ -42,15 +45,31 @@ def dynamics(
         float | None,
         typer.Option(min=0, help="Desired bandwidth, Hz; 3.3 times the chain's own by default."),
     ] = None,
+    rate: Annotated[
+        float | None,
+        typer.Option(
+            min=1, help="Rate of the readings to be filtered, 1/s, if it isn't that of the runs."
+        ),
+    ] = None,
+    motor_inertia: Annotated[
+        float | None,
+        typer.Option(min=1e-9, help="Of motor and shaft up to the transducer, kg·m², data sheet."),
+    ] = None,
+    motor_inertia_u: Annotated[
+        float, typer.Option(min=0, max=100, help="Its expanded uncertainty (k = 2), %.")
+    ] = 6.0,
 ) -> None:
     """Identify resonance, damping and lag of a chain, and design the inverse filter.
 
     The torque at the flange must be known in every row, by a reference that is faster than the
-    chain. Runs begin at rest and have one constant rate. Data that can't identify a parameter are
-    refused, and the message names the missing data. `apply --dynamics` uses the file.
+    chain; runs begin at rest and have one constant rate. A run of `turn --profile dynamics` shows
+    the vibration of the motor's inertia on the shaft instead, and needs --empty. Data that can't
+    identify a parameter are refused, and the message names the missing data. `apply --dynamics` and
+    `fit --dynamics` use the file.
     """
     check_output(result, *runs, *([] if empty is None else [empty]), endings=(".json",))
     from torquebench.campaign.dynamics import identify_dynamics, save_dynamics
+    from torquebench.dynamics import MotorInertia
 
     found = identify_dynamics(
         runs,
@@ -58,6 +77,10 @@ def dynamics(
         model=model,
         window_s=None if window is None else 1e-3 * window,
         bandwidth_hz=bandwidth,
+        interval_s=None if rate is None else 1.0 / rate,
+        motor=None
+        if motor_inertia is None
+        else MotorInertia(motor_inertia, 0.005 * motor_inertia_u * motor_inertia),
     )
     _print(found)
     if empty is not None and model is None:
@@ -90,6 +113,10 @@ def _print(found: IdentifiedDynamics) -> None:
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
         table.add_row(words, f"{factor * value:.4g}", f"{2.0 * factor * u:.2g}", unit)
         parameters[words] = _estimated(factor * value, factor * u, unit)
+    if found.vibration is not None:
+        u = found.vibration.covariance[0][0] ** 0.5
+        table.add_row("vibration", f"{found.vibration.frequency_hz:.4g}", f"{2.0 * u:.2g}", "Hz")
+        parameters["vibration"] = _estimated(found.vibration.frequency_hz, u, "Hz")
     if found.inertia is not None and found.shaft is not None:
         moment, shaft = found.inertia, found.shaft
         for words, value, u, unit in (

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from torquebench.calibration import CalibrationData
     from torquebench.campaign.results import FitResult
-    from torquebench.chain import MeasuringChain, Readings, Torque
+    from torquebench.chain import Effect, MeasuringChain, Readings, Torque
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
@@ -97,6 +97,9 @@ def fit(
             "May be repeated, for runs at other temperatures."
         ),
     ] = None,
+    dynamics: Annotated[
+        Path | None, typer.Option(help="A file of `evaluate dynamics`, as an effect of the chain.")
+    ] = None,
     without: WithoutOption = None,
     column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
@@ -119,8 +122,9 @@ def fit(
     line or quadratic. With --empty, temperature, rotation and inertia are identified, too, from
     runs with nothing mounted and from points at other temperatures and speeds. --compare compares
     it with all other kinds by cross-validation over steps; --model selects another kind. The
-    options that state uncertainties enter U of every torque; `budget` lists what is missing. If the
-    points contradict each other, the exit code is 1 and the model file is marked.
+    options that state uncertainties enter U of every torque; `budget` lists what is missing.
+    --dynamics makes the inverse filter part of the chain, in files and live. If the points
+    contradict each other, the exit code is 1 and the model file is marked.
     """
     from torquebench.calibration import load_profile
     from torquebench.cli.reducer_tables import check_reports
@@ -128,7 +132,8 @@ def fit(
     from torquebench.records import read_calibration_csv, read_empty_run
     from torquebench.records.tables import maps_one
 
-    check_output(result, *data, *(empty or ()), endings=(".json",))
+    inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
+    check_output(result, *inputs, endings=(".json",))
     page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
     if page is not None:
         check_reports([page])
@@ -170,7 +175,13 @@ def fit(
 
     points = joined_tables(tables)
     certified = stated_reference(reference, points.range_nm, points.side)
-    off = (SwitchedOff.of("stated with the fit", *without),) if without else ()
+    off: tuple[Effect, ...] = ()
+    if without:
+        off = (SwitchedOff.of("stated with the fit", *without),)
+    if dynamics is not None:
+        from torquebench.campaign.dynamics import load_dynamics
+
+        off = (load_dynamics(dynamics), *off)
     with TerminalProgress() as progress:
         turning = identify_turning(points, runs, progress)
         fitted = fit_table(
@@ -306,7 +317,7 @@ def apply(
         chain = chain.with_effects([filtering])
     if without:
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
-    timed = chain.turns or filtering is not None
+    timed = chain.turns or chain.recorded()[1] is not None
     stream = RecordedStream(chain) if timed else None
     unmeasured: dict[str, None] = {}
 

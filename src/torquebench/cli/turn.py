@@ -76,7 +76,8 @@ def turn(
 
     Profiles: empty-run, empty-run-temperatures (waits for each), empty-run-warm-up (uses the
     bench's own warming), identification (inertia), turning-calibration, turning-verification
-    (random torques and speeds, for `verify`). Ctrl-C pauses. An aborted run keeps its complete
+    (random torques and speeds, for `verify`), dynamics (steps and sines of torque against the
+    calibrator at rest, for `evaluate dynamics`). Ctrl-C pauses. An aborted run keeps its complete
     series (a calibration's speeds); --resume measures the others.
     """
     from torquebench.procedures.turning.profile import load_turning_profile
@@ -107,10 +108,14 @@ def _confirm(description: BenchDescription, side: str, profile: TurningProfile, 
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )
-    top = profile.top_rpm(side)  # type: ignore[arg-type]
-    said = f"{description.name}: {side} will turn at up to {top:g} rpm by {profile.name}."
+    if profile.kind == "dynamics":
+        largest = profile.largest_share * description.module(side).range_nm  # type: ignore[arg-type]
+        said = f"will be loaded with up to {largest:g} N·m in steps, at rest"
+    else:
+        said = f"will turn at up to {profile.top_rpm(side):g} rpm"  # type: ignore[arg-type]
+    said = f"{description.name}: {side} {said} by {profile.name}."
     stderr_console().print(said, markup=False)
-    if not typer.confirm("Is the bench clear and may it turn?", err=True):
+    if not typer.confirm("Is the bench clear and may it start?", err=True):
         raise typer.Exit(1)
 
 
@@ -168,6 +173,13 @@ def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
     table.show_header = False
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
+    if profile.kind == "dynamics":
+        _describe_steps(table, description, side, profile)
+        table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min")
+        out().print(table)
+        say("Limits and interlocks checked; nothing was moved.")
+        answer(points=rehearsal.points, duration_s=rehearsal.duration_s)
+        return
     top = profile.top_rpm(side.value)
     speeds = ", ".join(f"{share * top:g}" for share in profile.speed_shares)
     if profile.random is not None:
@@ -195,3 +207,24 @@ def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
     out().print(table)
     say("Limits and interlocks checked; nothing was moved.")
     answer(points=rehearsal.points, duration_s=rehearsal.duration_s)
+
+
+def _describe_steps(
+    table: Any, description: BenchDescription, side: Side, profile: TurningProfile
+) -> None:
+    """Add steps and sines of torque, and what the drive makes of them."""
+    module, steps, sines = description.module(side.value), profile.steps, profile.sines
+    assert steps is not None
+    full, rate = module.range_nm, module.drive.torque_rate_nm_per_s
+    sizes = ", ".join(f"{share * full:g}" for share in steps.shares)
+    table.add_row("steps", f"{sizes} N·m around {steps.preload_share * full:g} N·m")
+    slowest_s = max(steps.shares) * full / rate
+    table.add_row(
+        "drive", f"at most {rate:g} N·m/s: the largest step takes {1e3 * slowest_s:.3g} ms"
+    )
+    table.add_row("series", f"{profile.series()} of {steps.cycles} steps up and down of each size")
+    if sines is not None:
+        size = sines.share * full
+        periods = ", ".join(f"{each:g}" for each in sines.periods_s)
+        table.add_row("sines", f"{size:g} N·m, periods {periods} s")
+        table.add_row("", f"the drive follows periods from {6.2832 * size / rate:.3g} s")

@@ -17,6 +17,16 @@ from .identification import (
     identify_inertia as identify_inertia,
     shaft_of as shaft_of,
 )
+from .vibration import (
+    Delay as Delay,
+    MotorInertia as MotorInertia,
+    Sine as Sine,
+    Steps as Steps,
+    Vibration as Vibration,
+    identify_delay as identify_delay,
+    identify_vibration as identify_vibration,
+    shaft_on_bench as shaft_on_bench,
+)
 from .transfer import (
     PARAMETERS as PARAMETERS,
     TransferFunction as TransferFunction,

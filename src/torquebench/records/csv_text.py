@@ -30,7 +30,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}[.,][0-9]{3}", re.ASCII)
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 """Error values of spreadsheet cells, in several languages."""
-COMMENT = re.compile(r"#\s*([A-Za-z_]+)\s*[=:](.*)")
+COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}

@@ -16,13 +16,13 @@ from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 from torquebench.bench.active_chain import TimedTorque
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.roles import SIDES, Side, torque_channel
-from torquebench.bench.samples import FINE_WINDOW_S
+from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.chain.effects.static_curve import StaticCurve
 from torquebench.errors import InputError, SignalFault
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["ModuleRecording", "Recorder", "SynchronousRecording"]
+__all__ = ["FastRecording", "ModuleRecording", "Recorder", "SynchronousRecording"]
 
 FloatArray = NDArray[np.float64]
 
@@ -101,34 +101,55 @@ class ModuleRecording:
     angle_rad: FloatArray
 
 
+@dataclass(frozen=True, eq=False)
+class FastRecording:
+    """Readings of one module and of the mounted standard in windows of `FAST_WINDOW_S`.
+
+    Parameters
+    ----------
+    time_s : float64[n]
+        Middle of the windows, bench time, s.
+    reading_nm, standard_nm : float64[n]
+        By the zeros in use, without compensation and certificate, N·m.
+    """
+
+    time_s: FloatArray
+    reading_nm: FloatArray
+    standard_nm: FloatArray
+
+
 class Recorder(Device, AsyncReadable, Triggerable):
     """Records torques and angles of the bench from a mark on.
 
     `set("mark")` begins a stretch, `trigger()` ends it; `taken` and `angles` then hold its samples,
     and the next stretch begins. `set("fine")` does the same, but torques are counted in windows of
     `FINE_WINDOW_S`, which begin with the next block: have it a while before they matter. An
-    instrument with its own counter has fixed windows. The event stores only start, end and number
-    of samples. The run's raw stream has the bench's windows, but no fine ones: those of a reducer
-    test are in its recording.
+    instrument with its own counter has fixed windows. `set("input")` or `set("output")` counts that
+    side and its side of the mounted standard in windows of `FAST_WINDOW_S`, as `fast`. The event
+    stores only start, end and number of samples. The run's raw stream has the bench's windows, but
+    no shorter ones: those are in the recording of a reducer test and the table of a turning run.
     """
 
     def __init__(self, context: BenchContext, name: str = "recorder") -> None:
         self._context = context
         self._start_s = self._stop_s = 0.0
         self._fine = False
+        self._fast_side: Side | None = None
         self._stamp_s = time.time()
         self.taken: SynchronousRecording | None = None
         self.angles: dict[Side, AngleSamples] = {}
         self.modules: dict[Side, ModuleRecording] = {}
+        self.fast: FastRecording | None = None
         super().__init__(name=name)
 
     @AsyncStatus.wrap
-    async def set(self, value: Literal["mark", "fine"]) -> None:
-        """Begin a stretch now, counted in the bench's windows or in fine ones."""
+    async def set(self, value: Literal["mark", "fine"] | Side) -> None:
+        """Begin a stretch now, counted in the bench's windows or in shorter ones."""
         self._fine = value == "fine" and self._window_s > FINE_WINDOW_S
+        self._fast_side = value if value in SIDES else None
         self._count_finely()
         self._start_s = self._context.clock.now()
-        self.taken, self.angles, self.modules = None, {}, {}
+        self.taken, self.angles, self.modules, self.fast = None, {}, {}, None
 
     @property
     def _window_s(self) -> float:
@@ -139,6 +160,13 @@ class Recorder(Device, AsyncReadable, Triggerable):
             for side in SIDES:
                 channel = self._context.acquisition.channel(torque_channel(side))
                 channel.count_finely(FINE_WINDOW_S)
+        if self._fast_side is not None:
+            self._context.acquisition.use_reference(self._fast_side)
+            for name in self._fast_channels(self._fast_side):
+                self._context.acquisition.channel(name).count_finely(FAST_WINDOW_S)
+
+    def _fast_channels(self, side: Side) -> tuple[str, str]:
+        return torque_channel(side), reference_channel(side)
 
     @AsyncStatus.wrap
     async def trigger(self) -> None:
@@ -152,6 +180,12 @@ class Recorder(Device, AsyncReadable, Triggerable):
             A reading lies outside the calibrated range.
         """
         self._context.supervisor.raise_if_latched()
+        if self._fast_side is not None:
+            self._stop_s = self._context.clock.now()
+            self.fast = self._fast(self._fast_side, self._start_s, self._stop_s)
+            self._count_finely()
+            self._stamp_s = time.time()
+            return
         start_s, self._stop_s = self._start_s, self._context.clock.now()
         self.angles = {
             side: self._context.acquisition.angles(side, start_s, self._stop_s) for side in SIDES
@@ -162,6 +196,32 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self.modules = {side: self._module(side, start_s, self._stop_s) for side in SIDES}
         self._count_finely()
         self._stamp_s = time.time()
+
+    def _fast(self, side: Side, start_s: float, stop_s: float) -> FastRecording:
+        expected = int((stop_s - start_s) / FAST_WINDOW_S) - 2
+        columns: list[FloatArray] = []
+        for name in self._fast_channels(side):
+            channel = self._context.acquisition.channel(name)
+            # the last window of the stretch is complete only with the next block
+            found = channel.fine_window(start_s - FAST_WINDOW_S, stop_s - FAST_WINDOW_S)
+            if found is None or found.time_s.size < expected:
+                raise SignalFault(
+                    f"{name}: {0 if found is None else found.time_s.size} windows of "
+                    f"{1e3 * FAST_WINDOW_S:g} ms from {start_s:.2f} to {stop_s:.2f} s",
+                    f"{expected}, from edges on the counter card",
+                    "wire transducer and standard to the counter card",
+                )
+            found.raise_on_fault(name)
+            columns += [found.time_s, found.torque_nm]
+        count = min(each.size for each in columns)
+        first_s, reading, second_s, standard = (each[:count] for each in columns)
+        if count and np.max(np.abs(first_s - second_s)) > 0.01 * FAST_WINDOW_S:
+            raise SignalFault(
+                f"windows of the {side} module and of the standard at different times",
+                "the same windows",
+                "repeat the run",
+            )
+        return FastRecording(first_s, reading, standard)
 
     def _module(self, side: Side, start_s: float, stop_s: float) -> ModuleRecording:
         context, half_s = self._context, 0.5 * self._window_s
@@ -262,7 +322,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         values = {
             "start_s": self._start_s,
             "stop_s": self._stop_s,
-            "samples": 0 if self.taken is None else self.taken.time_s.size,
+            "samples": sum(each.time_s.size for each in (self.taken, self.fast) if each),
         }
         self._start_s = self._stop_s
         return {

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from itertools import pairwise
-from math import ceil, pi, sin
+from math import ceil, inf, pi, sin
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -19,7 +19,14 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.validation import parse_toml, validated
 
-__all__ = ["Leg", "TurningPoint", "TurningProfile", "available_profiles", "load_turning_profile"]
+__all__ = [
+    "Leg",
+    "TorqueLeg",
+    "TurningPoint",
+    "TurningProfile",
+    "available_profiles",
+    "load_turning_profile",
+]
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
@@ -47,6 +54,30 @@ class Leg:
     def speed_rpm(self) -> float:
         """Speed at the end."""
         return self.ramps[-1][0]
+
+
+@dataclass(frozen=True)
+class TorqueLeg:
+    """Torques one after the other around a preload, against a held flange.
+
+    Parameters
+    ----------
+    preload_nm : float
+    ramps : tuple of (float, float)
+        Torque, N·m, and rate, N·m/s.
+    hold_s : float
+        After each torque of steps; 0 in a sine, which is recorded as one stretch.
+    period_s : float
+        Of a sine; 0 for steps.
+    what : str
+        In words.
+    """
+
+    preload_nm: float
+    ramps: tuple[tuple[float, float], ...]
+    hold_s: float
+    period_s: float
+    what: str
 
 
 @dataclass(frozen=True)
@@ -113,15 +144,32 @@ class RandomPoints(_Settings):
     seed: Annotated[int, Field(ge=0)] = 1
 
 
+class Steps(_Settings):
+    """Steps of torque, as fast as the drive, around a preload: shares of the range."""
+
+    preload_share: Share = 0.2
+    shares: Annotated[list[Annotated[float, Field(gt=0, le=0.2)]], Field(min_length=1)]
+    cycles: Annotated[int, Field(ge=5, le=1000)] = 30
+    hold_s: Annotated[float, Field(ge=0.05, le=10)] = 0.15
+
+
+class Sines(_Settings):
+    """Sines of torque of one size around the steps' preload: shares of the range."""
+
+    share: Share = 0.15
+    periods_s: Annotated[list[Annotated[float, Field(ge=1, le=10)]], Field(min_length=2)]
+    cycles: Annotated[int, Field(ge=1, le=6)] = 4
+
+
 class TurningProfile(_Settings):
     """Speeds, ramps, temperatures and torques of a run.
 
     Parameters
     ----------
     name, title : str
-    kind : {"empty", "calibration", "verification"}
-        Nothing mounted, or steady torques against the turning calibrator: at stated steps, or at
-        random.
+    kind : {"empty", "calibration", "verification", "dynamics"}
+        Nothing mounted; steady torques against the turning calibrator, at stated steps or at
+        random; or steps and sines of torque against the calibrator at rest.
     speed_shares : list of float
         Rising shares of the largest speed; each in both directions. A verification draws speeds
         between the first and the last.
@@ -134,15 +182,17 @@ class TurningProfile(_Settings):
         Rising shares of the range, of a calibration. A verification draws torques up to the last.
     random : RandomPoints, optional
         Points of each series of a verification.
+    steps, sines
+        Parts of a dynamics run.
     repeats : int
         Series at each temperature.
     """
 
     name: str
     title: str = ""
-    kind: Literal["empty", "calibration", "verification"] = "empty"
-    speed_shares: Annotated[list[Share], Field(min_length=1)]
-    largest_rpm: dict[Side, Annotated[float, Field(gt=0)]]
+    kind: Literal["empty", "calibration", "verification", "dynamics"] = "empty"
+    speed_shares: list[Share] = []
+    largest_rpm: dict[Side, Annotated[float, Field(gt=0)]] = {}
     hold_s: Seconds = 2.0
     settle_s: Seconds = 0.5
     zero_s: Seconds = 1.0
@@ -152,6 +202,8 @@ class TurningProfile(_Settings):
     swings: Swings | None = None
     torque_shares: list[Share] = []
     random: RandomPoints | None = None
+    steps: Steps | None = None
+    sines: Sines | None = None
     repeats: Annotated[int, Field(ge=1, le=100)] = 1
 
     @model_validator(mode="after")
@@ -160,14 +212,25 @@ class TurningProfile(_Settings):
             values = getattr(self, name)
             if any(b <= a for a, b in pairwise(values)):
                 raise ValueError(f"{name} {values}: rising shares are allowed")
-        loaded = self.kind != "empty"
+        turns = self.kind != "dynamics"
+        if turns != bool(self.speed_shares) or turns != bool(self.largest_rpm):
+            raise ValueError(
+                "speed_shares and largest_rpm belong to all kinds except 'dynamics', and to those"
+            )
+        if turns == bool(self.steps) or (turns and self.sines):
+            raise ValueError("steps and sines belong to kind = 'dynamics'; it needs steps")
+        if self.kind == "dynamics" and (self.temperatures or self.torque_shares):
+            raise ValueError("temperatures and torque_shares don't belong to kind = 'dynamics'")
+        if self.steps is not None and self.largest_share > 1.0:
+            raise ValueError("steps or sines beyond the range")
+        loaded = self.kind in ("calibration", "verification")
         if loaded != bool(self.torque_shares):
             raise ValueError(
                 "torque_shares belong to kind = 'calibration' and 'verification', and to them only"
             )
         if (self.kind == "verification") != (self.random is not None):
             raise ValueError("random belongs to kind = 'verification', and to it only")
-        if loaded and (self.warm_up or self.swings):
+        if self.kind != "empty" and (self.warm_up or self.swings):
             raise ValueError("warm_up and swings belong to kind = 'empty'")
         if self.kind == "calibration" and self.temperatures:
             raise ValueError("temperatures belong to kind = 'empty' and 'verification'")
@@ -214,6 +277,48 @@ class TurningProfile(_Settings):
                 "add it to the profile",
             )
         return self.largest_rpm[side]
+
+    @property
+    def largest_share(self) -> float:
+        """Largest torque of sines, and of steps with a vibration as large as the step."""
+        assert self.steps is not None
+        most = 2.0 * max(self.steps.shares)
+        return self.steps.preload_share + max(most, 0.0 if self.sines is None else self.sines.share)
+
+    def torque_legs(self, range_nm: float) -> list[TorqueLeg]:
+        """Return the legs of one series of a dynamics run.
+
+        Examples
+        --------
+        >>> legs = load_turning_profile("dynamics").torque_legs(50.0)
+        >>> [(leg.what, len(leg.ramps)) for leg in legs[:2]]
+        [('steps of 0.25 N·m', 60), ('steps of 0.5 N·m', 60)]
+        """
+        assert self.steps is not None
+        low = self.steps.preload_share * range_nm
+        legs: list[TorqueLeg] = []
+        for share in self.steps.shares:
+            size = share * range_nm
+            both = ((round(low + size, 9), inf), (low, inf))
+            legs.append(
+                TorqueLeg(
+                    low,
+                    self.steps.cycles * both,
+                    self.steps.hold_s,
+                    0.0,
+                    f"steps of {size:g} N·m",
+                )
+            )
+        for period_s in [] if self.sines is None else self.sines.periods_s:
+            assert self.sines is not None
+            size, ramps, before = self.sines.share * range_nm, [], low
+            for piece in range(1, _PIECES * self.sines.cycles + 1):
+                torque = round(low + size * sin(2.0 * pi * piece / _PIECES), 9)
+                ramps.append((torque, max(abs(torque - before) * _PIECES / period_s, 1e-6)))
+                before = torque
+            what = f"sine of {size:g} N·m, period {period_s:g} s"
+            legs.append(TorqueLeg(low, tuple(ramps), 0.0, period_s, what))
+        return legs
 
     def turning_s(self, speed_rpm: float) -> float:
         """Return how long a speed is held: whole revolutions."""

@@ -1,0 +1,378 @@
+"""Vibration of the shaft after steps of torque against a held flange, and the chain's lag."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import pi, sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.dynamics.identification import Inertia, Shaft
+from torquebench.dynamics.transfer import TransferFunction
+from torquebench.errors import InputError
+
+__all__ = [
+    "Delay",
+    "MotorInertia",
+    "Sine",
+    "Steps",
+    "Vibration",
+    "identify_delay",
+    "identify_vibration",
+    "shaft_on_bench",
+]
+
+FloatArray = NDArray[np.float64]
+
+_AFTER_STEP_S = 5e-3
+_FEWEST_STEPS = 10
+_FEWEST_SAMPLES = 40
+_HIGHEST_SHARE = 0.4
+"""Highest frequency that is looked for, as a share of the rate."""
+_LOWEST_HZ = 10.0
+_RIPPLE_HZ = (10.0, 120.0)
+_LEAST_GAIN = 2.0
+"""Least variance that the vibration explains, per parameter, over that of the noise."""
+_LARGEST_RELATIVE = {"frequency": 0.05, "damping": 0.3}
+_ONE_MASS = np.array([1e-3, 0.015])
+"""Relative standard uncertainty of frequency and damping, as one mass on one spring isn't all that
+vibrates: deviations of the simulated bench's shafts from it.
+"""
+_STEEP_S = 5e-3
+_HARMONICS = 3
+_REMEDY = (
+    "record steps that the drive makes within half a period of the vibration, more of them or "
+    "larger ones, in windows of at most a third of its period"
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Steps:
+    """Readings around steps of torque, one a row; the flange is held by a reference.
+
+    Parameters
+    ----------
+    interval_s : float
+    reading_nm, standard_nm : float64[steps, n]
+        From the command of a step to the next one.
+    """
+
+    interval_s: float
+    reading_nm: FloatArray
+    standard_nm: FloatArray
+
+
+@dataclass(frozen=True, eq=False)
+class Sine:
+    """A sine of torque against a reference.
+
+    Parameters
+    ----------
+    interval_s, period_s : float
+    reading_nm, standard_nm : float64[n]
+    """
+
+    interval_s: float
+    period_s: float
+    reading_nm: FloatArray
+    standard_nm: FloatArray
+
+
+@dataclass(frozen=True)
+class Vibration:
+    """Vibration of the motor on the shaft while the flange is held.
+
+    Attributes
+    ----------
+    frequency_hz, damping_ratio : float
+    covariance : tuple of tuples of float
+        Of frequency and damping ratio.
+    steps : int
+        Steps that it follows from.
+    """
+
+    frequency_hz: float
+    damping_ratio: float
+    covariance: tuple[tuple[float, float], tuple[float, float]]
+    steps: int
+
+
+@dataclass(frozen=True)
+class Delay:
+    """By how much readings are later than the torque, s."""
+
+    delay_s: float
+    standard_uncertainty_s: float
+
+
+@dataclass(frozen=True)
+class MotorInertia:
+    """Moment of inertia of motor and shaft up to the transducer, from data sheets."""
+
+    inertia_kgm2: float
+    standard_uncertainty_kgm2: float
+
+
+def identify_vibration(steps: Steps) -> Vibration:
+    """Identify frequency and damping of the vibration that follows steps of torque.
+
+    Each step has its own size, drift, decay of the drive, vibration and ripple of the drive; the
+    frequencies, the damping and the drive's time constant are common to all steps.
+
+    Raises
+    ------
+    InputError
+        If the steps don't show a vibration, or not well enough.
+    """
+    from scipy.optimize import least_squares
+
+    rows = _after(steps)
+    count = rows.shape[1]
+    time = np.asarray(np.arange(count) * steps.interval_s, np.float64)
+    highest = _HIGHEST_SHARE / steps.interval_s
+
+    def left(logs: FloatArray, vibrating: bool = True) -> FloatArray:
+        basis = np.linalg.qr(_basis(np.asarray(np.exp(logs)), time, vibrating))[0]
+        return np.asarray(rows - (rows @ basis) @ basis.T)
+
+    def deviations(logs: FloatArray) -> FloatArray:
+        return left(logs).ravel()
+
+    drive_s = 6e-3
+    found = None
+    for ripple_hz in _ripples(rows, steps.interval_s):
+        starts = [
+            np.log([frequency, 0.06, drive_s, ripple_hz])
+            for frequency in np.geomspace(_LOWEST_HZ * 1.1, highest * 0.95, 60)
+        ]
+        starts.sort(key=lambda start: float(np.sum(np.square(deviations(start)))))
+        limits = (
+            np.log([_LOWEST_HZ, 2e-3, steps.interval_s, 0.93 * ripple_hz]),
+            np.log([highest, 0.8, 0.5 * time[-1], 1.07 * ripple_hz]),
+        )
+        for start in starts[:2]:
+            fitted = least_squares(deviations, start, bounds=limits, x_scale=[0.05, 0.5, 0.3, 0.02])
+            if found is None or fitted.cost < found.cost:
+                found = fitted
+    assert found is not None
+    frequency, damping, _, ripple_hz = np.exp(found.x)
+    residual = left(found.x)
+    freedom = residual.size - rows.shape[0] * 9 - 4
+    variance = float(np.sum(np.square(residual))) / freedom
+    without = float(np.sum(np.square(left(found.x, vibrating=False))))
+    gain = (without - variance * freedom) / (2.0 * rows.shape[0] * variance)
+    scale = np.array([frequency, damping])
+    covariance = _covariance(np.asarray(found.jac), residual, variance)[:2, :2] * np.outer(
+        scale, scale
+    )
+    covariance += np.diag(np.square(_ONE_MASS * scale))
+    u = np.sqrt(np.diag(covariance))
+    what: list[str] = []
+    if gain < _LEAST_GAIN:
+        what.append(f"no vibration stands out of the noise of {sqrt(variance):.3g} N·m")
+    else:
+        for name, value, each in zip(_LARGEST_RELATIVE, (frequency, damping), u, strict=True):
+            if not each <= _LARGEST_RELATIVE[name] * value:
+                what.append(f"{name} {value:.4g} with u = {each:.2g}")
+        if frequency > 0.98 * highest or frequency < 1.02 * _LOWEST_HZ:
+            what.append(f"frequency {frequency:.4g} Hz at the end of {_LOWEST_HZ:g}-{highest:.4g}")
+    if what:
+        raise InputError(
+            f"these steps don't identify the shaft's vibration: {'; '.join(what)}",
+            "frequency to 5 %, damping to 30 %",
+            _REMEDY,
+        )
+    first, second = covariance.tolist()
+    return Vibration(float(frequency), float(damping), (tuple(first), tuple(second)), len(rows))
+
+
+def _basis(parameters: FloatArray, time: FloatArray, vibrating: bool) -> FloatArray:
+    frequency, damping, drive_s, ripple_hz = parameters
+    natural, ripple = 2.0 * pi * frequency, 2.0 * pi * ripple_hz * time
+    columns = [np.ones(time.size), time - np.mean(time), np.exp(-time / drive_s)]
+    columns += [wave(k * ripple) for k in (1, 2) for wave in (np.cos, np.sin)]
+    if vibrating:
+        swing = natural * sqrt(1.0 - damping**2) * time
+        decay = np.exp(-damping * natural * time)
+        columns += [decay * np.cos(swing), decay * np.sin(swing)]
+    return np.column_stack(columns)
+
+
+def _ripples(rows: FloatArray, interval_s: float) -> list[float]:
+    """Return frequencies that the drive's ripple may have: what remains long after the steps."""
+    tail = rows[:, rows.shape[1] // 2 :]
+    tail = tail - tail.mean(axis=1, keepdims=True)
+    size = 16 * tail.shape[1]
+    power = np.sum(np.square(np.abs(np.fft.rfft(tail, size, axis=1))), axis=0)
+    frequency = np.fft.rfftfreq(size, interval_s)
+    low, high = _RIPPLE_HZ
+    most = float(frequency[np.argmax(np.where((frequency > low) & (frequency < high), power, 0.0))])
+    return [most, max(0.5 * most, low)]
+
+
+def _after(steps: Steps) -> FloatArray:
+    """Return the rows from a moment after the steepest sample of each step."""
+    readings = np.asarray(steps.reading_nm, np.float64)
+    if readings.ndim != 2 or readings.shape[0] < _FEWEST_STEPS:
+        raise InputError(
+            f"{readings.shape[0] if readings.ndim == 2 else 0} steps of torque",
+            f"{_FEWEST_STEPS} at least",
+            _REMEDY,
+        )
+    if not np.isfinite(readings).all():
+        raise InputError("steps with gaps", "finite readings", "leave those steps out")
+    early = readings[:, : readings.shape[1] // 2]
+    begins = np.argmax(np.abs(np.diff(early, axis=1)), axis=1) + 1
+    begins += max(1, round(_AFTER_STEP_S / steps.interval_s))
+    length = readings.shape[1] - int(np.max(begins))
+    if length < _FEWEST_SAMPLES:
+        raise InputError(
+            f"{max(length, 0)} readings after each step",
+            f"{_FEWEST_SAMPLES} at least",
+            "hold the torque longer after each step, or count shorter windows",
+        )
+    return np.array([row[begin : begin + length] for row, begin in zip(readings, begins,
+                                                                      strict=True)])  # fmt: skip
+
+
+def _covariance(jacobian: FloatArray, residual: FloatArray, variance: float) -> FloatArray:
+    """Return the covariance; deviations within a step may be correlated."""
+    inverse = np.linalg.pinv(jacobian.T @ jacobian)
+    plain = variance * inverse
+    steps, count = residual.shape
+    scores = np.einsum("sjp,sj->sp", jacobian.reshape(steps, count, -1), residual)
+    robust = inverse @ (scores.T @ scores) @ inverse
+    larger = np.sqrt(np.maximum(np.diag(robust) / np.maximum(np.diag(plain), 1e-300), 1.0))
+    return np.asarray(plain * np.outer(larger, larger))
+
+
+def identify_delay(steps: Steps, sines: Sequence[Sine] = ()) -> Delay:
+    """Identify by how much readings are later than the reference's, which may be below 0.
+
+    In a step, a late reading deviates by its delay times the torque's rate. Between sines of
+    different periods and one size, the phase differs by the delay; hysteresis is the same in both.
+    """
+    estimates = [_delay_by_steps(steps), *_delay_by_sines(sines)]
+    weights = np.array([1.0 / each.standard_uncertainty_s**2 for each in estimates])
+    values = np.array([each.delay_s for each in estimates])
+    mean = float(weights @ values / weights.sum())
+    spread = float(weights @ np.square(values - mean)) / max(values.size - 1, 1)
+    return Delay(mean, sqrt(max(spread, 1.0) / float(weights.sum())))
+
+
+def _delay_by_steps(steps: Steps) -> Delay:
+    reading, standard = steps.reading_nm, steps.standard_nm
+    rate = np.gradient(standard, steps.interval_s, axis=1)
+    reach = max(2, round(_STEEP_S / steps.interval_s))
+    moved, rates = [], []
+    for row, known, slope in zip(reading, standard, rate, strict=True):
+        middle = int(np.argmax(np.abs(slope[: slope.size // 2])))
+        part = slice(max(middle - reach, 0), middle + reach + 1)
+        basis = np.column_stack([np.ones(slope[part].size), known[part], slope[part]])
+        span, _ = np.linalg.qr(basis[:, :2])
+        rates.append(basis[:, 2] - span @ (span.T @ basis[:, 2]))
+        moved.append(row[part] - span @ (span.T @ row[part]))
+    x, y = np.concatenate(rates), np.concatenate(moved)
+    power = float(x @ x)
+    if not power > 0.0:
+        raise InputError("steps in which the reference doesn't change", "steps of torque", _REMEDY)
+    slope = float(x @ y) / power
+    left = y - slope * x
+    scores = [float(a @ (b - slope * a)) for a, b in zip(rates, moved, strict=True)]
+    u = sqrt(max(float(np.sum(np.square(scores))), float(left @ left) / left.size * power)) / power
+    return Delay(-slope, u)
+
+
+def _delay_by_sines(sines: Sequence[Sine]) -> list[Delay]:
+    if len({each.period_s for each in sines}) < 2:
+        return []
+    rate, phase, u = np.array([_phase(each) for each in sines]).T
+    weight = 1.0 / np.square(u)
+    middle = float(weight @ rate / weight.sum())
+    power = float(weight @ np.square(rate - middle))
+    slope = float(weight @ ((rate - middle) * phase)) / power
+    return [Delay(-slope, 1.0 / sqrt(power))]
+
+
+def _phase(sine: Sine) -> tuple[float, float, float]:
+    """Return angular frequency, phase of the reading after the reference, and its u."""
+    count = sine.reading_nm.size
+    time = (np.arange(count) - 0.5 * count) * sine.interval_s
+    rate = 2.0 * pi / sine.period_s
+    columns = [np.ones(count), time]
+    columns += [
+        wave(k * rate * time) for k in range(1, _HARMONICS + 1) for wave in (np.cos, np.sin)
+    ]
+    basis = np.column_stack(columns)
+    both = np.column_stack([sine.reading_nm, sine.standard_nm])
+    weights, *_ = np.linalg.lstsq(basis, both, rcond=None)
+    left = both - basis @ weights
+    turned = weights[2] - 1j * weights[3]
+    size = np.abs(turned)
+    shared = max(1.0, 0.01 / sine.interval_s)  # deviations are correlated over 10 ms
+    u = np.sqrt(2.0 * shared * np.mean(np.square(left), axis=0) / count) / size
+    return rate, float(np.angle(turned[0] / turned[1])), float(np.hypot(*u))
+
+
+def shaft_on_bench(
+    vibration: Vibration,
+    motor: MotorInertia,
+    flange: Inertia,
+    delay: Delay,
+    window_s: float = 0.0,
+) -> tuple[TransferFunction, Shaft]:
+    """Return transfer function and shaft of a chain by its vibration with a held flange.
+
+    The motor's inertia vibrates on the shaft while the flange is held: k = J_m(2πf)². The flange's
+    inertia on the same shaft makes the transfer function's resonance. The delay is divided into a
+    lag of first order, up to half of it, and a pure delay.
+
+    Raises
+    ------
+    InputError
+        If the result isn't known well enough.
+    """
+    natural = 2.0 * pi * vibration.frequency_hz
+    relative = np.asarray(vibration.covariance) / np.outer(
+        *2 * [np.array([vibration.frequency_hz, vibration.damping_ratio])]
+    )
+    by_motor = motor.standard_uncertainty_kgm2 / motor.inertia_kgm2
+    by_flange = flange.standard_uncertainty_kgm2 / flange.inertia_kgm2
+    stiffness = motor.inertia_kgm2 * natural**2
+    damping = 2.0 * vibration.damping_ratio * motor.inertia_kgm2 * natural
+    shaft = Shaft(
+        stiffness,
+        stiffness * sqrt(4.0 * relative[0, 0] + by_motor**2),
+        damping,
+        damping * sqrt(max(relative.sum(), 0.0) + by_motor**2),
+    )
+    ratio = sqrt(motor.inertia_kgm2 / flange.inertia_kgm2)
+    total = max(delay.delay_s, 0.0)
+    lag, lag_u = total / 4.0, total / 4.0 / sqrt(3.0)
+    values = np.array([ratio * vibration.frequency_hz, ratio * vibration.damping_ratio])
+    covariance = np.zeros((4, 4))
+    covariance[:2, :2] = (relative + 0.25 * (by_motor**2 + by_flange**2)) * np.outer(values, values)
+    covariance[2, 2] = lag_u**2
+    covariance[3, 3] = lag_u**2 + delay.standard_uncertainty_s**2
+    covariance[2, 3] = covariance[3, 2] = -(lag_u**2)
+    transfer = TransferFunction(
+        float(values[0]),
+        float(values[1]),
+        lag,
+        total - lag,
+        window_s,
+        tuple(map(tuple, covariance.tolist())),
+    )
+    u = transfer.standard_uncertainty("resonance_hz")
+    if u > _LARGEST_RELATIVE["frequency"] * transfer.resonance_hz:
+        raise InputError(
+            f"resonance {transfer.resonance_hz:.4g} Hz with u = {u:.3g} Hz, of which "
+            f"{50.0 * by_motor:.2g} % by the motor's inertia and {50.0 * by_flange:.2g} % by the "
+            "flange's",
+            "5 %",
+            "state the motor's inertia more exactly, or record an empty run with more ramps and "
+            "compensate it with the chain's model",
+        )
+    return transfer, shaft

@@ -1,0 +1,237 @@
+"""Steps and sines of torque against the calibrator at rest, in short windows."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from math import pi
+from typing import ClassVar
+
+import bluesky.preprocessors as bpp
+import numpy as np
+from bluesky.utils import Msg
+from numpy.typing import NDArray
+
+from torquebench.bench.devices import BenchDevices
+from torquebench.bench.devices.ramp import RampTo
+from torquebench.bench.devices.recorder import FastRecording
+from torquebench.bench.interlocks import standard_serial
+from torquebench.bench.roles import Side
+from torquebench.errors import LimitError
+from torquebench.procedures.guarding import guarded, loading_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep
+from torquebench.procedures.reducers.setup import stamp
+from torquebench.procedures.setup import (
+    REST_S,
+    Plan,
+    Setup,
+    power_on,
+    set_up,
+    unloaded_after,
+)
+from torquebench.procedures.turning.empty import run_metadata
+from torquebench.procedures.turning.profile import TorqueLeg, TurningProfile
+from torquebench.procedures.zeroing import zero
+
+__all__ = ["StepTable", "check_drive", "step_torques"]
+
+FloatArray = NDArray[np.float64]
+
+_PRELOADED_S = 1.0
+_LONGEST_STEP_S = 0.05
+"""Half a period of the lowest vibration that is looked for."""
+_Stretch = tuple[FastRecording, float]
+
+
+@dataclass
+class StepTable:
+    """Rows of a dynamics run, one a window.
+
+    Parameters
+    ----------
+    series_done : int
+        Series that are complete.
+    shift_s : float
+        Added to the bench time, so that rows of a resumed run follow the earlier ones.
+    """
+
+    COLUMNS: ClassVar = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
+    series_done: int = 0
+    shift_s: float = 0.0
+    _pieces: list[FloatArray] = field(default_factory=list)
+    _complete: int = 0
+
+    def add(self, found: FastRecording, period_s: float) -> None:
+        """Add a stretch: a step, or a sine with its period."""
+        count = found.time_s.size
+        number = 1.0 + (self._pieces[-1][-1, 3] if self._pieces else 0.0)
+        rows = [found.time_s + self.shift_s, found.reading_nm, found.standard_nm]
+        self._pieces.append(np.column_stack([*rows, np.full(count, number),
+                                             np.full(count, period_s)]))  # fmt: skip
+
+    def end_series(self) -> None:
+        """Count the series as complete."""
+        self.series_done += 1
+        self._complete = len(self._pieces)
+
+    def drop_incomplete(self) -> None:
+        """Drop rows of a series that isn't complete."""
+        del self._pieces[self._complete :]
+
+    def begin_with(self, rows: FloatArray, series_done: int) -> None:
+        """Take over the rows of an interrupted run."""
+        self._pieces, self._complete, self.series_done = [rows], 1, series_done
+
+    @property
+    def rows(self) -> FloatArray:
+        """Columns `COLUMNS`."""
+        return np.concatenate([np.empty((0, 5)), *self._pieces])
+
+
+def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> None:
+    """Refuse steps and sines that the drive can't follow.
+
+    Raises
+    ------
+    LimitError
+        Naming the largest step or the shortest period.
+    """
+    module = devices.context.description.module(side)
+    full, rate = module.range_nm, module.drive.torque_rate_nm_per_s
+    assert profile.steps is not None
+    step = max(profile.steps.shares) * full
+    if step > _LONGEST_STEP_S * rate:
+        raise LimitError(
+            f"a step of {step:g} N·m, which takes the drive {1e3 * step / rate:.3g} ms "
+            f"at {rate:g} N·m/s",
+            f"at most {1e3 * _LONGEST_STEP_S:g} ms (steps up to {_LONGEST_STEP_S * rate:.3g} N·m): "
+            "slower ones don't make a shaft vibrate",
+            "use smaller steps",
+        )
+    if profile.sines is None:
+        return
+    size = profile.sines.share * full
+    shortest_s = 2.0 * pi * size / rate
+    if min(profile.sines.periods_s) < shortest_s:
+        raise LimitError(
+            f"a sine of {size:g} N·m with a period of {min(profile.sines.periods_s):g} s",
+            f"{shortest_s:.3g} s or more: the drive changes the torque by {rate:g} N·m/s",
+            "use a smaller sine or longer periods",
+        )
+
+
+def step_torques(
+    devices: BenchDevices,
+    side: Side,
+    profile: TurningProfile,
+    table: StepTable,
+    *,
+    on_series: Callable[[StepTable], None] | None = None,
+) -> Plan[StepTable]:
+    """Load a module at rest with steps and sines of torque against the calibrator.
+
+    The drive makes the steps as fast as it can. A leg that a pause interrupts is made again.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    side : {"input", "output"}
+    profile : TurningProfile
+        Of kind "dynamics".
+    table : StepTable
+        Gets the rows; complete series that are in it already aren't measured again.
+    on_series : callable, optional
+        Called with the table after every complete series.
+
+    Raises
+    ------
+    LimitError
+        Before anything moves, where a torque or its rate exceeds the bench.
+    """
+    module = devices.context.description.module(side)
+    legs, series = profile.torque_legs(module.range_nm), profile.series()
+    largest = profile.largest_share * module.range_nm
+    if largest > module.limits.torque_nm:
+        raise LimitError(f"{largest:g} N·m at the {side}", f"at most {module.limits.torque_nm:g}")
+    check_drive(devices, side, profile)
+    total = series * len(legs)
+    metadata = {**run_metadata(devices, side, profile, total), "plan_name": "step_torques"}
+    runner = _Stepper(devices, side, table, total)
+
+    def measured() -> Plan[None]:
+        for number in range(table.series_done, series):
+            yield from checkpoint()
+            yield from zero(devices, side, duration_s=profile.zero_s, standard=True)
+            table.drop_incomplete()
+            runner.seen = devices.interruptions
+            for place, leg in enumerate(legs):
+                yield from runner.load(number, number * len(legs) + place, leg)
+            table.end_series()
+            if on_series is not None:
+                on_series(table)
+        yield from progress(total, total, "done")
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, Setup("calibration", side, "calibrator", "locked"))
+        metadata["standard_serial"] = standard_serial(devices.context.state)
+        yield from bpp.run_wrapper(measured(), md=metadata)
+
+    limits = loading_limits(devices, side, largest)
+    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    return table
+
+
+@dataclass
+class _Stepper:
+    """Makes the legs of a dynamics run."""
+
+    devices: BenchDevices
+    side: Side
+    table: StepTable
+    total: int
+    seen: int = 0
+
+    def load(self, series: int, done: int, leg: TorqueLeg) -> Plan[None]:
+        """Make one leg, again after a pause."""
+        while True:
+            yield from progress(done, self.total, leg.what)
+            yield from checkpoint()
+            self.seen = self.devices.interruptions
+            yield from power_on(self.devices, self.side)
+            kept = yield from self._leg(series, done, leg)
+            if kept is not None:
+                break
+        for stretch in kept:
+            self.table.add(*stretch)
+
+    def _leg(self, series: int, done: int, leg: TorqueLeg) -> Plan[list[_Stretch] | None]:
+        drive, recorder = self.devices.module(self.side).drive, self.devices.recorder
+        kept: list[_Stretch] = []
+        yield from stamp(self.devices, series=series + 1, step=done, branch=1)
+        yield from move(drive.torque, leg.preload_nm)
+        yield from move(recorder, self.side)
+        yield from sleep(_PRELOADED_S)
+        yield from move(recorder, self.side)  # short windows are counted by now
+        for torque_nm, rate in leg.ramps:
+            yield from move(drive.torque_ramp, RampTo(torque_nm, rate))
+            if leg.hold_s:
+                yield from sleep(leg.hold_s)
+                yield from self._take(kept, leg)
+            yield from checkpoint()
+            if self.devices.interruptions != self.seen:
+                return None
+        if not leg.hold_s:
+            yield from sleep(REST_S)
+            yield from self._take(kept, leg)
+        return kept
+
+    def _take(self, kept: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
+        recorder = self.devices.recorder
+        yield Msg("trigger", recorder, group="torquebench-recorder")
+        yield Msg("wait", None, group="torquebench-recorder")
+        yield Msg("create", None, name="points")
+        yield Msg("read", recorder)
+        yield Msg("read", self.devices.point)
+        yield Msg("save")
+        if recorder.fast is not None:  # a rehearsal records nothing
+            kept.append((recorder.fast, leg.period_s))
