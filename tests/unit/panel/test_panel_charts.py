@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from torquebench.panel.components.charts import error_bars, limit_lines
+from torquebench.panel.components.charts import Line, _legend, error_bars, limit_lines
 
 
 def test_each_value_has_a_bar_of_its_own() -> None:
@@ -19,3 +19,10 @@ def test_two_limits_are_one_entry_of_the_legend() -> None:
     assert limits.title == "Tolerance"
     assert limits.dashed
     assert limits.y == pytest.approx([-2.0, -2.0, math.nan, 2.0, 2.0], nan_ok=True)
+
+
+def test_a_legend_wraps_on_a_phone_until_it_has_to_scroll() -> None:
+    lines = [Line(name, [], [], "--ink") for name in ("raw", "model", "model", "other", "fourth")]
+    found = [_legend(lines[:count]) for count in (1, 4, 5)]
+    assert [each["show"] for each in found] == [False, True, True]
+    assert [each["type"] for each in found] == ["plain", "plain", "scroll"]

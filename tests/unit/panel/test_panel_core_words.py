@@ -213,3 +213,8 @@ def test_every_known_sentence_is_still_said_somewhere() -> None:
         and any(part.strip() not in said for part in HOLE.split(english)[::2] if WORDY.search(part))
     ]
     assert stale == []
+
+
+def test_key_points_of_a_loop_are_named_in_chinese() -> None:
+    for end in ("lower", "upper"):
+        assert not WORDY.search(translated(f"stiffness, {end} end", "zh"))

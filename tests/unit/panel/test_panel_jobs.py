@@ -90,6 +90,15 @@ def test_zero_check_and_stop_in_one_sitting(service: BenchService) -> None:
     assert {"acknowledged an alarm", "stopped the bench", "started a job"} <= set(said)
 
 
+def test_the_bench_is_opened_again_for_changed_settings_only(service: BenchService) -> None:
+    assert not service.reopen_needed
+    limit = {"output": {"limits": {"torque_nm": 2100.0}}}
+    change = service.settings.change(CHIEF, "bench", "bench", limit)
+    assert service.reopen_needed
+    service.settings.undo(CHIEF, change.number)
+    assert not service.reopen_needed
+
+
 def test_wrong_requests_start_nothing(service: BenchService) -> None:
     for kind, request in (
         ("calibrate", {}),

@@ -150,6 +150,16 @@ def _number(value: float) -> float | None:
     return number if number == number else None
 
 
+WRAPPED = 3
+"""Most names of a legend that find room in two rows on a phone."""
+
+
+def _legend(lines: Sequence[Line]) -> dict[str, Any]:
+    """Return what the lines want of a legend: none for a single line, which the axis names."""
+    names = {line.title for line in lines}
+    return {"show": len(lines) != 1, "type": "plain" if len(names) <= WRAPPED else "scroll"}
+
+
 class Chart:
     """A chart with two axes, and a description in words beside it.
 
@@ -190,8 +200,7 @@ class Chart:
             "legend": {
                 "top": 0,
                 "left": 0,
-                "type": "scroll",
-                "show": len(lines) != 1,  # the axis says what a single line is
+                **_legend(lines),
                 "itemWidth": 18,
                 "itemHeight": 10,
                 "textStyle": {"fontSize": 14, ":color": _colour("--ink")},
@@ -224,5 +233,5 @@ class Chart:
     def show(self, lines: Sequence[Line]) -> None:
         """Show other lines."""
         self.element.options["series"] = self._lines(lines)
-        self.element.options["legend"]["show"] = len(lines) != 1
+        self.element.options["legend"] |= _legend(lines)
         self.element.update()

@@ -48,7 +48,9 @@ class EffectsTable:
 
     def _number(self, value: float | None, *, sign: bool = False) -> str:
         decimals = DECIMALS[self._side]
-        return "–" if value is None else f"{value:{'+' if sign else ''}.{decimals}f}"
+        if value is None:
+            return "–"
+        return f"{value:{'+' if sign else ''}.{decimals}f}".replace("-", "−")
 
     def _build(self, states: Sequence[EffectState], *, may: bool) -> None:
         text, label = self._text, self._text(f"live.effects_{self._side}")

@@ -192,9 +192,11 @@ class BenchService:
     def _open_station(self) -> Station:
         description = self.settings.bench()
         operator = None if description.simulated else QueuedOperator(self._prompts)
-        return Station.open(
+        station = Station.open(
             _live_paced(description), self._data_dir, real_time=not self._fast, operator=operator
         )
+        self._opened = description
+        return station
 
     def _watch(self) -> None:
         """Watch the station that is open now."""
@@ -218,7 +220,7 @@ class BenchService:
     def reopen_needed(self) -> bool:
         """Whether settings of the bench were changed that count only once it is opened again."""
         try:
-            return _live_paced(self.settings.bench()) != self.station.description
+            return self.settings.bench() != self._opened
         except InputError:
             return True
 

@@ -31,6 +31,15 @@ from torquebench.panel.text import Text
 __all__ = ["drift_lines", "records_page"]
 
 ROWS = 25
+KINDS = {
+    "calibrate": "calibrat",
+    "verify": "verify",
+    "check": "check",
+    "zero": "zero",
+    "test": "test",
+    "record": "record",
+}
+"""What the kinds of a run's identifier begin with; an external table is a calibration, too."""
 TABS = ("runs", "calibrations", "drift", "certificates")
 
 
@@ -44,8 +53,7 @@ class _Runs:
     def build(self) -> None:
         text = self._text
         kinds = {"": text("records.any")} | {
-            kind: text(f"records.kind_{kind}")
-            for kind in ("calibrate", "verify", "check", "zero", "test")
+            beginning: text(f"records.kind_{kind}") for kind, beginning in KINDS.items()
         }
         states = {"": text("records.any")} | {
             state: text(f"records.status_{state}")

@@ -95,7 +95,7 @@ def _beside(point: Mapping[str, Any]) -> str:
 
 def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
     """Draw a torque-angle loop, and around zero once more, with key points; list them."""
-    points = loop["points"]
+    points = [each | {"said": text.core(each["label"])} for each in loop["points"]]
     near_nm = NEAR * max((abs(torque) for torque in loop["torque_nm"]), default=0.0)
     with box("div", "columns"):
         for title, near in (("reducer.loop_label", False), ("reducer.loop_near", True)):
@@ -120,7 +120,7 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
                         [each["angle_arcmin"] for each in mine],
                         "--ink",
                         points=True,
-                        labels=[each["label"] for each in mine],
+                        labels=[each["said"] for each in mine],
                         beside=side,
                     )
                 )
@@ -130,7 +130,7 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
     columns = [(text("reducer.key_point"), False), (text("reducer.loop_torque"), True),
                (text("reducer.loop_angle"), True)]  # fmt: skip
     rows = [
-        (point["label"], number(point["torque_nm"]), number(point["angle_arcmin"]))
+        (point["said"], number(point["torque_nm"]), number(point["angle_arcmin"]))
         for point in points
     ]
     table(text("reducer.key_points"), columns, rows)

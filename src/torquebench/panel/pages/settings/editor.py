@@ -20,6 +20,7 @@ from torquebench.panel.text import Text
 
 __all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
 
+LARGEST_WHOLE = 1e15
 OPEN_GROUPS = ("input.limits", "output.limits")
 
 
@@ -28,12 +29,20 @@ def shown(value: Any) -> str:
 
     Examples
     --------
-    >>> shown(None), shown("a"), shown(2.5), shown(True), shown([1, 2])
-    ('', 'a', '2.5', 'true', '[1, 2]')
+    >>> shown(None), shown("a"), shown(2.5), shown(2400.0), shown(True), shown([10.0, 25.5])
+    ('', 'a', '2.5', '2400', 'true', '[10, 25.5]')
     """
     if value is None:
         return ""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+    return value if isinstance(value, str) else json.dumps(_plain(value), ensure_ascii=False)
+
+
+def _plain(value: Any) -> Any:
+    """Return whole numbers without a decimal point, in lists too."""
+    if isinstance(value, list | tuple):
+        return [_plain(each) for each in value]
+    whole = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_WHOLE
+    return int(value) if whole else value
 
 
 def parsed(text: str, before: Any) -> Any:
