@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from datetime import datetime
 from functools import partial
@@ -16,10 +15,15 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
 from torquebench.panel.pages.calibrate.resume import resume_button, take_up
+from torquebench.panel.pages.records.column_titles import (
+    column_title,
+    column_unit_shown,
+    column_with_unit,
+    stream_title,
+)
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
-from torquebench.records.column_words import column_unit
 from torquebench.records.stream_export import STREAM_FORMATS, StreamFormat, stream_ending
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]
@@ -27,7 +31,6 @@ __all__ = ["RunPanel", "doubt_notes", "run_title"]
 SHOWN_ROWS = 12
 POINTS = 1000
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
-UNIT = re.compile("_(nm_per_s|rad_s|nm|hz|rpm|deg|c|s)$")
 
 
 def run_title(text: Text, kind: str) -> str:
@@ -131,7 +134,7 @@ class RunPanel:
         chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the side that was run
         if not chosen:
             return
-        options = {name: name for name in columns}
+        options = {name: column_with_unit(self._text, name, samples=True) for name in columns}
         Field(
             self._text("run.column"), chosen[0], options=options, on_change=lambda name: draw(name)
         )
@@ -142,10 +145,10 @@ class RunPanel:
             rows = records.run_trend(self._run_id, [name], POINTS)
             with place:
                 Chart(
-                    self._text("run.samples_label", name=name),
+                    self._text("run.samples_label", name=options[name]),
                     self._text("preview.time"),
-                    with_unit(name),
-                    _extremes(name, rows.time_s.tolist(), rows.low[0].tolist(),
+                    options[name],
+                    _extremes(options[name], rows.time_s.tolist(), rows.low[0].tolist(),
                               rows.high[0].tolist()),
                 )  # fmt: skip
 
@@ -160,7 +163,8 @@ class RunPanel:
         }
         if not numbers:
             return
-        words("h3", text("run.stream", name=part.stream, count=len(next(iter(numbers.values())))))
+        title = stream_title(text, part.stream)
+        words("h3", text("run.stream", name=title, count=len(next(iter(numbers.values())))))
         if "reading_nm" in numbers and "standard_nm" in numbers:
             numbers["error_nm"] = [
                 reading - standard
@@ -173,10 +177,10 @@ class RunPanel:
             self._plot(numbers, first)
         names = list(numbers)
         rows = [
-            tuple(f"{numbers[name][row]:.6g}" for name in names)
+            tuple(f"{numbers[name][row]:.6g}".replace("-", "−") for name in names)
             for row in range(min(SHOWN_ROWS, len(numbers[names[0]])))
         ]
-        table(part.stream, [(name, True) for name in names], rows)
+        table(title, [(column_with_unit(text, name), True) for name in names], rows)
         if (count := len(numbers[names[0]])) > SHOWN_ROWS:
             words("p", text("run.more", shown=SHOWN_ROWS, all=count), "muted small")
 
@@ -197,7 +201,7 @@ class RunPanel:
                 Field(
                     text(f"run.{axis}"),
                     state[axis],
-                    options={name: name for name in names},
+                    options={name: column_with_unit(text, name) for name in names},
                     on_change=partial(choose, axis),
                 )
         place = box("div")
@@ -207,10 +211,10 @@ class RunPanel:
             place.clear()
             with place:
                 Chart(
-                    text("run.points_label", x=x, y=y),
-                    with_unit(x),
-                    with_unit(y),
-                    [Line(y, numbers[x], numbers[y], COLOURS[1], points=True)],
+                    text("run.points_label", x=column_title(text, x), y=column_title(text, y)),
+                    column_with_unit(text, x),
+                    column_with_unit(text, y),
+                    [Line(column_title(text, y), numbers[x], numbers[y], COLOURS[1], points=True)],
                 )
 
         draw()
@@ -247,24 +251,12 @@ class RunPanel:
             return archive.read()
 
 
-def with_unit(column: str) -> str:
-    """Return a column's name with its unit as it is written.
-
-    Examples
-    --------
-    >>> with_unit("input_torque_hz"), with_unit("speed_rad_s"), with_unit("branch")
-    ('input_torque, Hz', 'speed, rad/s', 'branch')
-    """
-    name, unit = UNIT.sub("", column), column_unit(column)[0]
-    return f"{name}, {unit}" if name != column and unit else column
-
-
 def _worth_seeing(numbers: Mapping[str, Sequence[Any]]) -> str:
     """Return the column to draw first: a measured one that varies; empty if there is none."""
     varying = [
         name
         for name, values in numbers.items()
-        if len(set(values)) > 1 and not with_unit(name).endswith((name, ", s"))
+        if len(set(values)) > 1 and column_unit_shown(name) not in ("", "s")
     ]
     return next((name for name in (*Y_FIRST, *varying) if name in varying), "")
 
