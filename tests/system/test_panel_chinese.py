@@ -14,12 +14,10 @@ from tests.system.panel_browser import SLOW, Visitor, browser, running_panel
 
 from torquebench.bench.description import DEFAULT_BENCH
 from torquebench.panel.text import Text
-from torquebench.reducers import available_reducers, load_reducer
 
 pytestmark = SLOW
 CHINESE = Text("zh")
 TABLE = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
-REDUCERS = [load_reducer(name).name for name in available_reducers()]
 
 
 @pytest.fixture(scope="module")
@@ -39,7 +37,7 @@ def all_chinese(ana: Visitor, *keys: str) -> None:
     """Wait for some texts of a page; then nothing on it may be English."""
     for key in keys:
         ana.sees(CHINESE(key))
-    assert ana.english(*REDUCERS) == []
+    assert ana.english() == []
 
 
 def confirm(ana: Visitor) -> None:

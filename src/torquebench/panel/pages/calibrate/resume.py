@@ -11,6 +11,7 @@ from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, moment, note, words
 from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.records.table_import import all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView
 
@@ -106,7 +107,8 @@ def _ask(visitor: Visitor, found: InterruptedView) -> None:
             ui.navigate.to("/calibrate")
 
     with ui.context.client.content, sheet(text("resume.button")) as dialog:
-        words("p", text.core(found.profile), "muted")
+        profiles = all_profile_titles(visitor)
+        words("p", profiles.get(found.profile, text.core(found.profile)), "muted")
         words("p", text("resume.explained", kept=found.kept, total=found.total))
         clear = clear_choice(visitor)
         with box("div", "line end"):

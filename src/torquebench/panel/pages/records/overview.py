@@ -24,7 +24,7 @@ from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
-from torquebench.panel.pages.records.table_import import TableEntry
+from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
 
@@ -178,12 +178,13 @@ class _Calibrations:
                 return
             words("p", text("records.compare_explained"), "muted")
             doubt_notes(text, (doubt for each in found for doubt in each.doubts))
+            profiles = all_profile_titles(self._visitor)
             rows = [
                 (
                     str(each.calibration_id),
                     each.performed,
                     each.transducer_serial,
-                    each.profile,
+                    profiles.get(each.profile, each.profile),
                     str(each.points),
                     "—" if each.due is None else each.due.isoformat(),
                     text(

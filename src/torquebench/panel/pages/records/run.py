@@ -21,6 +21,7 @@ from torquebench.panel.pages.records.column_titles import (
     column_with_unit,
     stream_title,
 )
+from torquebench.panel.pages.records.table_import import all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
@@ -106,12 +107,13 @@ class RunPanel:
 
     def _facts(self, detail: RunDetail) -> list[tuple[str, str | datetime]]:
         text, run = self._text, detail.run
+        profiles = all_profile_titles(self._visitor)
         facts: list[tuple[str, str | datetime]] = [
             (text("records.kind"), run_title(text, run.kind)),
             (text("records.started"), run.started),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
-            (text("records.profile"), run.profile or "—"),
+            (text("records.profile"), profiles.get(run.profile, text.core(run.profile)) or "—"),
             (text("run.bench"), text.core(run.bench) or "—"),
             (text("run.version"), run.software_version),
         ]

@@ -22,7 +22,7 @@ from torquebench.panel.service.records.table_import import LONGEST_TABLE
 from torquebench.records.table_formats import ENDINGS
 from torquebench.reports.certificate.labels import labels_of
 
-__all__ = ["TableEntry", "profile_titles"]
+__all__ = ["TableEntry", "all_profile_titles", "profile_titles"]
 
 READ_FILE = (
     "async (event) => { const file = event.target.files[0]; if (!file) return;"
@@ -42,16 +42,24 @@ OPTIONAL = (
 )  # fmt: skip
 
 
+def all_profile_titles(visitor: Visitor) -> dict[str, str]:
+    """Return the title of each profile by name."""
+    return {
+        item.name: visitor.text.core(str(item.document.get("title") or item.name))
+        for item in visitor.service.settings.items("profiles")
+    }
+
+
 def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]:
     """Return the profiles of steps by name, those of the laboratory among them."""
-    found = {}
+    titles, found = all_profile_titles(visitor), {}
     for item in visitor.service.settings.items("profiles"):
         document = item.document
         loading = document.get("loading") or {}
         if loading.get("pattern") == "random" or item.name == "check":
             continue
         if adaptive or not document.get("adaptive"):
-            found[item.name] = visitor.text.core(str(document.get("title") or item.name))
+            found[item.name] = titles[item.name]
     return found
 
 

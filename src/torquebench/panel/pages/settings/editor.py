@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
@@ -21,6 +22,7 @@ from torquebench.panel.text import Text
 __all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
 
 LARGEST_WHOLE = 1e15
+MINUS = re.compile(r"(?<![\w-])-(?=\d)")
 OPEN_GROUPS = ("input.limits", "output.limits")
 
 
@@ -187,7 +189,8 @@ class SettingEditor:
         settings = self._visitor.service.settings
         if isinstance(self._before[key], list):
             return self._text("settings.list_hint")
-        return self._text.core(settings.allowed(self._item.section, key, unit_of(key)))
+        said = self._text.core(settings.allowed(self._item.section, key, unit_of(key)))
+        return MINUS.sub("−", said)
 
     def _options(self, key: str) -> dict[str, str] | None:
         """Return the values to choose from with their words; None where a value is free."""

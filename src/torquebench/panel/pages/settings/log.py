@@ -2,13 +2,66 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from torquebench.campaign.fitting import model_title
+from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.compensation import MODELS
 from torquebench.panel.components.controls import button, set_disabled
 from torquebench.panel.components.elements import box, panel, table
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import Text
 
-__all__ = ["LogView"]
+__all__ = ["LogView", "details_said"]
 
 AT_ONCE = 50
+WORDED = {
+    "state": "job.state_",
+    "kind": "job.",
+    "role": "role.",
+    "side": "side.",
+    "sides": "side.",
+    "signal": "signal.",
+}
+"""Where the words for a detail's values are."""
+
+
+def details_said(text: Text, details: Mapping[str, Any]) -> str:
+    """Return an event's details in words, without what nobody filled in.
+
+    Examples
+    --------
+    >>> request = {"side": "output", "repeats": None, "models": ["hybrid"], "mounting": {"by": ""}}
+    >>> details_said(Text("en"), {"kind": "calibrate", "request": request, "accepted": True})
+    'kind: Calibration; module: Output; models: physics + Gaussian process; accepted: yes'
+    """
+    return "; ".join(
+        f"{text.maybe(f'log_detail.{key}', key.replace('_', ' '))}: {_said(text, key, value)}"
+        for key, value in _filled_in(details)
+    )
+
+
+def _filled_in(details: Mapping[str, Any], *, nested: bool = False) -> Iterator[tuple[str, Any]]:
+    for key, value in details.items():
+        if isinstance(value, Mapping):
+            yield from _filled_in(value, nested=True)
+        elif not (value is None or value in ("", []) or (nested and value is False)):
+            yield key, value
+
+
+def _said(text: Text, key: str, value: Any) -> str:
+    if isinstance(value, bool):
+        return text("log_detail.yes" if value else "log_detail.no")
+    if isinstance(value, list):
+        return ", ".join(_said(text, key, each) for each in value)
+    if isinstance(value, int | float):
+        return f"{value:g}" if isinstance(value, float) else str(value)
+    if key in ("model", "models") and value in MODELS:
+        return text.core(model_title(value))
+    if key == "test" and value in TESTS:
+        return text.core(TESTS[value].title)
+    return text.maybe(f"{WORDED[key]}{value}", value) if key in WORDED else text.core(str(value))
 
 
 class LogView:
@@ -40,7 +93,7 @@ class LogView:
                 event.at,
                 event.who,
                 text.core(event.what),
-                ", ".join(f"{key}: {value}" for key, value in event.details.items()),
+                details_said(text, event.details),
             )
             for event in found
         ]

@@ -82,7 +82,7 @@ class _Documents:
         rows = [
             (
                 item.name,
-                text.core(str(item.document.get("title", item.document.get("kind", "")))),
+                text.core(str(item.document.get("title") or item.document.get("name", ""))),
                 text("settings.builtin" if item.builtin else "settings.own"),
             )
             for item in items
