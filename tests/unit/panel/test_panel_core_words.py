@@ -124,7 +124,7 @@ def test_what_a_reducer_test_finds_odd_is_said_in_chinese(path: str) -> None:
         ),
         (
             "standard, i = 80: 6 quantities found; 3 of 3 limits of the data sheet kept.",
-            "standard, i = 80：得到 6 个量；数据表的 3 项限值中 3 项满足。",
+            "标准型，i = 80：得到 6 个量；数据表的 3 项限值中 3 项满足。",
         ),
         (
             "efficiency at 400 N·m, 100 rpm, mean of both directions, output drives",

@@ -165,7 +165,7 @@ class CalibratePage:
             return workflow.compare is not None and not workflow.compare.open
         if self.step == "verify":
             return workflow.verify is not None and workflow.verify.result is not None
-        return self.step != "sign" or workflow.reached == "certificate"
+        return self.step != "sign"  # signing leads there by itself
 
 
 def _unfinished(jobs: Sequence[JobView | None]) -> JobView | None:
