@@ -1,15 +1,17 @@
 """What a plant's registry keeps up with: a simulated fleet in PostgreSQL, sent, asked, refitted.
 
-A PostgreSQL server of its own is started from Debian's package, as it comes (fsync on).
+A PostgreSQL server of its own is started from Debian's package, as it comes (fsync on). ``--write``
+puts the tables of the measured parts into ``docs/benchmarks.md``.
 """
 
 from __future__ import annotations
 
 import argparse
 import json
+import os
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
@@ -21,6 +23,7 @@ from sqlalchemy import text
 from tests import postgresql_server
 
 from benchmarks.fleet import OPERATORS, TYPES, FleetBench, calibration_points
+from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench import default_bench
 from torquebench.calibration.profile import load_profile
 from torquebench.errors import RecordError
@@ -124,8 +127,9 @@ INSERT INTO plant.folders SELECT bench_key, run_id, manifest_sha256, 'file:///pl
 """
 
 
-def listed(server: postgresql_server.Server, place: Path, runs: int) -> None:
+def listed(server: postgresql_server.Server, place: Path, runs: int) -> list[dict[str, Any]]:
     """Measure lists and withdrawals alone; rows are written by the database itself."""
+    rows = []
     url = postgresql_server.create_database(server.socket, "lists")
     with Plant.create(url, f"file://{place}/none") as plant:
         for number in range(BENCHES):
@@ -151,6 +155,8 @@ def listed(server: postgresql_server.Server, place: Path, runs: int) -> None:
                 "withdraw_ms": percentile(withdrawals(plant)),
             }
             print(json.dumps(row), flush=True)
+            rows.append(row)
+    return rows
 
 
 def withdrawals(plant: Plant) -> list[float]:
@@ -342,6 +348,81 @@ def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[st
     return found
 
 
+def table(rows: Sequence[Mapping[str, Any]], lines: Sequence[Line]) -> str:
+    """Return a table with a column for each number of runs, and the aim."""
+    head = [f"{rows[0]['runs']:,} runs", *(f"{row['runs']:,}" for row in rows[1:]), "aim"]
+    cells = [["", *head], ["---"] * (len(head) + 1)]
+    cells += [[name, *(shown(row) for row in rows), aim] for name, shown, aim in lines]
+    return "\n".join("| " + " | ".join(line) + " |" for line in cells).replace("|  |", "| |")
+
+
+Line = tuple[str, Callable[[Mapping[str, Any]], str], str]
+LISTS: tuple[Line, ...] = (
+    (
+        f"newest 100 of none, one or two of eight filters, 95 % of {QUERIES}, ms",
+        lambda row: f"{row['newest_100_ms']:.0f}",
+        "≤ 50",
+    ),
+    ("withdrawing a run, 95 % of 30, ms", lambda row: f"{row['withdraw_ms']:.0f}", "≤ 50"),
+)
+GROWTH: tuple[Line, ...] = (
+    ("sending, entries a second", lambda row: f"{row['entries_a_second']:,.0f}", "–"),
+    ("size of the database, GB", lambda row: f"{row['size_gb']:.2f}", "–"),
+    ("memory of the asking process, MB", lambda row: f"{row['memory_mb']:.0f}", "flat"),
+)
+"""Lines of the tables, and their aims."""
+
+
+def load_words() -> str:
+    """Return the number of processors and the load, which decide all times."""
+    return f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}"
+
+
+def lists_section(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of lists and withdrawals."""
+    return (
+        f"{table(rows, LISTS)}\n\nMeasured with {load_words()}; the database wrote the rows itself."
+    )
+
+
+def growth_section(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return the table of growth."""
+    return (
+        f"{table(rows, GROWTH)}\n\nMeasured with {load_words()}; each bench sent with its own role."
+    )
+
+
+def drift_section(rows: Sequence[Mapping[str, Any]]) -> str:
+    """Return what the drift of one kind took."""
+    last = rows[-1]
+    return (
+        f"Drift of one kind over {last['files']:,} Parquet files (81 points each): "
+        f"{last['drift_s']:.1f} s ({load_words()}); aim 3 s on two free cores."
+    )
+
+
+def day_section(found: Mapping[str, Any]) -> str:
+    """Return what 24 h without a connection took."""
+    return (
+        f"24 h without a connection: {found['benches']} benches recorded {found['runs']} runs "
+        f"while the server was stopped ({found['refused']} attempts to send were refused), then "
+        f"sent their folders in {found['seconds']:.0f} s ({load_words()}). {found['lost']} were "
+        f"lost and {found['twice']} duplicated, and every chain and every file was unchanged."
+    )
+
+
+def refits_section(found: Mapping[str, Any]) -> str:
+    """Return what refitting took."""
+    (_, first), (_, last) = found["memory_mb"]
+    same = "the results are identical" if not found["different"] else "THE RESULTS DIFFER"
+    return (
+        f"{found['calibrations']:,} calibrations refitted with Dask ({load_words()}): one process "
+        f"{found['a_second_1']:.1f} per second, two processes {found['a_second_2']:.1f} "
+        f"({found['ratio']:.2f} times; aim 1.8); memory {first} MB with one and {last} MB with two "
+        f"at the end; {same}."
+    )
+
+
 def main() -> None:
     """Measure, and write the tables where that is wanted."""
     parser = argparse.ArgumentParser(
@@ -352,24 +433,35 @@ def main() -> None:
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"of {', '.join(PARTS)}")
     parser.add_argument("--runs", type=int, default=1_000_000, help="of the fleet")
     parser.add_argument("--quick", action="store_true", help="a hundredth of the runs")
+    parser.add_argument("--write", action="store_true", help=f"put the tables into {BENCHMARKS}")
     options = parser.parse_args()
     if unknown := sorted(set(options.parts) - set(PARTS)):
         parser.error(f"parts {', '.join(unknown)}; allowed: {', '.join(PARTS)}")
+    if options.quick and options.write:
+        parser.error("--write with --quick; the tables are those of the whole fleet")
     runs = options.runs // 100 if options.quick else options.runs
     parts = options.parts or PARTS
+
+    def write(name: str, text: str) -> None:
+        print(text, flush=True)
+        if options.write:
+            write_section(BENCHMARKS, f"plant-{name}", text)
+
     with (
         tempfile.TemporaryDirectory(prefix="torquebench-plant-") as folder,
         postgresql_server.restartable(durable=True) as server,
     ):
         place = Path(folder)
         if "day" in parts:
-            print("24 h without a link:", json.dumps(day_without_link(server, place)), flush=True)
+            write("day", day_section(day_without_link(server, place)))
         if "refits" in parts:
-            print("refits:", json.dumps(refits(server, place, min(runs // 100, 1000))), flush=True)
+            write("refits", refits_section(refits(server, place, min(runs // 100, 1000))))
         if "lists" in parts:
-            listed(server, place, runs)
+            write("lists", lists_section(listed(server, place, runs)))
         if "grow" in parts:
-            grow(server, place, runs)
+            rows = grow(server, place, runs)
+            write("growth", growth_section(rows))
+            write("drift", drift_section(rows))
 
 
 if __name__ == "__main__":
