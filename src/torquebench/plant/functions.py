@@ -264,33 +264,37 @@ BEGIN
   END IF;
   SELECT each.url INTO wrong FROM json_to_recordset(pushed) AS each(url text, points_url text)
     WHERE NOT starts_with(each.url, root) OR NOT starts_with(coalesce(each.points_url, root), root)
+      OR '..' = ANY(string_to_array(each.url, '/') || string_to_array(each.points_url, '/'))
     LIMIT 1;
   IF FOUND THEN
     RAISE EXCEPTION 'folder % lies outside those of bench %', wrong, mine USING ERRCODE = 'TB003';
   END IF;
-  CREATE TEMP TABLE IF NOT EXISTS arriving (run_id text, facts json) ON COMMIT DROP;
-  DELETE FROM pg_temp.arriving;
+  -- One statement: a temporary table could be the bench's own, with a trigger that would act with
+  -- the rights of this function's owner.
   WITH noted AS (
     INSERT INTO plant.folders
       SELECT mine, each.run_id, each.manifest_sha256, each.url, each.points_url, each.bytes,
         each.left_out, now()
       FROM json_to_recordset(pushed) AS each(run_id text, manifest_sha256 text, url text,
         points_url text, bytes bigint, left_out text[]) ON CONFLICT DO NOTHING
-      RETURNING folders.run_id)
-  INSERT INTO pg_temp.arriving SELECT each.run_id, each.facts
-    FROM json_to_recordset(pushed) AS each(run_id text, facts json) JOIN noted USING (run_id);
-  GET DIAGNOSTICS added = ROW_COUNT;
-  UPDATE plant.runs r SET specimen_type = coalesce(a.facts ->> 'specimen_type', ''),
-      serial = coalesce(a.facts ->> 'serial', ''),
-      batch = coalesce((SELECT b.batch FROM plant.batches b
-        WHERE b.serial = a.facts ->> 'serial'), '')
-    FROM pg_temp.arriving a WHERE r.bench_key = mine AND r.run_id = a.run_id
-      AND a.facts ->> 'specimen_type' <> '';
-  INSERT INTO plant.results
-    SELECT mine, a.run_id, each.* FROM pg_temp.arriving a, LATERAL
-      json_to_recordset(a.facts -> 'quantities') AS each(
-        quantity text, title text, value double precision, expanded_uncertainty double precision,
-        unit text, "limit" text, verdict text);
+      RETURNING folders.run_id),
+  arriving AS (
+    SELECT each.run_id, each.facts
+      FROM json_to_recordset(pushed) AS each(run_id text, facts json) JOIN noted USING (run_id)),
+  described AS (
+    UPDATE plant.runs r SET specimen_type = coalesce(a.facts ->> 'specimen_type', ''),
+        serial = coalesce(a.facts ->> 'serial', ''),
+        batch = coalesce((SELECT b.batch FROM plant.batches b
+          WHERE b.serial = a.facts ->> 'serial'), '')
+      FROM arriving a WHERE r.bench_key = mine AND r.run_id = a.run_id
+        AND a.facts ->> 'specimen_type' <> ''),
+  resulting AS (
+    INSERT INTO plant.results
+      SELECT mine, a.run_id, each.* FROM arriving a, LATERAL
+        json_to_recordset(a.facts -> 'quantities') AS each(
+          quantity text, title text, value double precision, expanded_uncertainty double precision,
+          unit text, "limit" text, verdict text))
+  SELECT count(*) INTO added FROM noted;
   RETURN added;
 END $$
 """

@@ -211,12 +211,43 @@ def test_a_bench_can_add_its_own_rows_only(plant: Plant, tmp_path: Path) -> None
         sent(filled(tmp_path / "own"), url)
         with Registry.open(tmp_path / "own") as registry:
             known = registry.run(str(stolen["run_id"])).manifest_sha256
-        for outside in ("2-Bench-2/x", "x", "11-Bench/x"):
-            elsewhere = {**stolen, "manifest_sha256": known}
+        elsewhere = {**stolen, "manifest_sha256": known}
+        for outside in ("2-Bench-2/x", "x", "11-Bench/x", "1-Bench-1/../2-Bench-2/x"):
+            path = f"{plant.folders_url}/{outside}"
             with pytest.raises(RecordError, match="lies outside"):
-                link.arrived([{**elsewhere, "url": f"{plant.folders_url}/{outside}"}])
+                link.arrived([{**elsewhere, "url": path}])
+            with pytest.raises(RecordError, match="lies outside"):
+                link.arrived([{**elsewhere, "points_url": path}])
     with pytest.raises(RecordError, match="never changed"), plant.transaction() as connection:
         connection.execute(text("UPDATE plant.links SET content = ''"))
+
+
+def test_a_trigger_of_a_bench_never_acts_with_the_rights_of_the_administrator(
+    plant: Plant, tmp_path: Path
+) -> None:
+    """A function with its owner's rights would fire a trigger of any table that it writes to."""
+    _, url = plant.register_bench("Bench 1")
+    sent(filled(tmp_path / "data"), url)
+    with BenchLink(url) as link, link.transaction() as connection:
+        for name in ("arriving", "folders", "runs", "results", "links", "benches"):
+            connection.execute(text(f"CREATE TEMP TABLE {name} (run_id text, facts json)"))
+            connection.execute(text(f"GRANT ALL ON pg_temp.{name} TO PUBLIC"))
+        connection.exec_driver_sql(
+            "CREATE FUNCTION pg_temp.stolen() RETURNS trigger LANGUAGE plpgsql AS $$ BEGIN "
+            "INSERT INTO plant.settings VALUES ('stolen', current_user); RETURN NULL; END $$"
+        )
+        for name in ("arriving", "folders", "runs", "results", "links", "benches"):
+            connection.execute(
+                text(
+                    f"CREATE TRIGGER stolen BEFORE INSERT OR UPDATE OR DELETE ON pg_temp.{name} "
+                    "FOR EACH STATEMENT EXECUTE FUNCTION pg_temp.stolen()"
+                )
+            )
+        connection.execute(text("SELECT * FROM plant.append('[]'::json)"))
+        connection.execute(text("SELECT plant.arrived('[]'::json)"))
+    with plant.transaction() as connection:
+        names = set(connection.scalars(text("SELECT name FROM plant.settings")))
+    assert names == {"version", "folders", "identity"}
 
 
 def test_a_withdrawn_run_is_withdrawn_everywhere(plant: Plant, tmp_path: Path) -> None:
