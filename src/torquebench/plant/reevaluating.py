@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import logging
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -32,19 +32,32 @@ PATIENCE_S = 30.0
 """Without an answer for so long, it is looked whether workers are left, s."""
 SAME = 1e-9
 """Largest relative difference of a value that is treated as unchanged."""
+PAGE = 1000
+"""Runs listed at a time: memory doesn't grow with their number."""
 KINDS = ("calibrate", "check", "verify", "test")
 
-_TASKS = """
-SELECT r.bench_key, r.run_id, r.id, r.kind, r.manifest_sha256, f.url
+_WANTED = """
 FROM plant.runs r
 JOIN plant.benches b ON b.bench_key = r.bench_key AND b.replaced_by IS NULL
 JOIN plant.folders f ON f.bench_key = r.bench_key AND f.run_id = r.run_id
-LEFT JOIN plant.reevaluations d ON d.bench_key = r.bench_key AND d.run_id = r.run_id
-  AND d.label = :label
-WHERE r.withdrawn IS NULL AND r.status = 'completed' AND d.run_id IS NULL
+WHERE r.withdrawn IS NULL AND r.status = 'completed'
+  AND NOT EXISTS (SELECT 1 FROM plant.reevaluations d WHERE d.label = :label
+    AND d.bench_key = r.bench_key AND d.run_id = r.run_id AND d.problem = '')
   AND split_part(r.kind, '-', 1) = ANY(CAST(:kinds AS text[]))
   AND (CAST(:bench AS integer) IS NULL OR r.bench_key = :bench)
-ORDER BY r.bench_key, r.id
+"""
+_TASKS = f"""
+SELECT r.bench_key, r.run_id, r.id, r.kind, r.manifest_sha256, f.url {_WANTED}
+  AND (r.bench_key, r.id) > (:after_bench, :after_run)
+ORDER BY r.bench_key, r.id LIMIT :most
+"""
+_KNOWN = """
+SELECT count(*) FROM (SELECT DISTINCT bench_key, run_id FROM plant.reevaluations
+  WHERE label = :label AND problem = '') AS evaluated
+"""
+_LAST = """
+SELECT DISTINCT ON (bench_key, run_id) * FROM plant.reevaluations WHERE label = :{label}
+ORDER BY bench_key, run_id, id DESC
 """
 _MODELS = """
 SELECT c.run_key, m.kind, m.metrics, c.summary
@@ -77,7 +90,7 @@ class Reevaluation:
     label : str
         Under which the results are kept.
     done, known : int
-        Runs that were evaluated now, and that had been before.
+        Runs that were evaluated or tried now, and that had been evaluated before.
     problems : int
         Number of runs that couldn't be evaluated now.
     """
@@ -105,8 +118,8 @@ def reevaluate(
 ) -> Reevaluation:
     """Refit and evaluate recorded runs with this version, and store the results in addition.
 
-    May be interrupted and restarted: results stored under the label aren't repeated. Results don't
-    depend on the scheduler, to the last bit.
+    May be interrupted and restarted: results stored under the label aren't repeated, and runs that
+    couldn't be evaluated are tried again. Results don't depend on the scheduler, to the last bit.
 
     Parameters
     ----------
@@ -139,16 +152,14 @@ def reevaluate(
         raise InputError(f"kinds of run {', '.join(unknown)}", ", ".join(KINDS))
     with plant.transaction() as connection:
         given = {"label": label, "kinds": list(kinds), "bench": bench}
-        rows = connection.execute(text(_TASKS), given).all()
-        known = connection.scalar(
-            text("SELECT count(*) FROM plant.reevaluations WHERE label = :label"), {"label": label}
-        )
-    rows = rows if limit is None else rows[:limit]
-    progress.start("Evaluating again", max(len(rows), 1))
+        wanted = connection.scalar(text(f"SELECT count(*) {_WANTED}"), given) or 0
+        known = connection.scalar(text(_KNOWN), given)
+    wanted = wanted if limit is None else min(wanted, limit)
+    progress.start("Evaluating again", max(wanted, 1))
     done = problems = 0
     with _pool(scheduler, workers) as pool:
         earlier: dict[tuple[int, str], RunTask] = {}
-        for found in pool.results(_chunks(plant, rows, earlier)):
+        for found in pool.results(_chunks(plant, _listed(plant, given, wanted), earlier)):
             tasks = [earlier.pop((each.bench_key, each.run_id)) for each in found]
             _keep(plant, label, tasks, found)
             done += len(found)
@@ -158,8 +169,23 @@ def reevaluate(
     return Reevaluation(label, done, int(known or 0), problems)
 
 
+def _listed(plant: Plant, given: Mapping[str, Any], most: int) -> Iterator[Any]:
+    """Yield the runs to be evaluated, page by page."""
+    after = {"after_bench": 0, "after_run": 0}
+    while most > 0:
+        with plant.transaction() as connection:
+            page = connection.execute(
+                text(_TASKS), {**given, **after, "most": min(PAGE, most)}
+            ).all()
+        if not page:
+            return
+        yield from page
+        most -= len(page)
+        after = {"after_bench": page[-1].bench_key, "after_run": page[-1].id}
+
+
 def _chunks(
-    plant: Plant, rows: Sequence[Any], handed: dict[tuple[int, str], RunTask]
+    plant: Plant, rows: Iterable[Any], handed: dict[tuple[int, str], RunTask]
 ) -> Iterator[list[RunTask]]:
     """Yield tasks in chunks, and record the pending ones."""
     store = plant.folders_url
@@ -363,15 +389,16 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
     against : str, optional
         Label for comparison; by default the original results.
     """
-    query = """
+    query = f"""
         SELECT n.bench_key || ' ' || b.name AS bench, n.run_id, n.values, n.problem,
           n.remark, r.kind,
           CASE WHEN CAST(:against AS text) IS NULL THEN n.earlier ELSE o.values::jsonb END AS old
-        FROM plant.reevaluations n JOIN plant.benches b ON b.bench_key = n.bench_key
+        FROM ({_LAST.format(label="label")}) AS n
+        JOIN plant.benches b ON b.bench_key = n.bench_key
         JOIN plant.runs r ON r.bench_key = n.bench_key AND r.run_id = n.run_id
-        LEFT JOIN plant.reevaluations o ON o.bench_key = n.bench_key AND o.run_id = n.run_id
-          AND o.label = :against
-        WHERE n.label = :label ORDER BY n.bench_key, n.run_id
+        LEFT JOIN ({_LAST.format(label="against")}) AS o
+          ON o.bench_key = n.bench_key AND o.run_id = n.run_id
+        ORDER BY n.bench_key, n.run_id
     """
     columns: dict[str, list[Any]] = {
         name: [] for name in ("bench", "run", "what", "earlier", "now", "change")

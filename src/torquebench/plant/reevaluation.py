@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from torquebench.errors import RecordError, TorquebenchError
+from torquebench.errors import RecordError
 from torquebench.plant.folders import FolderStore
 from torquebench.records.run_folder import MANIFEST
 from torquebench.uncertainty import Verdict
@@ -100,7 +100,7 @@ def reevaluate_run(task: RunTask) -> Reevaluated:
     try:
         with threadpool_limits(1):
             values, remark = _evaluated(task)
-    except (TorquebenchError, OSError, KeyError, TypeError, ValueError) as error:
+    except Exception as error:  # whatever one folder contains, the other runs are evaluated
         said = getattr(error, "found", "") or f"{type(error).__name__}: {error}"
         return Reevaluated(task.bench_key, task.run_id, "{}", said)
     finite = {name: value for name, value in values.items() if abs(value) < float("inf")}

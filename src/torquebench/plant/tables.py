@@ -182,9 +182,10 @@ withdrawals = Table(
 reevaluations = Table(
     "reevaluations",
     plant_metadata,
-    Column("bench_key", Integer, primary_key=True),
-    Column("run_id", Text, primary_key=True),
-    Column("label", Text, primary_key=True),
+    Column("id", BigInteger, primary_key=True),
+    Column("bench_key", Integer, nullable=False),
+    Column("run_id", Text, nullable=False),
+    Column("label", Text, nullable=False),
     Column("software_version", Text, nullable=False),
     Column("manifest_sha256", Text, nullable=False),
     Column("earlier", JSONB, nullable=False),
@@ -192,6 +193,8 @@ reevaluations = Table(
     _text("problem"),
     _text("remark"),
     Column("evaluated", _Moment, nullable=False),
+    # A run that couldn't be evaluated is tried again; its last row counts.
+    Index("ix_plant_reevaluations_run", "label", "bench_key", "run_id", "id"),
 )
 
 

@@ -77,6 +77,13 @@ DISCONNECTING = ("08", "57P")
 """SQLSTATEs of a lost connection: PostgreSQL 18, appendix A."""
 PASSING = (*DISCONNECTING, "40", "53", "55P03", "57")
 """SQLSTATEs of temporary failures: deadlocks, no space, a server that is starting."""
+_REMEDIES = {
+    "28": "check user and password in the URL",
+    "3D000": "check the database's name in the URL, or create the database",
+    "42501": "use the URL of a role that may do this, such as the administrator's",
+    "42710": "choose another name",
+}
+"""What to do, by the beginning of the SQLSTATE."""
 
 Result = TypeVar("Result")
 Entry = TypeVar("Entry", bound=Any)
@@ -365,7 +372,7 @@ def database_failures(what: str) -> Iterator[None]:
         raise _kind_of(error)(
             f"{what} failed: {_cause(error)}",
             "a database that can be read and written",
-            "make room on its disk, or check whether it runs; what it has is unchanged",
+            _remedy(error),
         ) from error
 
 
@@ -499,6 +506,12 @@ def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
     ):
         return UnavailableError
     return RecordError
+
+
+def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
+    code = _code(getattr(error, "orig", None))
+    known = next((said for start, said in _REMEDIES.items() if code.startswith(start)), "")
+    return known or "make room on its disk, or check whether it runs; what it has is unchanged"
 
 
 def _cause(error: SQLAlchemyError | ConnectionError) -> str:

@@ -9,6 +9,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from sqlalchemy import text
 from tests import postgresql_server
@@ -19,7 +21,7 @@ from torquebench.campaign.reducers.results import plain_budget
 from torquebench.errors import InputError
 from torquebench.plant import Plant, differences, forward, reevaluate
 from torquebench.progress import NoProgress
-from torquebench.records import Registry
+from torquebench.records import RECORDING, Registry
 from torquebench.uncertainty import Budget
 
 
@@ -173,8 +175,9 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
     with recorded.transaction() as connection:
         connection.execute(
             text(
-                "INSERT INTO plant.reevaluations SELECT bench_key, run_id, 'other', '9', "
-                "manifest_sha256, earlier, replace(\"values\", '0.8', '0.9'), '', '', now() "
+                "INSERT INTO plant.reevaluations (bench_key, run_id, label, software_version, "
+                'manifest_sha256, earlier, "values", evaluated) SELECT bench_key, run_id, '
+                "'other', '9', manifest_sha256, earlier, replace(\"values\", '0.8', '0.9'), now() "
                 "FROM plant.reevaluations WHERE label = 'now'"
             )
         )
@@ -182,6 +185,43 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
     assert (row["what"], row["earlier"], row["now"]) == ("backlash_arcmin value", 0.8, 0.9)
     (row,) = differences(recorded, "other", against="now").rows()
     assert row["change"] == pytest.approx(0.1)
+
+
+def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """More runs than a page and a chunk have, one of them with a recording without numbers."""
+    columns = {
+        "name": pa.array(["a"]),
+        "shape": pa.array([[1]]),
+        "numbers": pa.array([None], pa.list_(pa.float64())),
+        "integers": pa.array([None], pa.list_(pa.int64())),
+    }
+    header = {"format": 1, "software_version": "0.2.0", "content": {"array": "a"}}
+    empty = pa.table(columns).replace_schema_metadata({"torquebench.recording": json.dumps(header)})
+    pq.write_table(empty, tmp_path / "empty.parquet")
+    files = {RECORDING: (tmp_path / "empty.parquet").read_bytes()}
+    monkeypatch.setattr("torquebench.plant.reevaluating.PAGE", 3)
+    monkeypatch.setattr("torquebench.plant.reevaluating.CHUNK", 2)
+    _, link = plant.register_bench("Bench 1")
+    with Registry.open(tmp_path / "data") as registry:
+        for number in range(7):
+            results = backlash_results("S-1", 0.8)
+            estimate = Budget(0.8, 0.025, float("inf"), (), "arcmin")
+            results["quantities"][0]["budget"] = plain_budget(estimate)
+            run_id = f"2026010{number + 1}T000000Z-test-hysteresis-000{number}"
+            given = files if number == 3 else None
+            add_run(registry, run_id, "test-hysteresis", results, hours=number, files=given)
+        assert forward(registry, link).problems == []
+    first = reevaluate(plant, "serial", label="odd", limit=5)
+    assert (first.done, first.known, first.problems) == (5, 0, 1)
+    last = reevaluate(plant, "serial", label="odd")
+    assert (last.done, last.known, last.problems) == (3, 4, 1)
+    facts = differences(plant, "odd").facts
+    assert (facts["runs"], facts["runs that can't be evaluated"]) == (7, 1)
+    assert {run for run, _, problem in kept(plant, "odd") if problem} == {
+        "20260104T000000Z-test-hysteresis-0003"
+    }
 
 
 def test_a_changed_file_and_a_withdrawn_run_are_left_out(plant: Plant, tmp_path: Path) -> None:
@@ -198,6 +238,13 @@ def test_a_changed_file_and_a_withdrawn_run_are_left_out(plant: Plant, tmp_path:
     assert done.problems == 1
     (row,) = differences(plant, "changed").rows()
     assert "was changed after sealing" in row["what"]
+    # Whatever kept a run from being evaluated, such as a share that was away: it is tried again.
+    again = reevaluate(plant, "serial", label="changed", kinds=["test"])
+    assert (again.done, again.known, again.problems) == (1, 0, 0)
+    found = differences(plant, "changed")
+    assert found.rows() == []
+    assert (found.facts["runs"], found.facts["runs that can't be evaluated"]) == (1, 0)
+    assert differences(plant, "changed", against="changed").facts["values compared"] == 3
     with pytest.raises(InputError, match="calibrate, check, verify, test"):
         reevaluate(plant, kinds=["zero"])
     plant.withdraw(plant.run(run_id), by="Boss", reason="slipped")
