@@ -392,10 +392,12 @@ class SafetyDescription(_Section):
 class RecordingDescription(_Section):
     """Recorded data beside a run's samples: with `edges` every edge of every channel.
 
-    An hour of four transducers with 60 kHz takes about 0.3 GB.
+    An hour of four transducers with 60 kHz takes about 0.3 GB. With `reducer_tests` everything that
+    the evaluation of a reducer test takes, so that another version can evaluate it.
     """
 
     edges: bool = False
+    reducer_tests: bool = True
 
 
 class ConditionsDescription(_Section):

@@ -304,7 +304,9 @@ class Plant(PlantDatabase):
                 .returning(benches.c.bench_key)
             )
             assert number is not None
-            role = f"torquebench_{self.url.database}_{number}"[-63:]
+            # Roles outlive a database that is dropped and made again under its name.
+            made = self._setting(connection, "identity")[:6]
+            role = f"torquebench_{self.url.database}_{made}_{number}"[-63:]
             quoted = _quoted(role)
             connection.execute(
                 update(benches).where(benches.c.bench_key == number).values(role=role)

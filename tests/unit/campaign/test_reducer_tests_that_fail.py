@@ -126,6 +126,24 @@ def test_what_cannot_be_evaluated_keeps_its_recording(station: Station) -> None:
     assert alone.quantities
 
 
+def test_a_bench_can_leave_recordings_out(tmp_path: Path) -> None:
+    described = default_bench()
+    bench = described.model_copy(
+        update={
+            "driver": {**described.driver, "reducer": "rv-40e"},
+            "bench": described.bench.model_copy(update={"reducer_ratio": REDUCER.ratio}),
+            "recording": described.recording.model_copy(update={"reducer_tests": False}),
+        }
+    )
+    with Station.open(bench, tmp_path) as station:
+        record = run_reducer_test(station, "starting", REDUCER, SHORT)
+        (line,) = station.registry.runs(kind="test-starting-short")
+        folder = RunFolder.open(line.folder)
+    assert record.outcomes[0].quantities
+    assert folder.results
+    assert not (folder.path / RECORDING).exists()
+
+
 def test_a_chain_that_corrects_rotation_needs_no_empty_run(station: Station) -> None:
     torque = np.linspace(-50.0, 50.0, 30)
     model = make_model("polynomial", range_nm=50.0).fit(features(torque), torque)

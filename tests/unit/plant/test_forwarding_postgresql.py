@@ -318,6 +318,25 @@ def test_text_that_json_escapes_arrives_as_it_is(plant: Plant, tmp_path: Path) -
         assert done.head == registry.head()
 
 
+def test_a_plant_made_again_in_its_database_registers_benches(plant: Plant, tmp_path: Path) -> None:
+    _, before = plant.register_bench("Bench 1")
+    with plant.transaction() as connection:
+        connection.execute(text("DROP SCHEMA plant CASCADE"))
+    with Plant.create(plant.url, plant.folders_url) as again:
+        number, url = again.register_bench("Bench 1")
+        assert (number, url.username == before.username) == (1, False)
+        assert sent(filled(tmp_path / "data"), url).folders == 4
+        again.add_reader(f"anna_{again.url.database}")
+        with pytest.raises(RecordError, match=r"already exists.*choose another name"):
+            again.add_reader(f"anna_{again.url.database}")
+    wrong = url.set(username="nobody_known")
+    with pytest.raises(RecordError, match="check user and password in the URL"):
+        Plant.open(wrong)
+    refused = pytest.raises(RecordError, match="role that may do this")
+    with BenchLink(url) as link, refused, link.transaction() as connection:
+        connection.execute(text("SELECT * FROM plant.runs"))
+
+
 def test_what_is_no_plant_is_named(plant: Plant, plant_socket: Path, tmp_path: Path) -> None:
     empty = postgresql_server.create_database(plant_socket, f"empty_{tmp_path.name}")
     with pytest.raises(RecordError, match="no plant's registry"):

@@ -51,6 +51,7 @@ class Specimen:
         """Run a test and return its results."""
         work, settings = test.work(), self.settings.plans[test.name]
         short = self.settings.is_short
+        sealed = self.station.description.recording.reducer_tests
         kept: list[RecordedTest] = []
         evaluations: list[EvaluatedTest] = []
 
@@ -73,7 +74,7 @@ class Specimen:
             title,
             evaluated,
             plan,
-            lambda: {RECORDING: kept[-1].file()} if kept else {},
+            lambda: {RECORDING: kept[-1].file()} if kept and sealed else {},
         )
         found, quantities = evaluations[-1].found, evaluations[-1].quantities
         return ReducerTestOutcome(
