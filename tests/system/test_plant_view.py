@@ -55,6 +55,9 @@ def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
         assert "never calibrated" in first.text
         runs = browser.get("/runs", params={"batch": "B1"})
         assert runs.text.count("test-hysteresis-0001") == 2
+        times = re.findall(r"<td>(2026-\d\d-\d\d \d\d:\d\d)</td>", browser.get("/runs").text)
+        assert times == sorted(times, reverse=True)
+        assert len(set(times)) == 4
         chosen = {"specimen_type": "RV-40E", "quantity": "backlash_arcmin", "upper": "1"}
         production = browser.get("/production", params=chosen)
         assert "Cpk" in production.text
@@ -69,6 +72,8 @@ def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
         wrong = browser.get("/production", params={**chosen, "quantity": "none"})
         assert wrong.status_code == 400
         assert "backlash_arcmin" in wrong.text
+        wrong = browser.get("/charts.csv", params={**chosen, "quantity": "none"})
+        assert (wrong.status_code, "backlash_arcmin" in wrong.text) == (400, True)
         assert browser.get("/transducers", params={"serial": "<script>"}).text.count("<script") == 0
         assert browser.get("/runs", params={"bench": "x"}).status_code == 400
         assert browser.get("/nothing").status_code == 404

@@ -56,11 +56,12 @@ def show(found: Answer, path: Path | None) -> None:
             numbers = any(isinstance(row[name], float | int) for row in rows)
             title = _HEADINGS.get(name, name.replace("_", " "))
             table.add_column(title, justify="right" if numbers else "left", overflow="fold")
-        for row in rows[-LISTED:]:
+        for row in found.shown(LISTED):
             table.add_row(*(Text(_short(row[name])) for name in kept))
         out().print(table)
         if len(rows) > LISTED:
-            note(f"the last {LISTED} of {len(rows)} rows; --out FILE.csv has all")
+            which = "last" if found.in_time else "first"
+            note(f"the {which} {LISTED} of {len(rows)} rows; --out FILE.csv has all")
     for name, value in found.facts.items():
         out().print(Text(f"{name}: {_short(value)}"))
     for said in found.notes:

@@ -18,7 +18,7 @@ from urllib.parse import urlencode
 import uvicorn
 from fastapi import FastAPI, Request
 from fastapi.concurrency import run_in_threadpool
-from fastapi.responses import FileResponse, HTMLResponse, Response
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
 from fastapi.staticfiles import StaticFiles
 from starlette.background import BackgroundTask
 
@@ -223,7 +223,10 @@ def serve_plant_view(
 
 
 def _file(plant: Plant, name: str, ending: str, wanted: Wanted) -> Response:
-    found = ANSWERS[name](plant, wanted)
+    try:
+        found = ANSWERS[name](plant, wanted)
+    except TorquebenchError as error:
+        return PlainTextResponse(f"{error}\n", _status(error))
     if found is None:
         return Response("", 404)
     with tempfile.NamedTemporaryFile(suffix=f".{ending}", delete=False) as file:
@@ -241,11 +244,15 @@ def _page(plant: Plant, text: Text, page: str, wanted: Wanted) -> HTMLResponse:
         except TorquebenchError as error:
             said, more = text.refusal(error)
             parts.append(f'<p class="problem" role="alert">{escape(said)}<br>{escape(more)}</p>')
-            status = 400 if isinstance(error, InputError) else 503
+            status = _status(error)
             break
         if found is not None:
             parts.append(_section(text, name, found, wanted))
     return HTMLResponse(_frame(text, page, "".join(parts)), status)
+
+
+def _status(error: TorquebenchError) -> int:
+    return 400 if isinstance(error, InputError) else 503
 
 
 def _section(text: Text, name: str, found: Answer, wanted: Wanted) -> str:
@@ -272,14 +279,16 @@ def _section(text: Text, name: str, found: Answer, wanted: Wanted) -> str:
 def _table(text: Text, found: Answer) -> str:
     rows = found.rows()
     kept = [name for name in found.columns if any(row[name] not in (None, "") for row in rows)]
+    shown = found.shown(SHOWN)
     head = "".join(f'<th scope="col">{escape(_heading(text, name))}</th>' for name in kept)
     body = "".join(
         "<tr>" + "".join(f"<td>{escape(_shown(row[name], text))}</td>" for name in kept) + "</tr>"
-        for row in reversed(rows[-SHOWN:])
+        for row in (reversed(shown) if found.in_time else shown)
     )
     if not rows:
         return f"<p>{escape(text('plant.nothing'))}</p>"
-    more = text("plant.more", shown=SHOWN, all=len(rows)) if len(rows) > SHOWN else ""
+    key = "plant.last" if found.in_time else "plant.first"
+    more = text(key, shown=SHOWN, all=len(rows)) if len(rows) > SHOWN else ""
     return (
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
         f"</div><p>{escape(more)}</p>"

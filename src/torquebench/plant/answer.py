@@ -46,6 +46,19 @@ class Answer:
     def __len__(self) -> int:
         return len(next(iter(self.columns.values()), ()))
 
+    def shown(self, most: int) -> list[dict[str, Any]]:
+        """Return the rows to be shown where not all fit.
+
+        These are the last ones of values over time, otherwise the first: of what is due, the most
+        urgent.
+        """
+        return self.rows()[-most:] if self.in_time else self.rows()[:most]
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the rows are values over time, the oldest first."""
+        return "when" in self.columns
+
     def rows(self) -> list[dict[str, Any]]:
         """Return the table row by row."""
         names = tuple(self.columns)

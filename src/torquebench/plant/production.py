@@ -46,7 +46,8 @@ _QUANTITIES = """
 SELECT DISTINCT q.quantity FROM plant.runs r
 JOIN plant.results q ON q.bench_key = r.bench_key AND q.run_id = r.run_id
 WHERE (CAST(:type AS text) IS NULL OR r.specimen_type = :type)
-  AND (CAST(:serial AS text) IS NULL OR r.serial = :serial) LIMIT 40
+  AND (CAST(:serial AS text) IS NULL OR r.serial = :serial)
+  AND r.kind NOT LIKE '%-short' LIMIT 40
 """
 
 
@@ -93,7 +94,8 @@ def _rows(
             raise InputError(
                 f"no {given['quantity']} of {asked}",
                 f"one of {', '.join(known)}" if known else "a tested specimen or type",
-                "torquebench plant runs lists what was tested; folders must have arrived",
+                "torquebench plant runs lists what was tested; folders must have arrived; short tests "
+                "don't count",
             )
     return rows
 
@@ -193,7 +195,8 @@ def capability(
 
     every = found(rows)
     parts = [("all benches", every)]
-    for bench in sorted({row.bench for row in rows}):
+    benches = {row.bench for row in rows}  # number and name
+    for bench in sorted(benches, key=lambda each: int(each.partition(" ")[0])):
         own = [row for row in rows if row.bench == bench]
         if len(own) >= 10 and len(own) < len(rows):
             parts.append((bench, found(own)))

@@ -75,14 +75,15 @@ JOIN plant.equipment_descriptions d ON d.bench_key = e.bench_key AND d.equipment
 JOIN plant.benches b ON b.bench_key = e.bench_key AND b.replaced_by IS NULL
 WHERE e.kind = 'transducer' ORDER BY e.serial, d.recorded DESC
 """
-_POINTS = """
+_POINTS = f"""
 SELECT f.points_url, e.serial, c.performed, b.bench_key || ' ' || b.name AS bench, r.simulated
 FROM plant.equipment e
 JOIN plant.calibrations c ON c.bench_key = e.bench_key AND c.transducer_key = e.id
 JOIN plant.benches b ON b.bench_key = c.bench_key AND b.replaced_by IS NULL
-JOIN plant.runs r ON r.bench_key = c.bench_key AND r.id = c.run_key AND r.withdrawn IS NULL
+JOIN plant.runs r ON r.bench_key = c.bench_key AND r.id = c.run_key
 JOIN plant.folders f ON f.bench_key = r.bench_key AND f.run_id = r.run_id
 WHERE e.kind = 'transducer' AND e.serial IN :serials AND f.points_url IS NOT NULL
+  AND {_ACCEPTED.format(table="calibrations")}
 ORDER BY f.points_url
 """
 

@@ -320,9 +320,10 @@ def test_text_that_json_escapes_arrives_as_it_is(plant: Plant, tmp_path: Path) -
 
 def test_a_plant_made_again_in_its_database_registers_benches(plant: Plant, tmp_path: Path) -> None:
     _, before = plant.register_bench("Bench 1")
+    folders = plant.folders_url
     with plant.transaction() as connection:
         connection.execute(text("DROP SCHEMA plant CASCADE"))
-    with Plant.create(plant.url, plant.folders_url) as again:
+    with Plant.create(plant.url, folders) as again:
         number, url = again.register_bench("Bench 1")
         assert (number, url.username == before.username) == (1, False)
         assert sent(filled(tmp_path / "data"), url).folders == 4

@@ -109,7 +109,11 @@ def test_a_kind_of_transducer_drifts_as_its_points_say(
         )
         with pytest.raises(InputError, match="T40B"):
             drift_of_kind(plant, "T10F")
-        assert len(links) == 2
+        # Nor is a calibration that a second person rejected.
+        with Registry.open(tmp_path / "bench-2") as registry:
+            registry.review("calibrations", 1, checked_by="Boss", accepted=False)
+            forward(registry, links[1])
+        assert len(drift_of_kind(plant, "T40B")) == 20
 
 
 def production(plant: Plant, tmp_path: Path) -> np.ndarray:
@@ -181,6 +185,35 @@ def test_benches_are_compared_by_a_travelling_specimen(plant: Plant, tmp_path: P
         specimens(plant, SpecimenFilter("RV-9", "backlash_arcmin"))
     (last,) = specimens(plant, BACKLASH).rows()
     assert last["bench"] == "3 Bench 3"  # a specimen that is tested again counts once
+
+
+def test_short_tests_are_no_production(plant: Plant, tmp_path: Path) -> None:
+    _, url = plant.register_bench("Bench")
+    with Registry.open(tmp_path / "bench") as registry:
+        add_run(registry, "run-1", "test-hysteresis-short", backlash_results("S-1"))
+        forward(registry, url)
+    with pytest.raises(InputError, match="a tested specimen or type; .*short tests don't count"):
+        specimens(plant, BACKLASH)
+
+
+def test_benches_are_listed_by_their_numbers(plant: Plant, tmp_path: Path) -> None:
+    for number in range(1, 11):
+        _, url = plant.register_bench("Bench")
+        if number in (2, 10):
+            with Registry.open(tmp_path / f"bench-{number}") as registry:
+                for k in range(10):
+                    results = backlash_results(f"S-{number}-{k}", 0.8 + 0.01 * k)
+                    add_run(registry, f"run-{number}-{k}", "test-hysteresis", results)
+                forward(registry, url)
+    rows = capability(plant, BACKLASH, upper=1.0).rows()
+    assert [row["bench"] for row in rows] == ["all benches", "2 Bench", "10 Bench"]
+
+
+def test_of_a_long_answer_the_most_urgent_or_the_newest_rows_are_shown() -> None:
+    urgent = Answer("Due", {"serial": list("abc")})
+    over_time = Answer("Values", {"when": [1, 2, 3], "value": [0.1, 0.2, 0.3]})
+    assert [row["serial"] for row in urgent.shown(2)] == ["a", "b"]
+    assert [row["when"] for row in over_time.shown(2)] == [2, 3]
 
 
 def test_any_answer_is_written_as_csv_and_parquet(tmp_path: Path) -> None:
