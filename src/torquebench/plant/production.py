@@ -94,8 +94,8 @@ def _rows(
             raise InputError(
                 f"no {given['quantity']} of {asked}",
                 f"one of {', '.join(known)}" if known else "a tested specimen or type",
-                "torquebench plant runs lists what was tested; folders must have arrived; short tests "
-                "don't count",
+                "torquebench plant runs lists what was tested; folders must have arrived; short "
+                "tests don't count",
             )
     return rows
 

@@ -192,7 +192,7 @@ def test_short_tests_are_no_production(plant: Plant, tmp_path: Path) -> None:
     with Registry.open(tmp_path / "bench") as registry:
         add_run(registry, "run-1", "test-hysteresis-short", backlash_results("S-1"))
         forward(registry, url)
-    with pytest.raises(InputError, match="a tested specimen or type; .*short tests don't count"):
+    with pytest.raises(InputError, match=r"a tested specimen or type; .*short tests don't count"):
         specimens(plant, BACKLASH)
 
 
