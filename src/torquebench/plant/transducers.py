@@ -279,8 +279,9 @@ def drift(
     if again is not None:
         facts["calibrate again by"] = again.isoformat()
     names = ("quantity", "unit", "when", "bench", "value", "remark")
+    many = len(set(known.benches.values()))
     return Answer(
-        f"Transducer {serial} over {len(set(known.benches.values()))} benches",
+        f"Transducer {serial} over {many} bench{'' if many == 1 else 'es'}",
         {name: [row[k] for row in rows] for k, name in enumerate(names)},
         facts=facts,
         notes=() if rows else ("no calibration, zero or check has arrived",),
@@ -316,7 +317,8 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
         if not serials:
             models = sorted({each.model for each in known if each.model})
             raise InputError(
-                f"transducers of the kind {model!r}", ", ".join(models) or "a described transducer"
+                f"transducers of the kind {model!r}",
+                ", ".join(f"{each!r}" for each in models) or "a described transducer",
             )
         query = text(_POINTS).bindparams(bindparam("serials", expanding=True))
         rows: Sequence[Any] = connection.execute(query, {"serials": serials}).all()
