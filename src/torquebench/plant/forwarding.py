@@ -203,7 +203,9 @@ def _check_same(registry: Registry, mine: _Mine) -> None:
 def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress: Progress) -> None:
     end = registry.head().sequence
     first = done.head.sequence
-    progress.start("Sending entries", max(end - first, 1))
+    if first >= end:  # nothing to say, each minute
+        return
+    progress.start("Sending entries", end - first)
     while done.head.sequence < end:
         after = done.head.sequence
         query = (

@@ -14,6 +14,7 @@ from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError, RecordError
 from torquebench.plant import FolderStore, Plant, forward
 from torquebench.plant.forwarding import BenchLink
+from torquebench.progress import NoProgress
 from torquebench.records import Registry, RunFolder, UnavailableError
 from torquebench.records.schema import Base
 from torquebench.station.entering import enter_run
@@ -58,6 +59,23 @@ def test_everything_arrives_once(plant: Plant, tmp_path: Path) -> None:
     with Registry.open(data) as registry:
         (problem,) = store.verify(found[0].url, registry.run(found[0].run_id).manifest_sha256)
     assert "results.json was changed" in problem
+
+
+def test_progress_is_shown_of_what_is_sent_only(plant: Plant, tmp_path: Path) -> None:
+    class Shown(NoProgress):
+        def __init__(self) -> None:
+            self.steps: list[tuple[str, int | None]] = []
+
+        def start(self, title: str, total: int | None = None) -> None:
+            self.steps.append((title, total))
+
+    _, url = plant.register_bench("Bench 1")
+    with Registry.open(filled(tmp_path / "data")) as registry:
+        first, again = Shown(), Shown()
+        entries = forward(registry, url, first).entries
+        forward(registry, url, again)
+    assert first.steps == [("Sending entries", entries), ("Sending run folders", 4)]
+    assert again.steps == []
 
 
 def test_every_table_of_a_bench_is_known_to_the_plant(plant: Plant) -> None:
