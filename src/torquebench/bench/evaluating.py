@@ -24,6 +24,7 @@ from torquebench.bench.samples import (
     FINE_WINDOW_S,
     AcquiredBlock,
     ChannelSamples,
+    FineCount,
     SampleRing,
     Stretch,
 )
@@ -78,7 +79,7 @@ class BlockEvaluator:
             An instrument fails, or an encoder is another one than described.
         """
         samples: dict[str, ChannelSamples] = {}
-        fine: dict[str, TorqueSamples] = {}
+        fine: dict[str, FineCount] = {}
         readout = self._drivers.reference
         for channel in channels:
             name = channel.name
@@ -89,8 +90,8 @@ class BlockEvaluator:
                 samples[name] = channel.push_frequency(raw.frequencies[name])
             elif name in raw.edges:  # the channel was selected after this block was timed
                 samples[name] = channel.push(raw.edges[name])
-            if channel.fine_samples is not None:
-                fine[name] = channel.fine_samples
+            if channel.fine is not None:
+                fine[name] = channel.fine
         speeds: dict[Side, float] = {}
         for side, angle in raw.angles.items():
             self._check_encoder(side, angle)
@@ -136,16 +137,26 @@ class BlockEvaluator:
     ) -> Stretch:
         """Compensate blocks of which each follows the one before, with their accelerations."""
         bare = Stretch(tuple(self._accelerated(blocks)))
+        fine = {
+            name: windows.count([block.edges[name] for block in blocks])
+            for name, windows in blocks[0].fine.items()
+        }
         return Stretch(
             bare.blocks,
             {
-                side: self._compensated(bare, side, active)
+                side: self._compensated(bare, side, active, fine.get(torque_channel(side)))
                 for side, active in compensations.items()
                 if torque_channel(side) in blocks[0].channels
             },
         )
 
-    def _compensated(self, stretch: Stretch, side: Side, active: ActiveChain) -> Torque:
+    def _compensated(
+        self,
+        stretch: Stretch,
+        side: Side,
+        active: ActiveChain,
+        fine: Sequence[TorqueSamples] | None,
+    ) -> Torque:
         probe = self._description.module(side).temperature_probe
         name, blocks = torque_channel(side), stretch.blocks
         speed_rpm = [block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S for block in blocks]
@@ -162,15 +173,12 @@ class BlockEvaluator:
             angle = self._angles(side, found.time_s - delay_s) if by_angle else None
             return replace(found, angle_rad=angle, window_s=window_s)
 
-        if name not in blocks[0].fine:
+        if fine is None:
             active.end_fine()
         else:
             active.push_fine(
                 readings(
-                    [
-                        (each.time_s, each.torque_nm, each.standard_uncertainty_nm)
-                        for each in (block.fine[name] for block in blocks)
-                    ],
+                    [(each.time_s, each.torque_nm, each.standard_uncertainty_nm) for each in fine],
                     FINE_WINDOW_S,
                 )
             )

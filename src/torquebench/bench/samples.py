@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ __all__ = [
     "FINE_WINDOW_S",
     "AcquiredBlock",
     "ChannelSamples",
+    "FineCount",
     "SampleRing",
     "Stretch",
     "Viewer",
@@ -80,6 +82,13 @@ class ChannelSamples:
         return SignalFaultKind(int(self.fault[-1])) if self.fault.size else SignalFaultKind.NONE
 
 
+class FineCount(Protocol):
+    """Shorter windows of one channel, counted when a stretch of blocks is evaluated."""
+
+    def count(self, edges: Sequence[EdgeBlock]) -> list[TorqueSamples]:
+        """Return the windows that each of the next blocks completes."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class AcquiredBlock:
     """All data of one block of bench time.
@@ -98,8 +107,8 @@ class AcquiredBlock:
     temperatures : mapping of probe to °C
     edges : mapping of channel name to EdgeBlock
         The raw edges.
-    fine : mapping of channel name to TorqueSamples
-        Shorter windows of the finely counted channels.
+    fine : mapping of channel name to FineCount
+        Shorter windows of the finely counted channels. Supervision doesn't need them.
     accelerations : mapping of side to Acceleration
         Over the block; a side without sufficient encoder data is missing.
     compensated : mapping of side to Torque
@@ -116,7 +125,7 @@ class AcquiredBlock:
     speed_rad_s: Mapping[Side, float]
     temperatures: Mapping[str, float]
     edges: Mapping[str, EdgeBlock]
-    fine: Mapping[str, TorqueSamples] = field(default_factory=dict)
+    fine: Mapping[str, FineCount] = field(default_factory=dict)
     accelerations: Mapping[Side, Acceleration] = field(default_factory=dict)
     compensated: Mapping[Side, Torque] = field(default_factory=dict)
 
@@ -124,7 +133,7 @@ class AcquiredBlock:
         """Whether the same signals go on from another block without a gap."""
         return (
             self.channels.keys() == before.channels.keys()
-            and self.fine.keys() == before.fine.keys()
+            and self.fine == before.fine
             and self.temperatures.keys() == before.temperatures.keys()
             and self.speed_rad_s.keys() == before.speed_rad_s.keys()
             and self.angles.keys() == before.angles.keys()

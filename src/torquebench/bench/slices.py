@@ -11,7 +11,7 @@ from torquebench.bench.drivers.base import AngleSamples, CounterBlock
 from torquebench.errors import BenchError
 from torquebench.signals import EdgeBlock
 
-__all__ = ["joined", "slices_of"]
+__all__ = ["joined", "joined_edges", "slices_of"]
 
 
 def slices_of(block_s: float, look_s: float) -> int:
@@ -40,7 +40,11 @@ def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
     if len(parts) == 1:
         return first
     whole = set.intersection(*(set(part.edges) for part in parts))
-    edges = {name: _joined_edges(name, parts) for name in first.edges if name in whole}
+    edges = {
+        name: joined_edges(name, [part.edges[name] for part in parts])
+        for name in first.edges
+        if name in whole
+    }
     angles = {}
     for side, angle in first.angles.items():
         samples = [part.angles[side] for part in parts]
@@ -52,8 +56,10 @@ def joined(parts: Sequence[CounterBlock]) -> CounterBlock:
     return CounterBlock(first.start_s, last.stop_s, edges, angles, waiting_s=last.waiting_s)
 
 
-def _joined_edges(name: str, parts: Sequence[CounterBlock]) -> EdgeBlock:
-    blocks = [part.edges[name] for part in parts]
+def joined_edges(name: str, blocks: Sequence[EdgeBlock]) -> EdgeBlock:
+    """Put the edges of a channel together; raises like `joined`."""
+    if len(blocks) == 1:
+        return blocks[0]
     for before, after in itertools.pairwise(blocks):
         if after.start_tick != before.stop_tick:
             raise BenchError(
