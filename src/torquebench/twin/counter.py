@@ -123,13 +123,18 @@ class EdgeSource:
         self._jitter_ticks = counter.jitter_s * timebase_hz
         self._delay_ticks = delay_s * timebase_hz
         self._phase = 0.0
-        self._waiting: TickArray = np.empty(0, dtype=np.int64)
+        self._room: TickArray = np.empty(0, dtype=np.int64)
+        self._waiting = 0  # edges at the beginning of the room that are still to be delivered
         self._delivered = 0
 
     def run(self, first_step: int, frequency_hz: FloatArray) -> None:
         """Make the edges of the steps between the given border frequencies."""
         cycles = np.maximum(frequency_hz, 1.0) * self._scale
-        ticks = np.empty(int(np.add.reduce(cycles) * self._step_ticks) + 8, dtype=np.int64)
+        most = self._waiting + int(np.add.reduce(cycles) * self._step_ticks) + 8
+        if most > self._room.size:
+            room = np.empty(2 * most, dtype=np.int64)
+            room[: self._waiting] = self._room[: self._waiting]
+            self._room = room
         count, self._phase = edges_of_steps(
             cycles,
             first_step,
@@ -138,22 +143,23 @@ class EdgeSource:
             self._jitter_ticks,
             self._phase,
             self._generator,
-            ticks,
+            self._room[self._waiting :],
         )
-        fresh = ticks[:count]
-        self._waiting = np.concatenate((self._waiting, fresh)) if self._waiting.size else fresh
+        self._waiting += count
 
     def take(self, stop_tick: int) -> tuple[TickArray, int]:
         """Hand out the edges before a tick, and the running number of the first of them."""
-        split = int(np.searchsorted(self._waiting, stop_tick))
-        taken, self._waiting = self._waiting[:split], self._waiting[split:].copy()
+        split = int(self._room[: self._waiting].searchsorted(stop_tick))
+        taken = self._room[:split].copy()
+        self._waiting -= split
+        self._room[: self._waiting] = self._room[split : split + self._waiting].copy()
         number = self._delivered
         self._delivered += split
         return taken, number
 
     def forget(self) -> None:
         """Drop the edges that wait: the channel was idle, and their time has passed."""
-        self._waiting = np.empty(0, dtype=np.int64)
+        self._waiting = 0
 
     def begin(self, frequency_hz: float) -> None:
         """Start as if the channel had always run, so that no gap opens the first block."""
