@@ -27,7 +27,8 @@ def write_table(path: Path, seed: int, groups: int = 1) -> None:
 def test_fit_apply_verify(tmp_path: Path) -> None:
     write_table(tmp_path / "data.csv", seed=1)
     write_table(tmp_path / "fresh.csv", seed=2, groups=2)
-    fitted = run("fit", "data.csv", "--range", 2000, "--out", "model.json", cwd=tmp_path)
+    arguments = ("fit", "data.csv", "--range", 2000, "--out", "model.json")
+    fitted = run(*arguments, "--report", "model.html", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
     assert "model: physics + Gaussian process" in fitted.stdout
     assert "bayesian-network" not in fitted.stdout
@@ -82,20 +83,21 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
 def test_all_kinds_are_compared_on_demand(tmp_path: Path) -> None:
     write_table(tmp_path / "data.csv", seed=1)
     arguments = ("fit", "data.csv", "--model", "polynomial-2", "--compare")
-    fitted = run(*arguments, "--out", "model.json", cwd=tmp_path)
+    fitted = run(*arguments, "--out", "model.json", "--report", "fit.html", cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
     for text in ("bayesian-network", "published-network", "hybrid", "model: polynomial, degree 2"):
         assert text in fitted.stdout
     assert widest_line(fitted.stdout) <= 80
-    assert "Comparison of models" in (tmp_path / "model.html").read_text()
+    assert "Comparison of models" in (tmp_path / "fit.html").read_text()
 
 
 def test_parameters_of_the_network_and_its_training_curve(tmp_path: Path) -> None:
     write_table(tmp_path / "data.csv", seed=1)
     command = ("fit", "data.csv", "--model", "published-network", "--parameter", "epochs=700")
-    fitted = run(*command, "--parameter", "start=small-uniform", cwd=tmp_path)
+    others = ("--parameter", "start=small-uniform", "--report", "fit.html")
+    fitted = run(*command, *others, cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
-    report = (tmp_path / "model.html").read_text()
+    report = (tmp_path / "fit.html").read_text()
     assert "700 epochs" in report
     assert "small-uniform" in report
     refused = run(*command, "--parameter", "epochs=800", cwd=tmp_path)

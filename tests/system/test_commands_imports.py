@@ -105,6 +105,20 @@ def test_a_refusal_imports_nothing_heavy(tmp_path: Path) -> None:
         assert (code, heavy) == (2, []), (command, said)
 
 
+def test_only_a_report_of_a_fit_draws(tmp_path: Path) -> None:
+    calibration = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
+    (tmp_path / "points.csv").write_bytes(calibration.read_bytes())
+    drawing = ["jinja2", "matplotlib", "PIL"]
+    fits = ("fit points.csv --model hybrid", "fit points.csv --report a.html --report b.pdf")
+    alone, reported = answers(tmp_path, drawing, *fits)
+    assert alone[1:3] == [0, []], alone
+    assert reported[1] == 0, reported
+    assert "matplotlib" in reported[2]
+    assert {path.name for path in tmp_path.iterdir()} == {
+        *("points.csv", "model.json", "a.html", "b.pdf")
+    }
+
+
 def test_lists_of_records_import_nothing_heavy(tmp_path: Path) -> None:
     made = "from pathlib import Path; from torquebench.records import Registry; "
     made += "Registry.open(Path()).close()"

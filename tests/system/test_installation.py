@@ -39,7 +39,7 @@ def without_extras(folder: Path, *arguments: str) -> subprocess.CompletedProcess
 
 def test_tables_are_fitted_verified_and_compensated_without_extras(tmp_path: Path) -> None:
     for arguments in (
-        ("fit", str(EXAMPLES / "calibration-output.csv"), "--range", "2000", "--out", "m.json"),
+        ("fit", str(EXAMPLES / "calibration-output.csv"), "--report", "m.html", "--out", "m.json"),
         ("verify", "m.json", str(EXAMPLES / "verification-output.csv")),
         ("apply", "m.json", str(EXAMPLES / "readings-output.csv"), "--out", "torque.csv"),
     ):

@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from torquebench.atomic_write import is_standard_output
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.console import answer, out, say, say_file, warn, write_contradictions
 from torquebench.cli.failure import CHECK_FAILED
@@ -39,6 +38,10 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
+ReportsOption = Annotated[
+    list[Path] | None,
+    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
+]
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
 DEFAULT_KIND = "hybrid"
@@ -80,9 +83,7 @@ def fit(
     result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
         "model.json"
     ),
-    report: Annotated[
-        Path | None, typer.Option(help="The report (.html, .pdf); without it beside the model.")
-    ] = None,
+    report: ReportsOption = None,
     one_direction: Annotated[
         bool,
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
@@ -134,9 +135,7 @@ def fit(
 
     inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
     check_output(result, *inputs, endings=(".json",))
-    page = report or (None if is_standard_output(result) else result.with_suffix(".html"))
-    if page is not None:
-        check_reports([page])
+    check_reports(report or [])
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -169,9 +168,6 @@ def fit(
     from torquebench.cli.progress import TerminalProgress
     from torquebench.cli.tables import effects_table
     from torquebench.compensation import RECOMMENDED
-    from torquebench.reports.fit_report import fit_page
-    from torquebench.reports.page_pdf import write_report
-    from torquebench.reports.turning_report import identified_section
 
     points = joined_tables(tables)
     certified = stated_reference(reference, points.range_nm, points.side)
@@ -214,13 +210,17 @@ def fit(
         accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
     )
     say_file("Model", result)
-    if page is not None:
-        written = fit_page(fitted)
+    if report:  # imported only now: drawing takes a third of the time
+        from torquebench.reports.fit_report import fit_page
+        from torquebench.reports.page_pdf import write_report
+        from torquebench.reports.turning_report import identified_section
+
+        page = fit_page(fitted)
         if turning.effects:
             section = identified_section(turning.effects, turning.remarks, points.range_nm)
-            written = replace(written, sections=[*written.sections, section])
-        write_report(written, page)
-        say_file("Report", page)
+            page = replace(page, sections=[*page.sections, section])
+        for path in report:
+            say_file("Report", write_report(page, path))
     if fitted.contradictions:
         write_contradictions(
             fitted.contradictions,
@@ -398,12 +398,7 @@ def verify(
         list[Path] | None,
         typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
     ] = None,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: ReportsOption = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
