@@ -1,15 +1,18 @@
 """One self-contained HTML page: headings, facts, tables and figures, no script, no network."""
 
+from __future__ import annotations
+
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-
-from jinja2 import Environment, PackageLoader, StrictUndefined, Template
-from markupsafe import Markup
+from typing import TYPE_CHECKING
 
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write
+
+if TYPE_CHECKING:
+    from jinja2 import Template
 
 __all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_page"]
 
@@ -120,6 +123,9 @@ class Page:
 
 @cache
 def _template() -> Template:
+    from jinja2 import Environment, PackageLoader, StrictUndefined  # only a page needs them
+    from markupsafe import Markup
+
     environment = Environment(
         loader=PackageLoader("torquebench.reports"),
         autoescape=True,
