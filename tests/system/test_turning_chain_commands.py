@@ -1,10 +1,12 @@
 """A chain that turns, by command and by files: fit with empty runs, apply, verify."""
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pytest
 from tests.system.command_line import run, widest_line
+from tests.system.test_json_answers import misfits
 from tests.unit.chain.test_turning_chains import (
     INERTIA,
     NOISE_NM,
@@ -15,6 +17,7 @@ from tests.unit.chain.test_turning_chains import (
     zero_shift,
 )
 
+from torquebench.cli.answers import ANSWERS
 from torquebench.units import RAD_S_PER_RPM
 
 RUNS = (12.0, 23.0, 38.0)
@@ -104,6 +107,29 @@ def test_a_correction_is_switched_off_by_itself(folder: Path, fitted: str) -> No
     shift = zero_shift(off["temperature_c"]) + truth * 1e-4 * (off["temperature_c"] - 23.0)
     assert np.corrcoef(error, shift)[0, 1] > 0.9
     assert np.mean(np.abs(error) <= off["expanded_uncertainty_nm"]) > 0.9
+
+
+def test_a_new_lubricant_is_a_factor_on_the_drag(folder: Path, fitted: str) -> None:
+    assert fitted
+    result = run(
+        "evaluate", "lubrication", "23.csv", "--model", "chain.json", "--lubricant", "grease K",
+        "--out", "renewed.json", "--json", cwd=folder,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    answer = json.loads(result.stdout)["answer"]
+    assert misfits(answer, ANSWERS["evaluate lubrication"], "answer") == []
+    factor = answer["factor"]
+    assert abs(factor["value"] - 1.0) < factor["expanded_uncertainty"] < 0.3
+    assert answer["record"].endswith("by 23.csv (grease K)")
+    result = run("apply", "renewed.json", "readings.csv", "--out", "renewed.csv", cwd=folder)
+    assert result.returncode == 0, result.stderr
+    lines = (folder / "23.csv").read_text().splitlines()
+    (folder / "short.csv").write_text("\n".join(lines[:60]) + "\n")
+    refused = run("evaluate", "lubrication", "short.csv", "--model", "chain.json", "--out",
+                  "no.json", cwd=folder)  # fmt: skip
+    assert refused.returncode == 2
+    assert "both directions" in " ".join(refused.stderr.split())
+    assert not (folder / "no.json").exists()
 
 
 def test_what_the_record_of_an_effect_does_not_cover_is_refused_by_line(

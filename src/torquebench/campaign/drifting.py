@@ -194,14 +194,14 @@ def _effects_over_time(
                 span = float(np.diff(np.interp(ends, warmth.at_c, warmth.span))[0])
                 values["Span over temperature", "% per 10 K"] = 100.0 * per_10k * span
         if rotation is not None:
-            for title, table in (
-                (f"Zero at {rpm:g} 1/min", rotation.even_nm),
-                (f"Bearing drag at {rpm:g} 1/min", rotation.odd_nm),
+            for title, table, factor in (
+                (f"Zero at {rpm:g} 1/min", rotation.even_nm, 1.0),
+                (f"Bearing drag at {rpm:g} 1/min", rotation.odd_nm, rotation.lubrication),
             ):
                 columns = zip(*table, strict=True)
                 at_speed = [np.interp(rpm, rotation.speeds_rpm, each) for each in columns]
                 now = float(np.interp(rotation.calibrated_c, rotation.at_c, at_speed))
-                values[title, "% FS"] = percent * now
+                values[title, "% FS"] = percent * factor * now
         if inertia is not None:
             torque = inertia.moment_nm_s2 * rad_s2
             values[f"Inertia's torque at {rad_s2:.3g} rad/s²", "% FS"] = percent * torque

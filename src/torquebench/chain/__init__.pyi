@@ -33,6 +33,7 @@ from .identification import (
     Identified as Identified,
     TurningCalibration as TurningCalibration,
     identify as identify,
+    identify_lubrication as identify_lubrication,
     stretches as stretches,
 )
 from .measuring_chain import (

@@ -48,8 +48,12 @@ def temperature(
     calibrated_c: float,
     correlation_k: float,
 ) -> FloatArray:
-    """Return rows: u of the zero, its correction, u of the span, its correction, place."""
-    found = np.zeros((5, now_c.size))
+    """Return rows: u of the zero, its correction, u of the span, its correction, place, slope.
+
+    `curves` has the zero, its u, the span, its u, and the slopes of zero and span; the slope of a
+    row is that of the reading, N·m/K.
+    """
+    found = np.zeros((6, now_c.size))
     for k in range(now_c.size):
         warm = now_c[k]
         found[4, k] = (calibrated_c if math.isnan(warm) else warm) / correlation_k
@@ -65,6 +69,7 @@ def temperature(
             found[1, k] = np.nan
         found[2, k] = _on_line(curves[3], at) * torque_nm[k]
         found[3, k] = -_on_line(curves[2], at) * torque_nm[k]
+        found[5, k] = _on_line(curves[4], at) + _on_line(curves[5], at) * torque_nm[k]
     return found
 
 

@@ -51,6 +51,7 @@ def _add_commands(wanted: str) -> None:
         doctor,
         evaluate,
         evaluate_dynamics,
+        evaluate_lubrication,
         evaluate_reducer,
         in_place,
         measure,
@@ -87,6 +88,7 @@ def _add_commands(wanted: str) -> None:
         group.register(app)
     app.add_typer(records.app)
     evaluate_dynamics.register(evaluate.app)
+    evaluate_lubrication.register(evaluate.app)
     evaluate_reducer.register(evaluate.app)
     app.add_typer(evaluate.app)
     app.add_typer(plant_questions.app)

@@ -796,6 +796,14 @@ class EvaluatedDynamics(TypedDict):
     files: list[str]
 
 
+class EvaluatedLubrication(TypedDict):
+    """Factor on the drag of the bearings by the present lubricant."""
+
+    factor: EstimatedValue
+    record: str
+    files: list[str]
+
+
 class EvaluatedQuantity(TypedDict):
     """One quantity with U (95.45 % coverage)."""
 
@@ -990,6 +998,7 @@ ANSWERS: dict[str, type] = {
     "teds write": DataSheetWritten,
     "evaluate static": EvaluatedStatic,
     "evaluate dynamics": EvaluatedDynamics,
+    "evaluate lubrication": EvaluatedLubrication,
     **{f"evaluate {name}": EvaluatedReducer for name in _REDUCER_EVALUATIONS},
     "plant init": PlantMade,
     "plant register": PlantBenches,

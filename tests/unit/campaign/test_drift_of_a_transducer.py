@@ -105,7 +105,7 @@ def turning_model(registry, folder, number):
         MeasuredTemperature("runs", 23.0, 13.0, 33.0, (13.0, 23.0, 33.0), (-0.05, 0.0, 0.05),
                             (0.001, 0.0, 0.001)),
         MeasuredRotation("runs", 23.0, -1000.0, 1000.0, 13.0, 33.0, (0.0, 1000.0), (13.0, 33.0),
-                         *tables),
+                         *tables, lubrication=1.0 + 0.5 * number),
         Inertia("ramps", 0.0025, 1e-5, 30.0),
     )  # fmt: skip
     torque = np.linspace(-50.0, 50.0, 10)
@@ -128,7 +128,7 @@ def test_effects_of_empty_runs_have_their_charts(registry, tmp_path):
     assert not any("1/min" in title for title in charts())  # one run shows no drift
     turning_model(registry, tmp_path, 1)
     found = charts()
-    assert found["Bearing drag at 1000 1/min"].values == pytest.approx([0.04, 0.042])
+    assert found["Bearing drag at 1000 1/min"].values == pytest.approx([0.04, 1.5 * 0.042])
     assert found["Zero over temperature"].values == pytest.approx([0.1, 0.1])
     assert found["Inertia's torque at 30 rad/s²"].values == pytest.approx([0.15, 0.15])
     assert not any(each.calibrations for title, each in found.items() if "1/min" in title)

@@ -209,7 +209,7 @@ def torque_uncertainty(
     relative = sum(np.square(stated.component(name) / size) for name in _RELATIVE)
     kept = sum(np.square(stated.component(name)) for name in _ZERO)
     by_speed = stated.component("zero over speed") / np.where(speed > 0.0, speed, np.inf)
-    drag = np.hypot(stated.component("bearing drag"), stated.component("running-in"))
+    drag = np.sqrt(sum(np.square(stated.component(name)) for name in _DRAG))
     columns = (
         np.sqrt(growing**2 + relative),
         np.sqrt(zeros**2 + kept),
@@ -232,7 +232,8 @@ _RELATIVE = (
     "drift",
     "mounting",
 )
-_ZERO = ("zero", "zero drift", "temperature of zero")
+_ZERO = ("zero", "zero drift", "temperature of zero", "temperature gradient")
+_DRAG = ("bearing drag", "running-in", "lubrication")
 
 
 def _without_chain(bench: Bench, side: Side, zero_nm: float) -> TorqueUncertainty:

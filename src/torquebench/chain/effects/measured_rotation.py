@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -26,6 +26,8 @@ from torquebench.chain.torque import Component, Shared
 
 __all__ = ["MeasuredRotation"]
 
+UNKNOWN_LUBRICATION = 0.2 / 3.0**0.5
+"""Standard uncertainty of the drag's factor if no run shows it: within ±20 %, rectangular."""
 CORRELATION_RPM = 300.0
 CORRELATION_K = 10.0
 """Errors at speeds or temperatures farther apart are treated as independent."""
@@ -70,6 +72,8 @@ class MeasuredRotation(Effect):
         that of the calibration's points, caused by transducer, drive and misalignment, N·m.
     window_s : float
         Windows of the empty runs, s: shorter ones are noisier. 0 if unknown.
+    lubrication, lubrication_uncertainty : float
+        Factor on the drag by the present state of the lubricant, and its standard uncertainty.
     """
 
     title: ClassVar[str] = "rotation, measured"
@@ -97,6 +101,8 @@ class MeasuredRotation(Effect):
     running_in_uncertainty_nm: Numbers = ()
     noise_nm: Numbers = ()
     window_s: float = 0.0
+    lubrication: float = field(default=1.0, metadata={"least": 0.0})
+    lubrication_uncertainty: float = field(default=UNKNOWN_LUBRICATION, metadata={"least": 0.0})
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
@@ -119,7 +125,13 @@ class MeasuredRotation(Effect):
         even, even_u, odd, odd_u = self._tables[:, :, here]
         parts = [
             MeasuredPart.of("zero over speed", even, even_u, range_nm, where),
-            MeasuredPart.of("bearing drag", odd, odd_u, range_nm, where),
+            MeasuredPart.of(
+                "bearing drag",
+                self.lubrication * odd,
+                np.hypot(self.lubrication * odd_u, self.lubrication_uncertainty * odd),
+                range_nm,
+                where,
+            ),
         ]
         if self.load_at_nm:
             load, load_u = self.load_nm, self.load_uncertainty_nm
@@ -228,12 +240,14 @@ class MeasuredRotation(Effect):
             self._unknown,
             (*self._limits_rpm, STANDSTILL_RPM),
         )
+        drag = self.lubrication * drag
         place = np.empty((count, 2))
         place[:, 0] = known_or(speed, 0.0) / CORRELATION_RPM
         place[:, 1] = known_or(celsius, self.calibrated_c) / CORRELATION_K
         found = [
             Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
-            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
+            Component("bearing drag", Shared.MOUNTING, self.lubrication * drag_u, drag, place),
+            Component("lubrication", Shared.MOUNTING, self.lubrication_uncertainty * drag),
         ]
         if self.noise_nm:
             size = np.where(np.isnan(speed), self.speeds_rpm[-1], np.abs(speed))

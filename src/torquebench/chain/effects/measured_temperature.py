@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, ClassVar, Self
 
@@ -14,6 +14,7 @@ from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.grid import Numbers, between, linear, located, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import Distribution
 
 __all__ = ["MeasuredTemperature"]
 
@@ -42,6 +43,9 @@ class MeasuredTemperature(Effect):
         Change of the zero and its standard uncertainty, N·m.
     span, span_uncertainty : tuple of float
         The same of the span, share of the torque; empty where it wasn't identified.
+    deviation_k : float
+        Limit by which probe and transducer differ more or less than during these measurements, K:
+        while the temperature changes, the shaft has a gradient.
     """
 
     title: ClassVar[str] = "temperature of zero and span, measured"
@@ -56,6 +60,7 @@ class MeasuredTemperature(Effect):
     zero_uncertainty_nm: Numbers
     span: Numbers = ()
     span_uncertainty: Numbers = ()
+    deviation_k: float = field(default=0.5, metadata={"least": 0.0})
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
@@ -87,6 +92,12 @@ class MeasuredTemperature(Effect):
         return np.array([each or nothing for each in found])
 
     @cached_property
+    def _kernel_curves(self) -> FloatArray:
+        """The curves, and the slopes of zero and span per K."""
+        slopes = np.gradient(self._curves[::2], self._nodes, axis=1)
+        return np.concatenate([self._curves, slopes])
+
+    @cached_property
     def _unknown(self) -> tuple[float, float]:
         """Zero (N·m) and span at an unknown temperature: rectangular."""
         measured = located(self._nodes, between(self._nodes, self.low_c, self.high_c))
@@ -111,13 +122,13 @@ class MeasuredTemperature(Effect):
         return () if self.span else ("temperature of span",)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return zero and span at the temperature of each reading."""
-        zero_u, zero, span_u, span, place = temperature(
+        """Return zero, span and what a gradient may change at the temperature of each reading."""
+        zero_u, zero, span_u, span, place, slope = temperature(
             row_of(readings.temperature_c, torque_nm.size),
             row_of(readings.zero_temperature_c, torque_nm.size, self.calibrated_c),
             torque_nm,
             self._nodes,
-            self._curves,
+            self._kernel_curves,
             self._unknown,
             self.calibrated_c,
             CORRELATION_K,
@@ -126,4 +137,10 @@ class MeasuredTemperature(Effect):
         return (
             Component("temperature of zero", Shared.ZEROING, zero_u, zero, where),
             Component("temperature of span", Shared.CALIBRATION, span_u, span, where),
+            Component(
+                "temperature gradient",
+                Shared.LOADING,
+                self.deviation_k / np.sqrt(3.0) * slope,
+                distribution=Distribution.RECTANGULAR,
+            ),
         )

@@ -1,3 +1,4 @@
+from .lubrication import identify_lubrication as identify_lubrication
 from .records import (
     EmptyRun as EmptyRun,
     TurningCalibration as TurningCalibration,

@@ -1,0 +1,120 @@
+"""Factor on the drag of the bearings by the present state of their lubricant."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from torquebench.chain.effect import Effect
+from torquebench.chain.effects import MeasuredRotation
+from torquebench.chain.identification.basis import direction
+from torquebench.chain.identification.records import EmptyRun
+from torquebench.chain.readings import Readings
+from torquebench.compensation.curve_uncertainty import student_widening
+from torquebench.errors import InputError
+
+__all__ = ["identify_lubrication"]
+
+_BINS = 20
+"""Of the speed, up to the largest one."""
+_FEWEST_IN_BIN = 10
+_FEWEST_SPEEDS = 4
+_LARGEST_U = 0.15
+_REMEDY = "record an empty run over all working speeds, in both directions"
+_SEPARATOR = "; drag multiplied by"
+
+
+def identify_lubrication(
+    effects: Sequence[Effect], run: EmptyRun, lubricant: str = ""
+) -> MeasuredRotation:
+    """Return a chain's rotation with the drag of the present lubricant.
+
+    The drag of the run, as the part of the reading that follows the chain's drag over speed and
+    temperature, gives the factor; a constant zero is free. The standard uncertainty contains how
+    far the drag at single speeds deviates from the factor.
+
+    Parameters
+    ----------
+    effects : sequence of Effect
+        Of the chain.
+    run : EmptyRun
+        With the present lubricant, at any temperature within the chain's.
+    lubricant : str
+        Its type, amount and hours, for the record.
+
+    Raises
+    ------
+    InputError
+        The chain has no measured rotation, or the run doesn't show the factor.
+    """
+    rotation = next((each for each in effects if isinstance(each, MeasuredRotation)), None)
+    if rotation is None:
+        raise InputError(
+            "a chain without measured drag of its bearings",
+            "a chain that was fitted with empty runs",
+            "fit it with --empty",
+        )
+    readings = Readings(
+        run.reading_nm,
+        speed_rpm=run.speed_rpm,
+        temperature_c=run.temperature_c,
+        zero_temperature_c=float(run.temperature_c[0]),
+        acceleration_rad_s2=run.acceleration,
+        angle_rad=run.angle_rad,
+        time_s=run.time_s,
+        window_s=float(np.median(np.diff(run.time_s))),
+    )
+    nothing = np.zeros(len(run))
+    parts = [
+        part
+        for effect in effects
+        if effect.corrects_reading
+        for part in effect.components(readings, nothing)
+    ]
+    left = run.reading_nm + sum((part.value_nm for part in parts), nothing)
+    drag = -next(np.asarray(part.value_nm) for part in parts if part.name == "bearing drag")
+    turning = direction(run.speed_rpm)
+    largest = max(float(np.max(np.abs(run.speed_rpm))), 1e-9)
+    place = turning * (1.0 + np.floor((_BINS - 1e-9) * np.abs(run.speed_rpm) / largest))
+    place[~np.isfinite(left)] = np.nan
+    means = []
+    for each in np.unique(place[np.isfinite(place) & (drag != 0.0)]):
+        rows = place == each
+        if np.sum(rows) >= _FEWEST_IN_BIN:
+            means.append((each, np.mean(drag[rows]), np.mean(left[rows])))
+    ahead = sum(each[0] > 0.0 for each in means)
+    back = len(means) - ahead
+    if min(ahead, back) < _FEWEST_SPEEDS:
+        raise InputError(
+            f"{run.source}: {ahead} speeds in one direction and {back} in the other that the "
+            "chain holds for",
+            f"{_FEWEST_SPEEDS} at least in both",
+            _REMEDY,
+        )
+    _, known, found = np.array(means).T
+    centred = known - np.mean(known)
+    power = float(centred @ centred)
+    slope = float(centred @ found) / max(power, 1e-300)
+    free = known.size - 2
+    spread = found - np.mean(found) - slope * centred
+    noise = float(spread @ spread) / free
+    factor = rotation.lubrication * (1.0 + slope)
+    left_over = float(np.sum(np.square(spread / known))) / free
+    # of the slope, and of what one factor leaves at a single speed
+    relative = np.sqrt(noise / max(power, 1e-300) + left_over)
+    u = float(rotation.lubrication * student_widening(free) * relative)
+    if not (u <= _LARGEST_U * max(factor, 0.0)):
+        raise InputError(
+            f"{run.source}: drag of {factor:.3g} times the chain's, with u = {u:.2g}",
+            f"a positive factor, known to {100.0 * _LARGEST_U:g} %",
+            f"{_REMEDY}, at a steady temperature and for longer",
+        )
+    words = f"{rotation.record.partition(_SEPARATOR)[0]}{_SEPARATOR} {factor:.3g} by {run.source}"
+    return replace(
+        rotation,
+        record=words + (f" ({lubricant})" if lubricant else ""),
+        lubrication=factor,
+        lubrication_uncertainty=u,
+    )
