@@ -6,6 +6,7 @@ work if fsspec finds an installed library.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import io
 import json
@@ -185,6 +186,9 @@ class FolderStore:
             if there != target:
                 self._fs.mv(there, target)
         except OSError as error:
+            if there != target:  # a full share would get fuller with each attempt
+                with contextlib.suppress(OSError):
+                    Path(there).unlink()
             raise RecordError(
                 f"{url} can't be written: {error}",
                 "a store that can be reached and written",

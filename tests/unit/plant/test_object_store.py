@@ -1,5 +1,6 @@
 """Run folders in a store that speaks S3, on moto's server, and on a share."""
 
+import resource
 from pathlib import Path
 
 import pytest
@@ -29,6 +30,21 @@ def test_a_folder_arrives_whole_and_is_verified(
         store.put(f"{pushed.url}/results.json", b"{}")
         assert "results.json was changed" in store.verify(pushed.url, manifest)[0]
         assert "can't be read" in store.verify(f"{store.url}/none", manifest)[0]
+
+
+def test_a_full_share_is_named_and_keeps_no_partial_file(tmp_path: Path) -> None:
+    """The largest file that this process may write stands for the room on the share."""
+    store = FolderStore(f"file://{tmp_path}/share")
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, before[1]))
+    try:
+        with pytest.raises(RecordError, match="can't be written"):
+            store.put(f"{store.url}/runs/x.parquet", bytes(100_000))
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+    assert list((tmp_path / "share" / "runs").iterdir()) == []
+    store.put(f"{store.url}/runs/x.parquet", bytes(100_000))
+    assert [path.name for path in (tmp_path / "share" / "runs").iterdir()] == ["x.parquet"]
 
 
 def test_a_store_that_is_away_is_named(bucket: str, monkeypatch: pytest.MonkeyPatch) -> None:
