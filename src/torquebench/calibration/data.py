@@ -34,6 +34,7 @@ _OPTIONAL = (
     "acceleration_rad_s2",
     "angle_rad",
     "zero_temperature_c",
+    "zero_nm",
     "standard_temperature_c",
 )
 
@@ -73,6 +74,8 @@ class CalibrationData:
         Angle of the shaft in the middle of a window, where the points are a record.
     zero_temperature_c : array of float, shape (n,), optional
         Temperature of the transducer when the zero that each reading counts from was taken.
+    zero_nm : array of float, shape (n,), optional
+        That zero itself, as a torque by the transducer's nominal zero, in N·m.
     standard_temperature_c : array of float, shape (n,), optional
         Temperature of the standard.
     true_torque_nm : array of float, shape (n,), optional
@@ -114,6 +117,7 @@ class CalibrationData:
     acceleration_rad_s2: NDArray[np.float64] | None = None
     angle_rad: NDArray[np.float64] | None = None
     zero_temperature_c: NDArray[np.float64] | None = None
+    zero_nm: NDArray[np.float64] | None = None
     standard_temperature_c: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:

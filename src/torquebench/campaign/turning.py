@@ -76,6 +76,7 @@ def identify_turning(
             points.temperature_c,
             points.zero_temperature_c,
             points.standard_error_nm,
+            points.zero_nm,
         ),
         runs,
         points.range_nm,

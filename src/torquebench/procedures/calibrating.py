@@ -92,6 +92,7 @@ class _Table:
             speed_rpm=column("speed_rpm"),
             temperature_c=column("temperature_c"),
             time_s=column("time_s"),
+            zero_nm=optional("zero_nm"),
             standard_error_nm=column("reading_standard_error_nm"),
             true_torque_nm=optional("true_torque_nm"),
             standard_temperature_c=optional("standard_temperature_c"),

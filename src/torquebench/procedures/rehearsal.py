@@ -300,6 +300,7 @@ class _Stage:
         fields = {
             "reading_nm": state.torque_nm,
             "reading_standard_error_nm": 0.0,
+            "zero_nm": 0.0,
             "frequency_hz": self.description.module(side).transducer.scale().zero,
             "settled": True,
             "commanded_nm": state.torque_nm,

@@ -44,6 +44,7 @@ _COLUMNS = {
     "time_s": ("s", "Time of the bench's clock; of samples the centre of the counter's window"),
     "torque_uncertainty_nm": ("N·m", "Standard uncertainty of the compensated torque (k = 1)"),
     "true_torque_nm": ("N·m", "True torque, which only a simulated bench knows"),
+    "zero_nm": ("N·m", "Zero that the reading counts from, by the transducer's nominal zero"),
     "zero_temperature_c": ("°C", "Temperature of the transducer when its zero was taken"),
     "standard_temperature_c": ("°C", "Temperature of the standard"),
     "unix_time_s": ("s", "Time since 1970-01-01 UTC by the computer's clock"),

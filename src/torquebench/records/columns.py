@@ -67,6 +67,8 @@ _CALIBRATION: Mapping[str, Kind] = {
     "speed": "speed",
     "temperature": "temperature",
     "zero_temperature": "temperature",
+    "zero": "torque",
+    "standard_temperature": "temperature",
     "time": "time",
     "acceleration": "acceleration",
     **dict.fromkeys(LABELS, WORD),

@@ -46,6 +46,7 @@ _OPTIONAL = (
     "acceleration_rad_s2",
     "angle_rad",
     "zero_temperature_c",
+    "zero_nm",
     "standard_temperature_c",
 )
 READING_QUANTITIES = (
@@ -79,7 +80,7 @@ def read_calibration_csv(
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
-    ``acceleration_rad_s2``, ``zero_temperature_c``, ``standard_temperature_c``,
+    ``acceleration_rad_s2``, ``zero_temperature_c``, ``zero_nm``, ``standard_temperature_c``,
     ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
     passed over. Lines are in measuring order, from which a missing branch follows. Comments such
     as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
@@ -194,6 +195,7 @@ def calibration_of(
         acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
         angle_rad=quantity(table, columns, "angle_deg"),
         zero_temperature_c=quantity(table, columns, "zero_temperature_c"),
+        zero_nm=quantity(table, columns, "zero_nm"),
         standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
         simulated=is_simulated(noted),
     )

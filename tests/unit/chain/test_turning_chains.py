@@ -20,6 +20,7 @@ from torquebench.chain import (
     SwitchedOff,
     Temperature,
     TurningCalibration,
+    Zero,
     identify,
 )
 from torquebench.chain.identification import tables
@@ -403,6 +404,66 @@ def test_points_count_from_the_zero_that_was_taken_before_them() -> None:
     assert part(warm, "temperature of zero")[0] == pytest.approx(
         -zero_shift(np.array([35.0]))[0], abs=0.003
     )
+
+
+SEATED_NM = (0.02, -0.01, -0.025, 0.015, -0.02, 0.01)
+"""By how much six zeros, of three series and three runs, are off: the parts seat anew each time."""
+
+
+def seated(stated: bool) -> tuple[TurningCalibration, list[EmptyRun]]:
+    """Return points and runs that each begin with a zero of their own."""
+    points, celsius = calibration(), (23.0, 12.0, 38.0)
+    warm = np.array(celsius)
+    zeros = zero_shift(warm) + SEATED_NM[:3]
+    of_point = np.repeat(zeros, points.reading_nm.size // 3)
+    runs = []
+    for number, (at, off) in enumerate(zip(celsius, SEATED_NM[3:], strict=True)):
+        run, zero = empty_run(at, number), float(zero_shift(np.array([at]))[0]) + off
+        runs.append(replace(run, reading_nm=run.reading_nm - zero, zero_nm=0.4 + zero))
+    return replace(
+        points,
+        reading_nm=points.reading_nm - of_point,
+        zero_temperature_c=points.temperature_c,
+        zero_nm=0.4 + of_point if stated else None,
+    ), runs
+
+
+def test_many_points_tell_the_zero_over_temperature_and_a_single_zero_scatters() -> None:
+    found = identify(*seated(stated=True), RANGE_NM)
+    warm, zero = found.effects[0], found.effects[-1]
+    assert isinstance(zero, Zero)
+    scatter = float(np.std(SEATED_NM, ddof=1))
+    assert scatter < zero.zero_nm < 2.0 * scatter
+    errors = [
+        part(warm.components(row(temperature_c=at), np.zeros(1)), "temperature of zero")[0]
+        + zero_shift(np.array([at]))[0]
+        for at in (12.0, 38.0)
+    ]
+    assert np.max(np.abs(errors)) < 0.005
+    # readings count from a zero as it usually is, not from that of one series
+    points = calibration()
+    truth = points.standard_nm - 0.05 * (points.standard_nm / RANGE_NM) ** 2
+    usual = float(np.mean(SEATED_NM))
+    assert np.mean(found.corrected_nm - truth) == pytest.approx(-usual, abs=0.002)
+    assert np.std(found.corrected_nm - truth) < 1.3 * NOISE_NM
+
+
+def test_zeros_that_tables_dont_state_have_no_scatter() -> None:
+    effects = identify(*seated(stated=False), RANGE_NM).effects
+    assert not any(isinstance(each, Zero) for each in effects)
+
+
+def test_points_of_too_few_speeds_stay_as_they_were_read() -> None:
+    points, _ = seated(stated=True)
+    at_once = replace(
+        points,
+        temperature_c=np.full(points.reading_nm.size, 23.0),
+        zero_temperature_c=None,
+        speed_rpm=np.full(points.reading_nm.size, 500.0),
+    )
+    found = identify(at_once, [], RANGE_NM)
+    assert found.effects == ()
+    np.testing.assert_array_equal(found.corrected_nm, points.reading_nm)
 
 
 def test_points_alone_tell_the_temperature_and_what_else_would_is_named() -> None:

@@ -63,6 +63,13 @@ def test_the_zero_is_measured_and_used(station: Station) -> None:
     assert measured == pytest.approx(nominal, rel=0.01)
 
 
+def test_points_state_the_zero_that_they_count_from(station: Station) -> None:
+    scale = station.description.input.transducer.scale()
+    record = station.run(calibrate(station.devices, "input", PROFILE), kind="calibrate-input")
+    measured = scale.torque(station.acquisition.zero_hz("input_torque"))
+    np.testing.assert_allclose(record.result.data.zero_nm, measured, rtol=0.0, atol=1e-6)
+
+
 def test_events_of_points_and_zeros_are_kept_in_streams_of_their_own(station: Station) -> None:
     record = station.run(calibrate(station.devices, "input", PROFILE), kind="calibrate-input")
     folder = RunFolder.open(record.folder)

@@ -159,6 +159,9 @@ def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(
     assert whole.time_s is not None
     assert np.all(np.diff(whole.time_s) > 0.0)
     assert whole.zero_temperature_c is not None
+    assert whole.zero_nm is not None
+    zeros = whole.zero_nm.reshape(2, -1)  # one zero for each series
+    assert np.max(np.ptp(zeros, axis=1)) < 1e-6 < abs(zeros[0, 0] - zeros[1, 0])
     with pytest.raises(InputError, match="complete"):
         read_begun(file, "input", chosen, station.description.input.transducer.serial)
 

@@ -86,9 +86,10 @@ def test_kilo_and_millinewton_metres_are_converted(read):
 def test_all_optional_columns_are_read(read):
     text = (
         "reading_nm,standard_nm,series,branch,direction,nominal_nm,position_deg,speed_rpm,"
-        "temperature_c,time_s,standard_error_nm,true_torque_nm\n"
-        "1.1,1.0,3,up,cw,1,120,10,23.5,0.5,0.01,0.99\n"
-        "-1.1,-1.0,3,down,counter-clockwise,-1,120,-10,23.5,1.0,0.01,-0.99\n"
+        "temperature_c,time_s,standard_error_nm,true_torque_nm,zero_temperature_c,zero_nm,"
+        "standard_temperature_c\n"
+        "1.1,1.0,3,up,cw,1,120,10,23.5,0.5,0.01,0.99,22.5,-0.2,23\n"
+        "-1.1,-1.0,3,down,counter-clockwise,-1,120,-10,23.5,1.0,0.01,-0.99,22.5,-0.2,24\n"
     )
     data = read(text)
     assert data.series.tolist() == [3, 3]
@@ -100,6 +101,9 @@ def test_all_optional_columns_are_read(read):
     assert data.nominal_nm.tolist() == [1.0, -1.0]
     assert data.standard_error_nm.tolist() == [0.01, 0.01]
     assert data.true_torque_nm.tolist() == [0.99, -0.99]
+    assert data.zero_temperature_c.tolist() == [22.5, 22.5]
+    assert data.zero_nm.tolist() == [-0.2, -0.2]
+    assert data.standard_temperature_c.tolist() == [23.0, 24.0]
     assert data.simulated
 
 

@@ -27,6 +27,7 @@ _UNITS = {
     "reading_nm": "N·m",
     "reading_standard_error_nm": "N·m",
     "reading_drift_nm_per_s": "N·m/s",
+    "zero_nm": "N·m",
     "frequency_hz": "Hz",
     "settled": "",
     "samples": "",
@@ -105,6 +106,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `reading_nm`                 N·m     DC component of the transducer's reading, raw
     `reading_standard_error_nm`  N·m     standard error of that mean
     `reading_drift_nm_per_s`     N·m/s   slope over the window
+    `zero_nm`                    N·m     zero that the reading counts from, by the nominal zero
     `frequency_hz`               Hz      mean frequency of the transducer
     `settled`                    bool    drift within its own standard error
     `samples`                            windows of the counter that the mean rests on
@@ -187,6 +189,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         context, side = self._context, self.side
         acquisition, module = context.acquisition, context.description.module(side)
         reading = self._steady(torque_channel(side), start_s, stop_s)
+        zero_hz = acquisition.zero_hz(torque_channel(side))
         commands = context.commands.side(side)
         speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM_PER_RAD_S
         temperature_c = acquisition.temperature_c(module.temperature_probe)
@@ -194,6 +197,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             "reading_nm": reading.steady.value,
             "reading_standard_error_nm": reading.steady.standard_error,
             "reading_drift_nm_per_s": reading.steady.drift_per_s,
+            "zero_nm": float(module.transducer.scale().torque(zero_hz)),
             "frequency_hz": reading.frequency_hz,
             "settled": reading.steady.settled,
             "samples": reading.steady.samples,

@@ -13,12 +13,21 @@ from torquebench.chain.acceleration import AccelerationBySpeed
 from torquebench.chain.readings import FloatArray
 from torquebench.errors import InputError
 
-__all__ = ["SAME_K", "EmptyRun", "TurningCalibration", "stretches"]
+__all__ = [
+    "SAME_K",
+    "EmptyRun",
+    "TurningCalibration",
+    "Zeros",
+    "related_to_one_zero",
+    "stretches",
+    "usual_points",
+]
 
 SAME_K = 2.0
 """Points whose temperatures spread less than this were measured at one temperature."""
 
 _FEWEST_ROWS = 20
+_STILL_RPM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +95,59 @@ class EmptyRun:
         return int(self.time_s.size)
 
 
-def of_one_zero(runs: Sequence[EmptyRun]) -> list[EmptyRun]:
-    """Return runs whose readings count from the zero of the first.
+@dataclass(frozen=True, eq=False)
+class TurningCalibration:
+    """Points of a calibration with speed and temperature.
+
+    Parameters
+    ----------
+    reading_nm, standard_nm, branch : float64 array of shape (n,)
+    speed_rpm : float64 array of shape (n,)
+        0 where it was at standstill.
+    temperature_c : float64 array of shape (n,) or None
+        None where it wasn't measured.
+    standard_error_nm : float64 array of shape (n,), optional
+        Of readings that are means; None where they are single ones.
+    zero_nm : float64 array of shape (n,), optional
+        The zero that each reading counts from, as `EmptyRun.zero_nm` states it.
+    zero_temperature_c : float64 array of shape (n,), optional
+        Temperature at the zero that each reading counts from; that of the static curve by default.
+    """
+
+    reading_nm: FloatArray
+    standard_nm: FloatArray
+    branch: FloatArray
+    speed_rpm: FloatArray
+    temperature_c: FloatArray | None
+    zero_temperature_c: FloatArray | None = None
+    standard_error_nm: FloatArray | None = None
+    zero_nm: FloatArray | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Zeros:
+    """Zeros that were taken before series and empty runs.
+
+    Parameters
+    ----------
+    zero_nm : float64 array of shape (n,)
+        As torques, counted like the readings related to one zero.
+    temperature_c : float64 array of shape (n,)
+    """
+
+    zero_nm: FloatArray
+    temperature_c: FloatArray
+
+
+def related_to_one_zero(
+    calibration: TurningCalibration, runs: Sequence[EmptyRun]
+) -> tuple[TurningCalibration, list[EmptyRun], Zeros | None]:
+    """Return points and runs whose readings count from one zero, and the zeros that were taken.
+
+    A zero is taken once, with one seating of the parts; the points after it have many. If all
+    tables state their zeros, the points thus show the zero at their temperature better than the
+    zeros themselves. All readings then count from the zero of the most points. Otherwise the points
+    keep their zeros, and the runs count from the zero of the first.
 
     Raises
     ------
@@ -102,38 +162,42 @@ def of_one_zero(runs: Sequence[EmptyRun]) -> list[EmptyRun]:
             "zero_nm in all empty runs, or one zero for all of them and no zero_nm",
             "record all of them with `torquebench turn`, or give one run only",
         )
-    return [
-        run
-        if run.zero_nm is None or known[0].zero_nm is None
-        else replace(run, reading_nm=run.reading_nm + (run.zero_nm - known[0].zero_nm))
-        for run in runs
-    ]
+    zero_nm, warm = calibration.zero_nm, calibration.temperature_c
+    if zero_nm is None or warm is None or len(known) < len(runs):
+        first_nm = known[0].zero_nm if known else None
+        return calibration, [_counted_from(run, first_nm) for run in runs], None
+    common_nm = float(np.mean(zero_nm[usual_points(calibration.speed_rpm, warm)]))
+    zeroed = warm if calibration.zero_temperature_c is None else calibration.zero_temperature_c
+    first = np.concatenate([[0], np.flatnonzero(np.diff(zero_nm)) + 1])
+    zeros = Zeros(
+        np.array([*zero_nm[first], *(run.zero_nm for run in known)]) - common_nm,
+        np.array([*zeroed[first], *(run.temperature_c[0] for run in known)]),
+    )
+    related = replace(
+        calibration,
+        reading_nm=calibration.reading_nm + (zero_nm - common_nm),
+        zero_temperature_c=None,
+        zero_nm=None,
+    )
+    return related, [_counted_from(run, common_nm) for run in runs], zeros
 
 
-@dataclass(frozen=True, eq=False)
-class TurningCalibration:
-    """Points of a calibration with speed and temperature.
+def _counted_from(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
+    if run.zero_nm is None or zero_nm is None:
+        return run
+    return replace(run, reading_nm=run.reading_nm + (run.zero_nm - zero_nm), zero_nm=zero_nm)
 
-    Parameters
-    ----------
-    reading_nm, standard_nm, branch : float64 array of shape (n,)
-    speed_rpm : float64 array of shape (n,)
-        0 where it was at standstill.
-    temperature_c : float64 array of shape (n,) or None
-        None where it wasn't measured.
-    standard_error_nm : float64 array of shape (n,), optional
-        Of readings that are means; None where they are single ones.
-    zero_temperature_c : float64 array of shape (n,), optional
-        Temperature at the zero that each reading counts from; that of the static curve by default.
-    """
 
-    reading_nm: FloatArray
-    standard_nm: FloatArray
-    branch: FloatArray
-    speed_rpm: FloatArray
-    temperature_c: FloatArray | None
-    zero_temperature_c: FloatArray | None = None
-    standard_error_nm: FloatArray | None = None
+def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np.bool_]:
+    """Return the points at standstill, if any, and at the temperature of most of them."""
+    still = np.abs(speed_rpm) <= _STILL_RPM
+    usual = still if still.any() else np.ones(still.size, dtype=bool)
+    ordered = np.sort(temperature_c[usual])
+    above, below = (
+        np.searchsorted(ordered, temperature_c[usual] + each) for each in (SAME_K, -SAME_K)
+    )
+    most = float(temperature_c[usual][np.argmax(above - below)])
+    return np.asarray(usual & (np.abs(temperature_c - most) <= SAME_K))
 
 
 def stretches(speed_rpm: FloatArray | None, temperature_c: FloatArray | None) -> NDArray[np.int64]:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.chain.effect import Effect
-from torquebench.chain.effects import Inertia, MeasuredRotation, MeasuredTemperature
+from torquebench.chain.effects import Inertia, MeasuredRotation, MeasuredTemperature, Zero
 from torquebench.chain.grid import numbers
 from torquebench.chain.identification.basis import (
     Block,
@@ -20,15 +20,17 @@ from torquebench.chain.identification.basis import (
 )
 from torquebench.chain.identification.evidence import Normal, Posterior, explore, gain
 from torquebench.chain.identification.records import (
-    SAME_K,
     EmptyRun,
     TurningCalibration,
-    of_one_zero,
+    Zeros,
+    related_to_one_zero,
     stretches,
+    usual_points,
 )
 from torquebench.chain.identification.ripple import identify_ripple, without_ripple
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.compensation import CompensationModel, features, make_model
+from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 
 __all__ = ["LEAST_KELVIN", "Identified", "identify"]
@@ -97,7 +99,8 @@ def identify(
         Empty runs without information, or incompatible with the calibration.
     """
     ripple = identify_ripple(runs)
-    data = _Data.of(calibration, without_ripple(ripple, of_one_zero(runs)), range_nm)
+    related, runs, zeros = related_to_one_zero(calibration, runs)
+    data = _Data.of(related, without_ripple(ripple, runs), range_nm)
     remarks = list(data.gaps())
     lengths_s = [float(run.time_s[-1] - run.time_s[0]) for run in runs]
     used = [block for block in blocks(lengths_s) if block.group == "" or block.group in data.groups]
@@ -110,7 +113,11 @@ def identify(
         )
     fitted = _Fit.of(data, used)
     effects = (*_effects(fitted), *([] if ripple is None else [ripple]))
-    corrected = _corrected(calibration, effects)
+    corrected = _corrected(related, effects)
+    if zeros is not None:
+        usual_nm, zero = _zero(fitted, zeros)
+        corrected = corrected - usual_nm
+        effects = (*effects, *zero)
     return Identified(
         effects,
         corrected,
@@ -162,7 +169,7 @@ class _Data:
         cls, calibration: TurningCalibration, runs: Sequence[EmptyRun], range_nm: float
     ) -> _Data:
         """Put the rows together."""
-        warm, still = calibration.temperature_c, np.abs(calibration.speed_rpm) <= 0.5
+        warm = calibration.temperature_c
         warmth = [run.temperature_c for run in runs]
         if warm is None and runs and np.ptp(np.concatenate(warmth)) >= LEAST_KELVIN:
             raise InputError(
@@ -173,8 +180,7 @@ class _Data:
         known = np.concatenate([*warmth, *([] if warm is None else [warm])] or [np.zeros(1)])
         if warm is None:
             warm = np.full(calibration.reading_nm.size, float(np.mean(known)))
-        usual = still if still.any() else np.ones(still.size, dtype=bool)
-        near = usual & (np.abs(warm - _most_frequent(warm[usual])) <= SAME_K)
+        near = usual_points(calibration.speed_rpm, warm)
         calibrated_c = float(np.mean(warm[near]))
         speeds = np.concatenate([calibration.speed_rpm, *(run.speed_rpm for run in runs)])
         largest_rpm = max(float(np.max(np.abs(speeds))), 1.0)
@@ -281,13 +287,6 @@ class _Data:
         if "odd" in missing:
             missing = [name for name in missing if name not in ("even", "load")]
         return [f"not identified: {said[name]}" for name in missing]
-
-
-def _most_frequent(celsius: FloatArray) -> float:
-    """Return the temperature that has the most others beside it, the first of several."""
-    ordered = np.sort(celsius)
-    above, below = (np.searchsorted(ordered, celsius + each) for each in (SAME_K, -SAME_K))
-    return float(celsius[np.argmax(above - below)])
 
 
 def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
@@ -526,6 +525,22 @@ def _effects(fit: _Fit) -> tuple[Effect, ...]:
     if "inertia" in groups:
         effects.append(_inertia(fit))
     return tuple(effects)
+
+
+def _zero(fit: _Fit, zeros: Zeros) -> tuple[float, tuple[Zero, ...]]:
+    """Return the mean of the zeros about that of the points, N·m, and the scatter of single ones.
+
+    The parts are seated anew with every loading, and a zero sees one seating only.
+    """
+    data, fewest = fit.data, 3
+    at = Circumstances.of(zeros.zero_nm.size, warmth_k=zeros.temperature_c - data.calibrated_c)
+    change, _ = fit.function("zero", at) if "zero" in data.groups else (0.0, 0.0)
+    left = zeros.zero_nm - data.range_nm * change
+    if left.size < fewest:
+        return float(np.mean(left)), ()
+    widening = student_widening(left.size - 1.0) * np.sqrt(1.0 + 1.0 / left.size)
+    u = widening * float(np.std(left, ddof=1))
+    return float(np.mean(left)), (Zero(f"{left.size} zeros of {data.words}", 0.0, zero_nm=u),)
 
 
 def _warm_nodes(data: _Data) -> FloatArray:

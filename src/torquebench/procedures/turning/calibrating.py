@@ -188,6 +188,7 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
         speed_rpm=column("speed_rpm"),
         temperature_c=column("temperature_c"),
         time_s=column("time_s"),
+        zero_nm=column("zero_nm"),
         standard_error_nm=column("reading_standard_error_nm"),
         true_torque_nm=column("true_torque_nm") if known else None,
     ).zeroed_each_series()
