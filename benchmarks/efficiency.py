@@ -28,17 +28,13 @@ import numpy as np
 from rich.console import Console
 
 from benchmarks.compensation import show
-from benchmarks.reducers import described, truths
+from benchmarks.reducers import calibrated, described, truths
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.drivers.simulated import SimulatedOptions
 from torquebench.bench.roles import SIDES
 from torquebench.calibration import load_profile
-from torquebench.campaign.finishing import finish_calibration, registers_calibration
-from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
-from torquebench.compensation import RECOMMENDED
 from torquebench.procedures.reducers.running import EfficiencySettings
 from torquebench.reducers import load_reducer
 from torquebench.station import Station
@@ -52,7 +48,6 @@ AIM_LOW, AIM_HIGH, HALF = 0.30, 0.15, 0.5
 COVERAGE = (93.0, 97.0)
 PROFILES = {"standard": "rapid-in-situ", "rv-40e": "small-torques"}
 """How both modules are calibrated for a reducer: by the torques that it needs."""
-MODELS = (ModelChoice(RECOMMENDED),)
 
 
 @dataclass(frozen=True)
@@ -110,11 +105,8 @@ def one_bench(reducer: str, folder: Path | None, seed: int) -> list[Point]:
         tempfile.TemporaryDirectory() as data,
         Station.open(described_bench, Path(data)) as station,
     ):
-        registers = registers_calibration(MODELS, RECOMMENDED)
         for side in SIDES:
-            measured = measure_calibration(station, side, profile, metadata=registers)
-            finish_calibration(station.registry, measured, profile, MODELS, RECOMMENDED)
-            station.activate_compensation(side)
+            calibrated(station, side, profile)
         record = run_reducer_test(station, "efficiency", kind, settings, serial=str(seed))
     (outcome,) = record.outcomes
     known = truths(constants, kind, outcome)

@@ -30,9 +30,9 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.fitting import ModelChoice, fit_models
+from torquebench.campaign.finishing import finish_calibration, registers_calibration
+from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration
-from torquebench.campaign.modules import register_calibration
 from torquebench.campaign.reducers.results import ReducerTestOutcome
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
@@ -56,6 +56,7 @@ from torquebench.twin.reducer_truth import (
 )
 from torquebench.units import ARCSEC
 
+MODELS = (ModelChoice(RECOMMENDED),)
 COLD = WarmUp(longest_s=0.0)
 BLOCK_S = 0.05
 """Bench time of one block: as short as the watch over the drives needs it to follow a ramp."""
@@ -112,6 +113,14 @@ def described(reducer: str, bench_seed: int, specimen: int) -> BenchDescription:
             "counter": bench.counter.model_copy(update={"block_s": BLOCK_S}),
         }
     )
+
+
+def calibrated(station: Station, side: Side, profile: Profile) -> None:
+    """Calibrate a side as ``calibrate`` does, and put its model into use."""
+    registers = registers_calibration(MODELS, RECOMMENDED)
+    measured = measure_calibration(station, side, profile, metadata=registers)
+    finish_calibration(station.registry, measured, profile, MODELS, RECOMMENDED)
+    station.activate_compensation(side)
 
 
 def sides_of(tests: Sequence[str]) -> tuple[Side, ...]:
@@ -265,12 +274,7 @@ def one_bench(work: Work) -> Found:
         data = Path(folder)
         with Station.open(described(work.reducer, work.seed, 0), data) as station:
             for side in sides_of(work.tests):
-                profile = work.calibration(side)
-                measured = measure_calibration(station, side, profile)
-                fitted = fit_models(measured.result.data, [ModelChoice(RECOMMENDED)])
-                register_calibration(
-                    station.registry, measured, profile, fitted, active=RECOMMENDED
-                )
+                calibrated(station, side, work.calibration(side))
         found = specimen_deviations(work, data)
     if kept is not None:
         part = kept.with_suffix(".part")
