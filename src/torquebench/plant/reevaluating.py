@@ -49,8 +49,11 @@ WHERE r.withdrawn IS NULL AND r.status = 'completed'
 _TASKS = f"""
 SELECT r.bench_key, r.run_id, r.id, r.kind, r.manifest_sha256, f.url {_WANTED}
   AND (r.bench_key, r.id) > (:after_bench, :after_run)
+  AND :tried = EXISTS (SELECT 1 FROM plant.reevaluations t WHERE t.label = :label
+    AND t.bench_key = r.bench_key AND t.run_id = r.run_id AND t.id <= :last)
 ORDER BY r.bench_key, r.id LIMIT :most
 """
+_LAST_ID = "SELECT coalesce(max(id), 0) FROM plant.reevaluations WHERE label = :label"
 _KNOWN = """
 SELECT count(*) FROM (SELECT DISTINCT bench_key, run_id FROM plant.reevaluations
   WHERE label = :label AND problem = '') AS evaluated
@@ -151,9 +154,10 @@ def reevaluate(
     if unknown:
         raise InputError(f"kinds of run {', '.join(unknown)}", ", ".join(KINDS))
     with plant.transaction() as connection:
-        given = {"label": label, "kinds": list(kinds), "bench": bench}
+        given: dict[str, Any] = {"label": label, "kinds": list(kinds), "bench": bench}
         wanted = connection.scalar(text(f"SELECT count(*) {_WANTED}"), given) or 0
         known = connection.scalar(text(_KNOWN), given)
+        given["last"] = connection.scalar(text(_LAST_ID), given)
     wanted = wanted if limit is None else min(wanted, limit)
     progress.start("Evaluating again", max(wanted, 1))
     done = problems = 0
@@ -170,18 +174,18 @@ def reevaluate(
 
 
 def _listed(plant: Plant, given: Mapping[str, Any], most: int) -> Iterator[Any]:
-    """Yield the runs to be evaluated, page by page."""
-    after = {"after_bench": 0, "after_run": 0}
-    while most > 0:
-        with plant.transaction() as connection:
-            page = connection.execute(
-                text(_TASKS), {**given, **after, "most": min(PAGE, most)}
-            ).all()
-        if not page:
-            return
-        yield from page
-        most -= len(page)
-        after = {"after_bench": page[-1].bench_key, "after_run": page[-1].id}
+    """Yield the runs to be evaluated, page by page; those that were tried before come last."""
+    for tried in (False, True):
+        place = {"tried": tried, "after_bench": 0, "after_run": 0}
+        while most > 0:
+            with plant.transaction() as connection:
+                asked = {**given, **place, "most": min(PAGE, most)}
+                page = connection.execute(text(_TASKS), asked).all()
+            if not page:
+                break
+            yield from page
+            most -= len(page)
+            place |= {"after_bench": page[-1].bench_key, "after_run": page[-1].id}
 
 
 def _chunks(

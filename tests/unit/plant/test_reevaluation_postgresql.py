@@ -215,8 +215,10 @@ def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
         assert forward(registry, link).problems == []
     first = reevaluate(plant, "serial", label="odd", limit=5)
     assert (first.done, first.known, first.problems) == (5, 0, 1)
+    rest = reevaluate(plant, "serial", label="odd", limit=2)  # before the one that was tried
+    assert (rest.done, rest.known, rest.problems) == (2, 4, 0)
     last = reevaluate(plant, "serial", label="odd")
-    assert (last.done, last.known, last.problems) == (3, 4, 1)
+    assert (last.done, last.known, last.problems) == (1, 6, 1)
     facts = differences(plant, "odd").facts
     assert (facts["runs"], facts["runs that can't be evaluated"]) == (7, 1)
     assert {run for run, _, problem in kept(plant, "odd") if problem} == {
