@@ -43,7 +43,8 @@ Follow = Callable[[ReadingsTable, ReadingsTable | None], tuple[NDArray[np.float6
 
 _BLOCK_BYTES = 1 << 21
 _BLOCK_ROWS = 1 << 16
-_GROUP_ROWS = 1 << 20  # rows of a row group, as written by PyArrow
+_GROUP_ROWS = 1 << 18  # rows of a row group: while one is written, the threads compute the next
+_LOOKED_AT_ROWS = 10_000
 _HEAD_LINES = 6
 _WORKERS = 2
 _WAITING = 1
@@ -563,9 +564,14 @@ class _ParquetSink:
     def _write_group(self) -> None:
         group = pa.concat_tables(self._waiting)
         if self._writer is None:
-            # torques hardly repeat: a dictionary costs time and saves nothing
-            own = [name for name in group.column_names if name not in ADDED_COLUMNS]
-            self._writer = pq.ParquetWriter(self._file, group.schema, use_dictionary=own)
+            # where values hardly repeat, a dictionary costs time and saves nothing
+            first = group.slice(0, _LOOKED_AT_ROWS)
+            repeating = [
+                name
+                for name, column in zip(first.column_names, first.columns, strict=True)
+                if 2 * pc.count_distinct(column).as_py() < len(column)
+            ]
+            self._writer = pq.ParquetWriter(self._file, group.schema, use_dictionary=repeating)
         self._writer.write_table(group, row_group_size=_GROUP_ROWS)
         self._waiting = []
 

@@ -165,6 +165,25 @@ class TestParquet:
         assert table["branch"].to_pylist() == ["up"] * 100
         assert table["torque_nm"].to_pylist() == [2.5] * 100
 
+    def test_only_values_that_repeat_get_a_dictionary(self, tmp_path: Path) -> None:
+        """Looking for repeated torques took as long as writing them."""
+        readings = np.linspace(-90.0, 90.0, 1000)
+        columns = {"reading_nm": readings, "temperature_c": np.round(readings / 50.0)}
+        pq.write_table(pa.table(columns), tmp_path / "a.parquet")
+        compensate_file(tmp_path / "a.parquet", tmp_path / "b.parquet", compensate)
+        group = pq.read_metadata(tmp_path / "b.parquet").row_group(0)
+        written = {
+            column.path_in_schema: column.has_dictionary_page
+            for column in map(group.column, range(group.num_columns))
+        }
+        assert written == {
+            "reading_nm": False,
+            "temperature_c": True,
+            "torque_nm": False,
+            "additional_torque_nm": True,
+            "expanded_uncertainty_nm": True,
+        }
+
     def test_to_csv(self, tmp_path: Path) -> None:
         pq.write_table(pa.table({"reading_nm": [1.5], "note": ["a, b"]}), tmp_path / "a.parquet")
         compensate_file(tmp_path / "a.parquet", tmp_path / "b.csv", compensate)
