@@ -50,6 +50,14 @@ def test_the_course_goes_on_as_jobs_end() -> None:
     assert find_workflow([job("certificate", 3), *verified], Dismissed()).reached == "certificate"
 
 
+def test_a_step_that_was_passed_over_is_not_done() -> None:
+    fitted, verified = ([CALIBRATED], [job("verify", 3), CALIBRATED])
+    found = [find_workflow(jobs, Dismissed()) for jobs in (fitted, verified)]
+    assert [each.done("verify", signed=False) for each in found] == [False, True]
+    assert [found[1].done("sign", signed=signed) for signed in (False, True)] == [False, True]
+    assert all(each.done("models", signed=False) for each in found)
+
+
 def test_jobs_of_another_calibration_dont_count() -> None:
     assert find_workflow([job("verify", 2), CALIBRATED], Dismissed()).reached == "models"
 

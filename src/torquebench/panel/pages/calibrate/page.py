@@ -130,7 +130,8 @@ class CalibratePage:
         reached = max(STEPS.index(self.workflow.reached), STEPS.index(self.step))
         with self._steps:
             for place, step in enumerate(STEPS):
-                done = "done" if place < reached else ""
+                passed = place < reached and self.workflow.done(step, signed=self._signed())
+                done = "done" if passed else ""
                 current = "step" if step == self.step else None
                 with box("li", done, aria_current=current):
                     words("span", text(f"calibrate.step_{step}"))
@@ -154,6 +155,13 @@ class CalibratePage:
                 kind = "primary" if self._next_is_due() else ""
                 button(self.text("calibrate.next"), lambda: self.show(STEPS[place + 1]), kind,
                        picture="arrow_forward")  # fmt: skip
+
+    def _signed(self) -> bool:
+        number = self.workflow.calibration_id
+        if number is None:
+            return False
+        reviews = self.visitor.service.station.registry.reviews("calibrations", number)
+        return any(each.accepted for each in reviews)
 
     def _measuring(self) -> bool:
         calibrate = self.workflow.calibrate

@@ -61,6 +61,12 @@ class CalibrationWorkflow:
             return "models"
         return "sign" if self.verify.result is not None else "verify"
 
+    def done(self, step: Step, *, signed: bool) -> bool:
+        """Whether a step was done, not only passed over."""
+        if step == "verify":
+            return self.verify is not None and self.verify.result is not None
+        return step != "sign" or signed
+
     @property
     def models(self) -> dict[str, dict[str, Any]]:
         """Every fitted model by its name, with its registry number as `model_id`.
