@@ -379,39 +379,42 @@ QUANTITIES = {
 """What must not grow, of a sample, and how the table calls it."""
 
 
-def soak_in_real_time(server: Server, profile: Path, seconds: float) -> list[Sample]:
+def soak_in_real_time(
+    server: Server, profile: Path, seconds: float, troubles: list[str]
+) -> list[Sample]:
     """Work before a browser as a person does; print and return what is held on the way."""
     found: list[Sample] = []
     ended = threading.Event()
-    work = threading.Thread(target=_work, args=(server, ended), daemon=True)
+    work = threading.Thread(target=_work, args=(server, ended, troubles), daemon=True)
     with (
         browsing(server, profile / "goes") as driver,
         browsing(server, profile / "stays") as staying,
     ):
         work.start()
         started = time.perf_counter()
-        while (passed := time.perf_counter() - started) < seconds:
-            if not work.is_alive():
-                raise SystemExit("the work before the browser has ended")
-            if len(found) % 3 == 0:
-                for page in PAGES:
-                    driver.get(server.url + page)
-                    time.sleep(1.0)
-            process = server.process
-            found.append(
-                Sample(
-                    passed,
-                    process.memory_info().rss / 2**20,
-                    process.num_threads(),
-                    process.num_fds(),
-                    len(process.net_connections()),
-                    *_held(driver),
-                    *_held(staying),
-                    len(server.log),
+        with contextlib.suppress(KeyboardInterrupt):  # what was measured until then counts
+            while (passed := time.perf_counter() - started) < seconds:
+                if not work.is_alive():
+                    raise SystemExit("the work before the browser has ended")
+                if len(found) % 3 == 0:
+                    for page in PAGES:
+                        driver.get(server.url + page)
+                        time.sleep(1.0)
+                process = server.process
+                found.append(
+                    Sample(
+                        passed,
+                        process.memory_info().rss / 2**20,
+                        process.num_threads(),
+                        process.num_fds(),
+                        len(process.net_connections()),
+                        *_held(driver),
+                        *_held(staying),
+                        len(server.log),
+                    )
                 )
-            )
-            print(*(f"{value:.1f}" for value in vars(found[-1]).values()), sep="\t", flush=True)
-            ended.wait(max(0.0, SAMPLED_S * len(found) - (time.perf_counter() - started)))
+                print(*(f"{value:.1f}" for value in vars(found[-1]).values()), sep="\t", flush=True)
+                ended.wait(max(0.0, SAMPLED_S * len(found) - (time.perf_counter() - started)))
         ended.set()
         work.join(timeout=120.0)
     return found
@@ -424,25 +427,40 @@ def _held(driver: webdriver.Chrome) -> tuple[float, float, int]:
     return heap, _tab_mb(driver), int(counts["nodes"])
 
 
-def _work(server: Server, ended: threading.Event) -> None:
-    """Record and calibrate once a minute; of two calibrations one is aborted, one completed."""
+def _work(server: Server, ended: threading.Event, troubles: list[str]) -> None:
+    """Record and calibrate once a minute; of two calibrations one is aborted, one completed.
+
+    What stops the bench, such as a stall of the acquisition on a busy computer, is kept as a
+    trouble and acknowledged, as a person would.
+    """
     number = 0
     while not ended.is_set():
         started, number = time.perf_counter(), number + 1
-        job = server.call("POST", "/start/record", {"name": f"soak {number}"})
-        ended.wait(5.0)
-        server.call("POST", f"/jobs/{job['job_id']}/finish")
-        _until_ended(server, job)
-        job = server.call("POST", "/start/calibrate", QUICK_CALIBRATION)
-        patience = 15.0 if number % 2 else 600.0
-        while job["finished"] is None and time.perf_counter() < started + patience:
-            ended.wait(1.0)
-            patience = 0.0 if ended.is_set() else patience
-            job = server.call("GET", f"/jobs/{job['job_id']}")
-        with contextlib.suppress(urllib.error.HTTPError):  # it may have ended
-            server.call("POST", f"/jobs/{job['job_id']}/abort", {"reason": "soak"})
-        _until_ended(server, job)
+        try:
+            _record_and_calibrate(server, ended, number)
+        except urllib.error.HTTPError as error:
+            alarms = [each["found"] for each in server.call("GET", "/alarms?standing=true")]
+            troubles.append(f"{error.code}: {'; '.join(alarms) or error.reason}")
+            print(troubles[-1], file=sys.stderr, flush=True)
+        _acknowledge(server)
         ended.wait(max(0.0, 60.0 - (time.perf_counter() - started)))
+
+
+def _record_and_calibrate(server: Server, ended: threading.Event, number: int) -> None:
+    started = time.perf_counter()
+    job = server.call("POST", "/start/record", {"name": f"soak {number}"})
+    ended.wait(5.0)
+    server.call("POST", f"/jobs/{job['job_id']}/finish")
+    _until_ended(server, job)
+    job = server.call("POST", "/start/calibrate", QUICK_CALIBRATION)
+    patience = 15.0 if number % 2 else 600.0
+    while job["finished"] is None and time.perf_counter() < started + patience:
+        ended.wait(1.0)
+        patience = 0.0 if ended.is_set() else patience
+        job = server.call("GET", f"/jobs/{job['job_id']}")
+    with contextlib.suppress(urllib.error.HTTPError):  # it may have ended
+        server.call("POST", f"/jobs/{job['job_id']}/abort", {"reason": "soak"})
+    _until_ended(server, job)
 
 
 def _until_ended(server: Server, job: Any) -> Any:
@@ -457,17 +475,19 @@ def soaked(minutes: float, *, write: bool) -> int:
     with tempfile.TemporaryDirectory() as scratch:
         (data := Path(scratch) / "data").mkdir()
         print(*(each.name for each in fields(Sample)), sep="\t")
+        troubles: list[str] = []
         with served(data) as server:
-            samples = soak_in_real_time(server, Path(scratch) / "browser", 60.0 * minutes)
+            samples = soak_in_real_time(server, Path(scratch) / "browser", 60.0 * minutes, troubles)
             jobs = server.call("GET", "/jobs")
             tracebacks = sum("Traceback" in line for line in server.log)
     print(f"last jobs: {[each['state'] for each in jobs]}")
     grown = {name: growth([float(getattr(each, name)) for each in samples]) for name in QUANTITIES}
     lines = [
-        f"{minutes:g} minutes in real time: a recording and a calibration every minute, one "
-        f"browser that goes through the pages every minute, one that stays on the live page. "
+        f"{samples[-1].wall_s / 60.0:.0f} minutes in real time: a recording and a calibration "
+        f"every minute, one browser that goes through the pages every minute, one that stays on the live page. "
         f"Chromium {chromium_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} "
-        f"at the end; simulated bench. Tracebacks in the server's log: {tracebacks}.",
+        f"at the end; simulated bench. Tracebacks in the server's log: {tracebacks}; times that an "
+        f"alarm ended the work: {len(troubles)}.",
         "",
         "| | begin | end | last quarter over the second | aim |",
         "| --- | --- | --- | --- | --- |",
