@@ -484,10 +484,10 @@ def soaked(minutes: float, *, write: bool) -> int:
     grown = {name: growth([float(getattr(each, name)) for each in samples]) for name in QUANTITIES}
     lines = [
         f"{samples[-1].wall_s / 60.0:.0f} minutes in real time: a recording and a calibration "
-        f"every minute, one browser that goes through the pages every minute, one that stays on the live page. "
-        f"Chromium {chromium_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} "
-        f"at the end; simulated bench. Tracebacks in the server's log: {tracebacks}; times that an "
-        f"alarm ended the work: {len(troubles)}.",
+        "every minute, one browser that goes through the pages every minute, one that stays on "
+        f"the live page. Chromium {chromium_version()}, {os.cpu_count()} cores, "
+        f"load {os.getloadavg()[0]:.1f} at the end; simulated bench. Tracebacks in the server's "
+        f"log: {tracebacks}; times that an alarm ended the work: {len(troubles)}.",
         "",
         "| | begin | end | last quarter over the second | aim |",
         "| --- | --- | --- | --- | --- |",
