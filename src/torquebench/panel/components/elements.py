@@ -219,8 +219,15 @@ def table(
                         else:
                             words("td", value, kind, data_heading=heading)
                     if on_row is not None:
-                        _row_button(open_label, str(row[0]), place, on_row)
+                        _row_button(open_label, _named(row[0]), place, on_row)
     return frame
+
+
+def _named(value: str | datetime) -> str:
+    """Return a row's first value as a button's label says it, a moment without its fractions."""
+    return (
+        f"{value.astimezone(UTC):%Y-%m-%d %H:%M:%S} UTC" if isinstance(value, datetime) else value
+    )
 
 
 def _row_button(label: str, name: str, place: int, on_row: Callable[[int], Any]) -> None:

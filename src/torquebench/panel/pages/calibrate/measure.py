@@ -10,23 +10,20 @@ from nicegui import ui
 from torquebench.bench.roles import SIDES
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import RECOMMENDED
-from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, note, pairs, panel, tag, words
+from torquebench.panel.components.elements import box, panel, tag, words
 from torquebench.panel.pages.calibrate.resume import interrupted_note
-from torquebench.panel.pages.job_panel import duration_words, problem_note
+from torquebench.panel.pages.job_preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.records.table_import import profile_titles
 from torquebench.panel.pages.settings.editor import shown
-from torquebench.panel.service import JobPreview
-from torquebench.panel.text import Text
 
 if TYPE_CHECKING:
     from torquebench.panel.pages.calibrate.page import CalibratePage
 
-__all__ = ["MeasureStep", "PrepareStep", "preview_panel"]
+__all__ = ["MeasureStep", "PrepareStep"]
 
 FIRST_PROFILE = "rapid-in-situ"
 MODELS = (RECOMMENDED, "polynomial-2", "bayesian-network", "published-network")
@@ -115,7 +112,8 @@ class PrepareStep:
                 self._start = button(
                     text("prepare.start"), self._begin, "primary", picture="play_arrow"
                 )
-                self._plan = box("div")
+                self._plan = Preview(visitor, "calibrate")
+                self._clock = box("div")
         self._preview()
 
     def refresh(self) -> None:
@@ -164,20 +162,12 @@ class PrepareStep:
         """Show the preview after a pause in typing."""
         if self._waiting is not None:
             self._waiting.cancel()
-        with self._plan:
+        with self._clock:
             self._waiting = ui.timer(TYPING_S, self._preview, once=True)
 
     def _preview(self) -> None:
         self._waiting = None
-        self._plan.clear()
-        with self._plan, box("div", "stack"):
-            words("h2", self._text("preview.title"))
-            try:
-                preview = self._page.visitor.service.jobs.preview("calibrate", self._request())
-            except TorquebenchError as error:
-                problem_note(self._text, error, "warn")
-                return
-            preview_panel(self._text, preview)
+        self._plan.show(self._request())
 
     def _begin(self) -> None:
         self._page.start("calibrate", self._request())
@@ -187,58 +177,6 @@ def _as_before(value: Any, options: Mapping[str, str]) -> str:
     """Return the option with the requested value; the first one if there is none."""
     said = "" if value is None else f"{value:g}"
     return said if said in options else ""
-
-
-def preview_panel(text: Text, preview: JobPreview) -> None:
-    """Show the preview of a job, with durations and limits."""
-    rows = [
-        (text("preview.duration"), duration_words(preview.duration_s)),
-        (text("preview.points"), str(preview.points)),
-    ]
-    rows += _extremes(text, "torque", preview.largest_torque_nm, preview.limit_torque_nm, "N·m")
-    rows += _extremes(text, "speed", preview.largest_speed_rpm, preview.limit_speed_rpm, "rpm")
-    if preview.mounts:
-        what = ", ".join(text.maybe(f"mounting.{each.replace(' ', '_')}", each)
-                         for each in dict.fromkeys(preview.mounts))  # fmt: skip
-        rows.append((text("preview.mounts"), what))
-    pairs(rows)
-    for doubt in preview.doubts:
-        note(text.core(doubt), "warn")
-    for remark in preview.remarks:
-        words("p", text.core(remark), "small muted")
-    if preview.time_s:
-        time, target = _steps(preview.time_s, preview.target_nm)
-        Chart(
-            text("preview.chart"),
-            text("preview.time"),
-            text("preview.torque_axis"),
-            [Line(text("preview.target"), time, target, "--series-1")],
-        )
-
-
-def _extremes(
-    text: Text, what: str, largest: Mapping[str, float], limit: Mapping[str, float], unit: str
-) -> list[tuple[str, str]]:
-    return [
-        (
-            text(f"preview.{what}", side=text(f"side.{side}")),
-            text("preview.of", value=f"{value:.4g}", limit=f"{limit[side]:g}", unit=unit),
-        )
-        for side, value in largest.items()
-        if value and side in limit
-    ]
-
-
-def _steps(time: tuple[float, ...], target: tuple[float, ...]) -> tuple[list[float], list[float]]:
-    """Draw the steps of the loading sequence as a staircase."""
-    x: list[float] = []
-    y: list[float] = []
-    before = 0.0
-    for moment, value in zip(time, target, strict=True):
-        x += [moment, moment]
-        y += [before, value]
-        before = value
-    return x, y
 
 
 class MeasureStep:

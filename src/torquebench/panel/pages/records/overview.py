@@ -131,11 +131,8 @@ class _Runs:
         self._offset = max(0, self._offset + by)
         self._show()
 
-    def _open(self, run_id: str) -> None:
-        self._opened.clear()
-        with self._opened:
-            RunPanel(self._visitor, run_id, self._opened.clear).build()
-        to_the_top()
+    async def _open(self, run_id: str) -> None:
+        await RunPanel(self._visitor, run_id, self._opened.clear).build(self._opened)
 
 
 class _Calibrations:

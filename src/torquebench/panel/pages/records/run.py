@@ -7,13 +7,13 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-from nicegui import run, ui
+from nicegui import background_tasks, run, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
-from torquebench.panel.components.elements import box, note, pairs, panel, table, words
+from torquebench.panel.components.elements import box, note, pairs, panel, table, to_the_top, words
 from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.records.column_titles import (
     column_title,
@@ -65,15 +65,32 @@ class RunPanel:
     def __init__(self, visitor: Visitor, run_id: str, on_close: Callable[[], Any]) -> None:
         self._visitor, self._text = visitor, visitor.text
         self._run_id, self._on_close = run_id, on_close
+        self._column = ""
 
-    def build(self) -> None:
-        """Make the panel's elements."""
-        text, records = self._text, self._visitor.service.records
+    async def build(self, place: Any) -> None:
+        """Make the panel's elements in a place; a long run is read while the server goes on."""
         try:
-            detail = records.run(self._run_id)
+            detail, columns = await run.io_bound(self._read)
         except TorquebenchError as error:
             self._visitor.messages.problem(error)
             return
+        if place.is_deleted:
+            return
+        place.clear()
+        with place:
+            self._show(detail, columns)
+            to_the_top()
+
+    def _read(self) -> tuple[RunDetail, tuple[str, ...]]:
+        records = self._visitor.service.records
+        detail = records.run(self._run_id)
+        try:
+            return detail, records.run_columns(self._run_id)
+        except (TorquebenchError, OSError):  # a run without raw samples
+            return detail, ()
+
+    def _show(self, detail: RunDetail, columns: Sequence[str]) -> None:
+        text = self._text
         with panel(text("run.title", number=self._run_id)), box("div", "stack"):
             with box("div", "line"):
                 if detail.run.finished is not None:
@@ -97,7 +114,7 @@ class RunPanel:
                 note(text("run.intact"), "good")
             doubt_notes(text, detail.run.doubts)
             pairs(self._facts(detail))
-            self._samples(detail.run.kind)
+            self._samples(detail.run.kind, columns)
             for part in detail.tables:
                 self._points(part)
 
@@ -126,12 +143,7 @@ class RunPanel:
             facts.append((text("run.data"), text("frame.simulated")))
         return facts
 
-    def _samples(self, kind: str) -> None:
-        records = self._visitor.service.records
-        try:
-            columns = records.run_columns(self._run_id)
-        except (TorquebenchError, OSError):  # a run without raw samples
-            return
+    def _samples(self, kind: str, columns: Sequence[str]) -> None:
         chosen = [name for name in columns if "torque" in name] or list(columns)
         chosen.sort(key=lambda name: name.partition("_")[0] not in kind)  # the side that was run
         if not chosen:
@@ -141,10 +153,14 @@ class RunPanel:
             self._text("run.column"), chosen[0], options=options, on_change=lambda name: draw(name)
         )
         place = box("div")
+        trend = self._visitor.service.records.run_trend
 
-        def draw(name: str) -> None:
+        async def draw(name: str) -> None:
+            self._column = name
+            rows = await run.io_bound(trend, self._run_id, [name], POINTS)
+            if place.is_deleted or self._column != name:
+                return  # closed, or another one was chosen in the meantime
             place.clear()
-            rows = records.run_trend(self._run_id, [name], POINTS)
             with place:
                 Chart(
                     self._text("run.samples_label", name=options[name]),
@@ -154,7 +170,7 @@ class RunPanel:
                               rows.high[0].tolist()),
                 )  # fmt: skip
 
-        draw(chosen[0])
+        background_tasks.create(draw(chosen[0]), name="samples")
 
     def _points(self, part: RunTable) -> None:
         text = self._text

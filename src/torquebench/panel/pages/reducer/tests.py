@@ -5,13 +5,12 @@ from __future__ import annotations
 from typing import Any
 
 from torquebench.campaign.reducers.tests import TESTS
-from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, empty, panel, words
-from torquebench.panel.pages.calibrate.measure import preview_panel
 from torquebench.panel.pages.frame import frame
-from torquebench.panel.pages.job_panel import JobPanel, problem_note
+from torquebench.panel.pages.job_panel import JobPanel
+from torquebench.panel.pages.job_preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
@@ -70,7 +69,8 @@ class _ReducerPage:
                 self._clear = clear_choice(visitor)
                 with box("div", "line"):
                     button(text("reducer.start"), self._start, "primary", picture="play_arrow")
-            self._plan = box("div")
+            with panel():
+                self._plan = Preview(visitor, "reducer-test")
             StandardForm(visitor, self.refresh).build()
         self._preview()
 
@@ -87,15 +87,7 @@ class _ReducerPage:
         return request
 
     def _preview(self) -> None:
-        text = self.text
-        self._plan.clear()
-        with self._plan, panel(text("preview.title")):
-            try:
-                preview = self.visitor.service.jobs.preview("reducer-test", self._request())
-            except TorquebenchError as error:
-                problem_note(text, error, "warn")
-                return
-            preview_panel(text, preview)
+        self._plan.show(self._request())
 
     def _start(self) -> None:
         visitor = self.visitor
