@@ -134,6 +134,34 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     assert person.problems() == []
 
 
+ANSWERED = """
+const done = arguments[0];
+const preview = document.querySelector('.preview');
+const sheet = document.querySelector('link[href*="panel.css"]').href;
+const tests = [...document.querySelectorAll('label')];
+tests.find(each => each.textContent.includes('Full test')).click();
+let answered = 0, began = false;
+const ask = async () => {
+  await fetch(sheet, {cache: 'no-store'});
+  const busy = preview.getAttribute('aria-busy') === 'true';
+  answered += busy;
+  began ||= busy;
+  if ((began && !busy)) done(answered);
+  else setTimeout(ask);
+};
+ask();
+"""
+
+
+def test_the_server_answers_while_a_full_test_is_rehearsed(person: Visitor) -> None:
+    person.open("/reducer")
+    person.sees("What would happen")
+    person.driver.set_script_timeout(120)
+    assert person.driver.execute_async_script(ANSWERED) > 3
+    person.sees("What would happen")
+    assert person.problems() == []
+
+
 def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -> None:
     driver = person.driver
     driver.execute_cdp_cmd("Emulation.setTimezoneOverride", {"timezoneId": "Asia/Tokyo"})
