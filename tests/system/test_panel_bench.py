@@ -108,6 +108,14 @@ def test_wrong_passwords_are_refused_and_nobody_is_sent_elsewhere(
     assert stranger.driver.current_url.startswith(panel.url)
 
 
+IN_SIGHT = """
+const button = [...document.querySelectorAll('button')].find(
+  each => each.textContent.includes('Apply these changes'));
+const { top, bottom } = button.getBoundingClientRect();
+return window.scrollY < 400 && top > 0 && bottom <= window.innerHeight;
+"""
+
+
 def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.open("/settings")
     entry = person.driver.find_element(By.CSS_SELECTOR, "[data-key='output.limits.torque_nm']")
@@ -125,6 +133,7 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     entry.send_keys("2100")
     person.sees("What would change")
     person.sees("Output module: Limits: Torque limit")
+    person.wait(lambda: person.driver.execute_script(IN_SIGHT), "the button to apply, in sight")
     person.press("Apply these changes")
     person.sees("Changed and logged.")
     person.press("Changes")

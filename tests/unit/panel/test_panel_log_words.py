@@ -72,6 +72,7 @@ def test_details_leave_out_what_nobody_filled_in() -> None:
         "job: 7ed3; kind: Calibration; step, % of range: 20; models: physics + Gaussian process"
     )
     assert details_said(Text("zh"), {"accepted": False, "state": "done"}) == "接受: 否; 状态: 完成"
+    assert details_said(Text("zh"), {"address": "test"}) == "地址: test"
 
 
 @pytest.mark.parametrize("language", LANGUAGES)

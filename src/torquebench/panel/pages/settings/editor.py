@@ -136,15 +136,17 @@ class SettingEditor:
                     with box("div", "columns settings-fields"):
                         for key in keys:
                             self._field(key)
-            self._pending = box("div", "stack", role="status")
             if self._editable:
-                self._reason = Field(text("settings.reason"), maxlength="500")
-                with box("div", "line"):
-                    self._apply = button(
-                        text("settings.apply"), self._change, "primary", picture="save"
-                    )
-                    if item.section != "bench" and not self._new:
-                        button(text("settings.delete"), self._ask_delete, "danger")
+                self._foot = box("div", "stack settings-foot")
+                with self._foot:
+                    self._pending = box("div", "stack", role="status")
+                    self._reason = Field(text("settings.reason"), maxlength="500")
+                    with box("div", "line"):
+                        self._apply = button(
+                            text("settings.apply"), self._change, "primary", picture="save"
+                        )
+                        if item.section != "bench" and not self._new:
+                            button(text("settings.delete"), self._ask_delete, "danger")
                 self._preview()
 
     def _remarks(self) -> None:
@@ -237,6 +239,10 @@ class SettingEditor:
                     words("h3", self._text("settings.differences"))
                     change_lines(self._text, found.differences)
         set_disabled(self._apply, not good)
+        if good or beside:  # in sight until it is applied, however far up the field is
+            self._foot.classes(add="changed")
+        else:
+            self._foot.classes(remove="changed")
 
     def _answer_beside(self) -> int:
         """Show the error of each value beside its field; return their number."""

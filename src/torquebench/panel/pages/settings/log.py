@@ -25,6 +25,8 @@ WORDED = {
     "signal": "signal.",
 }
 """Where the words for a detail's values are."""
+SENTENCES = ("found", "reason", "direction")
+"""Details that the software may have worded; what a person typed stays as it is."""
 
 
 def details_said(text: Text, details: Mapping[str, Any]) -> str:
@@ -61,7 +63,9 @@ def _said(text: Text, key: str, value: Any) -> str:
         return text.core(model_title(value))
     if key == "test" and value in TESTS:
         return text.core(TESTS[value].title)
-    return text.maybe(f"{WORDED[key]}{value}", value) if key in WORDED else text.core(str(value))
+    if key in WORDED:
+        return text.maybe(f"{WORDED[key]}{value}", value)
+    return text.core(value) if key in SENTENCES else str(value)
 
 
 class LogView:
