@@ -123,7 +123,7 @@ class TableRequest(BaseModel):
         if (self.reference_uncertainty_percent is None) == (self.reference_points is None):
             raise ConflictError(
                 "reference_uncertainty_percent",
-                "none" if self.reference_points is None else "both",
+                "none" if self.reference_points is None else "both it and reference_points",
                 "a percentage or the table of the standard's certificate",
                 "state the standard's uncertainty in one way",
             )
