@@ -44,7 +44,7 @@ ELSEWHERE = {
 """Commands that end by Ctrl-C only, take minutes or need a server: run there."""
 WITHOUT_END = {"measure": ("--count", "1")}
 """Commands that go on until Ctrl-C, and what ends them."""
-LONG = ("small-torques", "--repeats", "harmonic-20")
+LONG = ("small-torques", "--repeats", "harmonic-20", "dynamics")
 """Long on a bench and run by tests of their own: here a dry run asks every limit and interlock."""
 PLACES = {"/mnt/backup/bench-4": "backup", "FOLDER": "exported", "T40B-1234": "SIM-T2000"}
 
@@ -202,7 +202,7 @@ def test_every_command_of_a_page_runs(
 ) -> None:
     folder = reader(page)
     for words in bench_commands(page, folder, folder / "data"):
-        if words[0] in ("calibrate", "test") and any(mark in words for mark in LONG):
+        if words[0] in ("calibrate", "test", "turn") and any(mark in words for mark in LONG):
             words = [*words, "--dry-run"]
         if words[0] == "apply" and "--dynamics" in words:
             assert run(["fit", "data.csv", "--model", "polynomial"], monkeypatch)[0] == 0

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import lsim
+from scipy.signal import cont2discrete, lfilter
 
 from torquebench.dynamics import (
     Delay,
@@ -35,13 +35,14 @@ def shaken(
     time = (np.arange(samples * FINE) - 20 * FINE) * fine_s
     natural = 2.0 * np.pi * frequency_hz
     swing = ([natural**2], np.polymul([1.0, 2.0 * damping * natural, natural**2], [6e-3, 1.0]))
+    (above,), below, _ = cont2discrete(swing, fine_s, method="foh")
     rows = []
     for number in range(count):
         begins_s = draw.uniform(0.0, 5e-3)
         asked = 0.5 * np.clip((time - begins_s) / rise_s, 0.0, 1.0) * (-1) ** number
         phase = draw.uniform(0.0, 2.0 * np.pi)
         asked = asked + 0.02 * np.sin(2.0 * np.pi * ripple_hz * time + phase)
-        _, torque, _ = lsim(swing, asked, time - time[0])
+        torque = lfilter(above, below, asked)
         late = np.interp(time - late_s, time, torque)
         both = np.array([1.01 * late, torque]).reshape(2, samples, FINE).mean(axis=2)
         rows.append(both + [[0.008], [0.0025]] * draw.standard_normal(both.shape))
@@ -56,7 +57,7 @@ def test_frequency_and_damping_come_back_within_their_u(
     frequency_hz: float, damping: float, ripple_hz: float
 ) -> None:
     misses = []
-    for seed in range(4):
+    for seed in range(3):
         steps = shaken(seed, frequency_hz=frequency_hz, damping=damping, ripple_hz=ripple_hz)
         found = identify_vibration(steps)
         assert found.steps == 60
@@ -85,8 +86,8 @@ def test_sines_of_two_periods_show_the_delay_beside_hysteresis() -> None:
         reading = 10.0 + 7.5 * np.sin(rate * (time - 1.5e-4) - 5e-4)  # 5e-4 rad of hysteresis
         noise = 0.008 * draw.standard_normal((2, time.size))
         sines.append(Sine(INTERVAL_S, period_s, reading + noise[0], standard + noise[1]))
-    alone = identify_delay(shaken(1, late_s=1.5e-4))
-    found = identify_delay(shaken(1, late_s=1.5e-4), sines)
+    steps = shaken(1, late_s=1.5e-4)
+    alone, found = identify_delay(steps), identify_delay(steps, sines)
     assert abs(found.delay_s - 1.5e-4) < 3.0 * found.standard_uncertainty_s + 2e-6
     assert found.standard_uncertainty_s < 1.5 * alone.standard_uncertainty_s
 
