@@ -22,7 +22,7 @@ class Preview:
     """A place for the preview of one kind of job.
 
     A full reducer test takes about a second to rehearse. That is done on another thread, so that
-    live values and a stop on other pages don't wait for it. Of several requests the last counts.
+    the pages of other people don't wait for it. Of several requests the last counts.
 
     Parameters
     ----------
