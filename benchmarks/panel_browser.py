@@ -483,14 +483,15 @@ def soaked(minutes: float, *, write: bool) -> int:
     print(f"last jobs: {[each['state'] for each in jobs]}")
     grown = {name: growth([float(getattr(each, name)) for each in samples]) for name in QUANTITIES}
     lines = [
-        f"{samples[-1].wall_s / 60.0:.0f} minutes in real time: a recording and a calibration "
-        "every minute, one browser that goes through the pages every minute, one that stays on "
-        f"the live page. Chromium {chromium_version()}, {os.cpu_count()} cores, "
-        f"load {os.getloadavg()[0]:.1f} at the end; simulated bench. Tracebacks in the server's "
-        f"log: {tracebacks}; times that an alarm ended the work: {len(troubles)}.",
+        f"Chromium {chromium_version()}, {os.cpu_count()} cores, load {os.getloadavg()[0]:.1f} "
+        "at the end; simulated bench.",
         "",
-        "| | begin | end | last quarter over the second | aim |",
+        "| real time, two browsers, a recording and a calibration a minute | begin | end "
+        "| last quarter over the second | aim |",
         "| --- | --- | --- | --- | --- |",
+        f"| minutes | 0 | {samples[-1].wall_s / 60.0:.0f} | – | – |",
+        f"| times that work ended by itself | 0 | {len(troubles)} | – | – |",
+        f"| tracebacks in the server's log | 0 | {tracebacks} | – | 0 |",
     ]
     for name, title in QUANTITIES.items():
         begin, end = (getattr(samples[at], name) for at in (0, -1))
