@@ -360,6 +360,7 @@ def _missing_steps(
     if lacking:
         key = "steps_percent" if loading.steps_percent else "step_percent"
         more = f" and {len(lacking) - 4} more" if len(lacking) > 4 else ""
+        shown = ", ".join(lacking[:4] + ["…"] * (len(lacking) > 4)).replace("-", "−")
         yield _deviation(
             profile,
             "missing_step",
@@ -368,7 +369,7 @@ def _missing_steps(
             "every step in every series",
             "missing_step",
             series=int(data.series[member[0]]),
-            steps=", ".join(lacking[:4]).replace("up", "↑").replace("down", "↓"),
+            steps=shown.replace("up", "↑").replace("down", "↓"),
             count=len(lacking),
         )
 
