@@ -134,6 +134,8 @@ def test_limits_are_changed_as_a_difference_and_undone(person: Visitor) -> None:
     person.sees("What would change")
     person.sees("Output module: Limits: Torque limit")
     person.wait(lambda: person.driver.execute_script(IN_SIGHT), "the button to apply, in sight")
+    change = person.driver.find_element(By.CSS_SELECTOR, "ul.change li")
+    assert change.text.split()[-3:] == ["2400", "2100", "N·m"]
     person.press("Apply these changes")
     person.sees("Changed and logged.")
     person.press("Changes")

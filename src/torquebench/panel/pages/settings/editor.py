@@ -82,6 +82,8 @@ def change_lines(text: Text, differences: Sequence[Difference]) -> None:
                     words("del", shown(each.before), "old")
                 if each.after is not None:
                     words("ins", shown(each.after), "new")
+                if unit := unit_of(each.key):
+                    words("span", unit, "muted")
 
 
 class SettingEditor:
