@@ -240,14 +240,14 @@ class MeasuredRotation(Effect):
             self._unknown,
             (*self._limits_rpm, STANDSTILL_RPM),
         )
-        drag = self.lubrication * drag
+        factor, of_factor = self.lubrication, self.lubrication_uncertainty
         place = np.empty((count, 2))
         place[:, 0] = known_or(speed, 0.0) / CORRELATION_RPM
         place[:, 1] = known_or(celsius, self.calibrated_c) / CORRELATION_K
         found = [
             Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
-            Component("bearing drag", Shared.MOUNTING, self.lubrication * drag_u, drag, place),
-            Component("lubrication", Shared.MOUNTING, self.lubrication_uncertainty * drag),
+            Component("bearing drag", Shared.MOUNTING, factor * drag_u, factor * drag, place),
+            Component("lubrication", Shared.MOUNTING, of_factor * drag),
         ]
         if self.noise_nm:
             size = np.where(np.isnan(speed), self.speeds_rpm[-1], np.abs(speed))

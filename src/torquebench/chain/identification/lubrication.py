@@ -21,7 +21,7 @@ _BINS = 20
 """Of the speed, up to the largest one."""
 _FEWEST_IN_BIN = 10
 _FEWEST_SPEEDS = 4
-_LARGEST_U = 0.15
+_LARGEST_U = 0.3
 _REMEDY = "record an empty run over all working speeds, in both directions"
 _SEPARATOR = "; drag multiplied by"
 
@@ -109,7 +109,8 @@ def identify_lubrication(
         raise InputError(
             f"{run.source}: drag of {factor:.3g} times the chain's, with u = {u:.2g}",
             f"a positive factor, known to {100.0 * _LARGEST_U:g} %",
-            f"{_REMEDY}, at a steady temperature and for longer",
+            f"{_REMEDY}, at a steady temperature and for longer; or, if the drag has changed "
+            "differently at each speed, fit the chain with this run as --empty",
         )
     words = f"{rotation.record.partition(_SEPARATOR)[0]}{_SEPARATOR} {factor:.3g} by {run.source}"
     return replace(
