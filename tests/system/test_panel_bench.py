@@ -249,6 +249,20 @@ def test_a_page_is_printed_without_buttons_and_with_its_charts(person: Visitor) 
         driver.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": ""})
 
 
+COVERED = """
+const foot = document.querySelector('.rail')?.getBoundingClientRect().top ?? window.innerHeight;
+const head = document.querySelector('.bar')?.getBoundingClientRect().bottom ?? 0;
+return [...document.querySelectorAll('.page button, .page a.control, .page input, .page select')]
+  .filter((each) => each.checkVisibility() && each.getBoundingClientRect().height < 100)
+  .filter((each) => {
+    each.scrollIntoView({ block: 'nearest' });
+    const { top, bottom } = each.getBoundingClientRect();
+    return bottom > foot || top < head;
+  })
+  .map((each) => each.outerHTML.slice(0, 120));
+"""
+
+
 @pytest.mark.parametrize("path", [*PATHS, "/sign-in"])
 def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> None:
     person.open(path)
@@ -264,6 +278,7 @@ def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> No
         ".map((each) => each.outerHTML.slice(0, 120))"
     )
     assert small == []
+    assert person.driver.execute_script(COVERED) == []
     assert person.axe() == []
 
 
