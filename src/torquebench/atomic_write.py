@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import IO
 
 from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.message import Message
 
 __all__ = [
     "atomic_file",
@@ -213,7 +214,7 @@ def _worded(path: Path) -> Iterator[None]:
     except OSError as error:
         kind: type[TorquebenchError] = RecordError if error.errno in _DISK_FAILED else InputError
         raise kind(
-            f"can't write {path}: {error.strerror or error}",
+            Message("can't write {path}: {strerror}", path, error.strerror or error),
             "a file in an existing folder with write permission and space",
             "name another file, or make room on the disk",
         ) from error

@@ -26,6 +26,7 @@ import httpx
 
 from torquebench.atomic_write import atomic_path
 from torquebench.errors import TorquebenchError
+from torquebench.message import Message
 
 __all__ = ["AsyncClient", "Client", "Event", "JobError", "RefusedError"]
 
@@ -145,7 +146,9 @@ def _value(bench: Mapping[str, Any], signal: str) -> float | None:
         if each["name"] == signal:
             return None if each["stale"] else each["value"]
     names = ", ".join(each["name"] for each in bench["signals"])
-    raise RefusedError(422, "torquebench:InputError", f"no signal {signal!r}", names)
+    raise RefusedError(
+        422, "torquebench:InputError", Message("no signal {signal!r}", signal), names
+    )
 
 
 def _body(given: Mapping[str, Any]) -> dict[str, Any]:

@@ -1,5 +1,7 @@
 """One small hierarchy of errors; each message says what was found, what is allowed, what to do."""
 
+from torquebench.message import Message
+
 __all__ = [
     "BenchError",
     "InputError",
@@ -18,7 +20,7 @@ class TorquebenchError(Exception):
     Parameters
     ----------
     found : str
-        What was found, with its value and unit.
+        What was found, with its value and unit; a `Message` if it contains values.
     allowed : str, optional
         What would have been allowed, with its limit and unit.
     remedy : str, optional
@@ -34,8 +36,8 @@ class TorquebenchError(Exception):
         self.found = found
         self.allowed = allowed
         self.remedy = remedy
-        parts = [found, f"allowed: {allowed}" if allowed else "", remedy]
-        super().__init__("; ".join(part for part in parts if part))
+        parts = (found, Message("allowed: {allowed}", allowed) if allowed else "", remedy)
+        super().__init__(Message.joined((part for part in parts if part), "; "))
 
     def __reduce__(self) -> tuple[type, tuple[str, str, str]]:
         return (type(self), (self.found, self.allowed, self.remedy))

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from typing import Protocol
 
+from torquebench.message import Message
+
 __all__ = ["NO_PROGRESS", "SHARES", "NoProgress", "Part", "Progress"]
 
 SHARES = 100
@@ -49,7 +51,7 @@ class Part(NoProgress):
     first : int
         Steps of the stage before this part.
     prefix : str
-        Put before each detail.
+        Put before each detail, with a comma.
     share : float
         Steps of the stage to one step of the part.
     """
@@ -62,5 +64,5 @@ class Part(NoProgress):
 
     def reach(self, done: int, detail: str = "") -> None:
         """Say how many steps of this part are done."""
-        detail = f"{self._prefix}{detail}" if detail else self._prefix.rstrip(", ")
-        self._progress.reach(round(self._first + self._share * done), detail)
+        parts = (part for part in (self._prefix, detail) if part)
+        self._progress.reach(round(self._first + self._share * done), Message.joined(parts))

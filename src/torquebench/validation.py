@@ -17,6 +17,7 @@ from pydantic.fields import FieldInfo
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "ConflictError",
@@ -27,6 +28,7 @@ __all__ = [
     "parse_toml",
     "refuse_future",
     "validated",
+    "words_of",
 ]
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -50,9 +52,13 @@ def parse_toml(text: str, source: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{source}: {error}", "valid TOML", "correct the line named") from error
+        raise InputError(
+            Message("{source}: {error}", source, error), "valid TOML", "correct the line named"
+        ) from error
     except RecursionError as error:
-        raise InputError(f"{source} is nested too deep", "TOML of a few levels") from error
+        raise InputError(
+            Message("{source} is nested too deep", source), "TOML of a few levels"
+        ) from error
 
 
 def validated(model: type[Model], values: Mapping[str, Any], source: str) -> Model:
@@ -79,7 +85,7 @@ def faults_of(
         found = {}
         for detail in error.errors(include_url=False):
             key, said, allowed, remedy = _explain(model, detail)
-            found[key] = InputError(f"{source}: {key} {said}".replace("  ", " "), allowed, remedy)
+            found[key] = InputError(Message("{source}: {said}", source, said), allowed, remedy)
         return found
     return {}
 
@@ -118,12 +124,16 @@ def as_input_error(
     order = {"extra_forbidden": 0, "conflict": 2}
     details = sorted(details, key=lambda item: order.get(item["type"], 1))
     first = details[0]
-    key, found, allowed, remedy = _explain(model, first)
+    _, found, allowed, remedy = _explain(model, first)
     others = [_dotted(item["loc"], item) for item in details[1:]]
     if others:
         shown = ", ".join(others[:5]) + (" …" if len(others) > 5 else "")
-        remedy = f"{remedy}; also wrong: {shown}" if remedy else f"also wrong: {shown}"
-    return InputError(f"{source}: {key} {found}".replace("  ", " "), allowed, remedy)
+        remedy = (
+            Message("{remedy}; also wrong: {shown}", remedy, shown)
+            if remedy
+            else Message("also wrong: {list}", shown)
+        )
+    return InputError(Message("{source}: {found}", source, found), allowed, remedy)
 
 
 def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, str, str, str]:
@@ -132,19 +142,30 @@ def _explain(model: type[BaseModel] | None, detail: ErrorDetails) -> tuple[str, 
     kind = detail["type"]
     if kind == "conflict":
         context = detail.get("ctx", {})
-        return key, f"= {context['found']}", context["allowed"], context["remedy"]
+        said = Message("{key} = {found}", key, context["found"])
+        return key, said, context["allowed"], context["remedy"]
     if kind == "extra_forbidden":
         section = _model_at(model, location[:-1])
         known = ", ".join(section.model_fields) if section else ""
-        return key, "is not a key of this section", known, "correct the spelling or remove the line"
+        said = Message("{key} is not a key of this section", key)
+        return key, said, known, "correct the spelling or remove the line"
     field = _field_at(model, location)
-    message = detail["msg"].removeprefix("Value error, ")
+    message = words_of(detail)
     described = _allowed(field) if field and kind != "value_error" else ""
     if kind == "missing":
-        return key, "is missing", described, "add the key"
+        return key, Message("{key} is missing", key), described, "add the key"
     if not key:
         return "", message, "", "correct the values"
-    return key, f"= {_shown(detail['input'])}", described or message, "correct the value"
+    said = Message("{key} = {value}", key, _shown(detail["input"]))
+    return key, said, described or message, "correct the value"
+
+
+def words_of(detail: ErrorDetails) -> str:
+    """Return what pydantic, or a validator's ValueError, says about a value."""
+    error = detail.get("ctx", {}).get("error")
+    if isinstance(error, ValueError) and error.args:
+        return error.args[0] if isinstance(error.args[0], str) else str(error)
+    return detail["msg"].removeprefix("Value error, ")
 
 
 def _dotted(location: Sequence[int | str], detail: ErrorDetails) -> str:
@@ -189,12 +210,12 @@ def _allowed(field: FieldInfo) -> str:
     """Describe a field's allowed values; empty if pydantic's text is best."""
     annotation, metadata, unit = _constraints(field)
     if get_origin(annotation) is Literal:
-        return "one of " + ", ".join(repr(choice) for choice in get_args(annotation))
+        return Message("one of {names}", ", ".join(repr(each) for each in get_args(annotation)))
     if interval := _interval(annotation, metadata, unit):
         return interval
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         required = [n for n, f in annotation.model_fields.items() if f.is_required()]
-        return "a section with " + ", ".join(required)
+        return Message("a section with {names}", ", ".join(required))
     return ""
 
 
@@ -205,20 +226,22 @@ def _interval(annotation: Any, metadata: Sequence[Any], unit: str, otherwise: st
     above = low = high = ""
     for item in metadata:
         if isinstance(item, annotated_types.Gt):
-            above = f"above {plain_number(item.gt)}"
+            above = Message("above {low}", plain_number(item.gt))
         elif isinstance(item, annotated_types.Ge):
             low = plain_number(item.ge)
         elif isinstance(item, annotated_types.Le):
             high = plain_number(item.le)
-    interval = " to ".join(bound for bound in (above or low, high) if bound)
-    if not interval:
+    if not (above or low or high):
         return ""
-    if not high and low:
-        interval = f"at least {low}"
+    interval = Message.joined((bound for bound in (above or low, high) if bound), " to ")
+    if not high and low and not above:
+        interval = Message("at least {low}", low)
     elif not (above or low):
-        interval = f"at most {high}"
-    kind = "a whole number, " if annotation is int else "a number, "
-    return f"{kind}{interval} {unit or otherwise}".rstrip()
+        interval = Message("at most {high}", high)
+    if unit or otherwise:
+        interval = Message("{interval} {unit}", interval, unit or otherwise)
+    whole = annotation is int
+    return Message("a whole number, {interval}" if whole else "a number, {interval}", interval)
 
 
 def plain_number(value: Any) -> str:
@@ -271,7 +294,7 @@ def refuse_future(performed: datetime) -> None:
     today = (datetime.now(UTC) + timedelta(hours=14)).date()  # in the earliest time zone
     if performed.date() > today:
         raise InputError(
-            f"a measurement performed on {performed.date()}",
-            f"up to today, {datetime.now().astimezone().date()}",
+            Message("a measurement performed on {performed}", performed.date()),
+            Message("up to today, {now}", datetime.now().astimezone().date()),
             "correct the day",
         )

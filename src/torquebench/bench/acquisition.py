@@ -36,6 +36,7 @@ from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, ModelMismatchError, SignalFault, TorquebenchError
+from torquebench.message import Message
 from torquebench.signals import EdgeBlock
 
 __all__ = ["Acquisition", "JournalSink", "LatestTorque"]
@@ -204,12 +205,14 @@ class Acquisition:
             self._supervisor.trip(
                 AlarmKind.DRIVER,
                 "acquisition",
-                f"{type(error).__name__}: {error}",
+                Message("{name}: {error}", type(error).__name__, error),
                 "an uninterrupted stream of samples",
                 "check the named instrument and open the bench again",
             )
             self._clock.stop(
-                BenchError(f"acquisition has ended: {error}", "", "open the bench again")
+                BenchError(
+                    Message("acquisition has ended: {error}", error), "", "open the bench again"
+                )
             )
 
     def _paced(self, share: float) -> bool:
@@ -309,7 +312,7 @@ class Acquisition:
         self._supervisor.trip(
             AlarmKind.JOURNAL,
             "journal",
-            f"{type(failure).__name__}: {failure}",
+            Message("{name}: {failure}", type(failure).__name__, failure),
             "every block kept",
             "make room on the disk or repair it, then repeat the run",
         )
@@ -404,8 +407,12 @@ class Acquisition:
         channel = self._channels.get(name)
         if channel is None:
             raise SignalFault(
-                f"{name} isn't in use with {self._mounted.replace('_', ' ')} mounted",
-                "one of " + ", ".join(self._channels),
+                Message(
+                    "{name} isn't in use with {mounted} mounted",
+                    name,
+                    self._mounted.replace("_", " "),
+                ),
+                Message("one of {list}", ", ".join(self._channels)),
                 "mount a standard to read it",
             )
         return channel
@@ -483,7 +490,9 @@ class Acquisition:
         active = self._compensations.get(side)
         if active is None:
             raise ModelMismatchError(
-                f"no active model for the {side} side", "an active model", "activate one"
+                Message("no active model for the {side} side", side),
+                "an active model",
+                "activate one",
             )
         with self._release_lock:
             failure = self._release()
@@ -547,8 +556,8 @@ class Acquisition:
         temperatures = self.latest_block.temperatures
         if probe not in temperatures:
             raise SignalFault(
-                f"no temperature from the probe {probe}",
-                "one of " + ", ".join(temperatures),
+                Message("no temperature from the probe {probe}", probe),
+                Message("one of {list}", ", ".join(temperatures)),
                 "check the probe's connection",
             )
         return temperatures[probe]
@@ -556,7 +565,9 @@ class Acquisition:
 
 def _silent_encoder(side: Side) -> SignalFault:
     return SignalFault(
-        f"no angle from the {side} encoder", "samples in every block", "check its connection"
+        Message("no angle from the {side} encoder", side),
+        "samples in every block",
+        "check its connection",
     )
 
 

@@ -31,6 +31,7 @@ from torquebench.bench.audit_chain import (
     files_aside,
     last_end,
 )
+from torquebench.message import Message
 
 __all__ = ["AUDIT_FILE", "AUDIT_FOLDER", "AuditLog", "read_audit"]
 
@@ -208,7 +209,9 @@ class AuditLog:
                 if self._part is not None:
                     _write_whole(self._part, content)
             except OSError as error:
-                self._fails(f"the run's part of the log: {error.strerror or error}")
+                self._fails(
+                    Message("the run's part of the log: {strerror}", error.strerror or error)
+                )
 
     def _opened(self) -> int:
         if self._file is None:

@@ -25,6 +25,7 @@ from torquebench.bench.drivers.base import (
 )
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.errors import InterlockError
+from torquebench.message import Message
 
 __all__ = [
     "AuditedClamp",
@@ -149,8 +150,13 @@ class AuditedDrive:
         if alarm is not None and moves:
             self._log.write("refused", command=command, side=self._side, alarm=alarm.name)
             raise InterlockError(
-                f"{command.replace('_', ' ')} of the {self._side} drive while an alarm is latched "
-                f"({alarm.kind.value}: {alarm.found})",
+                Message(
+                    "{command} of the {side} drive while an alarm is latched ({alarm}: {found})",
+                    command.replace("_", " "),
+                    self._side,
+                    alarm.kind.value,
+                    alarm.found,
+                ),
                 "no latched alarm",
                 "remove the cause and acknowledge the alarm",
             )

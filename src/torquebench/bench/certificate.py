@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.uncertainty import CertifiedUncertainty
@@ -57,7 +58,9 @@ class ReferenceCertificate:
         if len({column.shape for column in columns}) != 1 or self.torque_nm.ndim != 1:
             raise InputError("certificate columns of different length", "equal lengths")
         if self.torque_nm.size < 2:
-            raise InputError(f"certificate with {self.torque_nm.size} points", "at least 2 points")
+            raise InputError(
+                Message("certificate with {size} points", self.torque_nm.size), "at least 2 points"
+            )
         if not all(np.isfinite(column).all() for column in columns):
             raise InputError("certificate with a value that isn't a number", "finite values")
         indicated = self.torque_nm + self.error_nm
@@ -104,7 +107,7 @@ def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
     for row in read_rows(path, _COLUMNS, "certificate", remedy):
         side = row.cells["side"]
         if side not in points:
-            raise InputError(f"{row.place}: side {side!r}", "input, output")
+            raise InputError(Message("{place}: side {side!r}", row.place, side), "input, output")
         points[side].append(tuple(row.number(column) for column in _COLUMNS[1:]))
     found: dict[Side, ReferenceCertificate] = {}
     for side in SIDES:
@@ -148,5 +151,5 @@ def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
         return CertifiedUncertainty.of_table(torque, expanded)
     except InputError as error:
         raise InputError(
-            f"certificate {path}: {error.found}", error.allowed, error.remedy
+            Message("certificate {path}: {found}", path, error.found), error.allowed, error.remedy
         ) from error

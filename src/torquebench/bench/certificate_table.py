@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["CertificateRow", "read_rows"]
 
@@ -38,7 +39,7 @@ class CertificateRow:
             return float(self.cells[column])
         except (TypeError, ValueError):
             raise InputError(
-                f"{self.place}: {column} = {self.cells[column]!r}",
+                Message("{place}: {column} = {cells!r}", self.place, column, self.cells[column]),
                 "a number with a decimal point",
                 "correct the line",
             ) from None
@@ -71,13 +72,15 @@ def read_rows(
             rows = list(csv.DictReader(stream))
     except OSError as error:
         raise InputError(
-            f"{kind} {file}: {error.strerror}", "a readable CSV file", remedy
+            Message("{kind} {file}: {strerror}", kind, file, error.strerror),
+            "a readable CSV file",
+            remedy,
         ) from error
     missing = [column for column in columns if not rows or column not in rows[0]]
     if missing:
         raise InputError(
-            f"{kind} {file}: no column {', '.join(missing)}",
-            "columns " + ", ".join(columns),
+            Message("{kind} {file}: no column {missing}", kind, file, ", ".join(missing)),
+            Message("columns {columns}", ", ".join(columns)),
             "add the columns with their units in the header",
         )
     return [

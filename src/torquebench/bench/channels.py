@@ -15,6 +15,7 @@ from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, to
 from torquebench.bench.samples import ChannelSamples, FineCount, SampleRing
 from torquebench.bench.slices import joined_edges
 from torquebench.errors import InputError, SignalFault
+from torquebench.message import Message
 from torquebench.signals import (
     EdgeBlock,
     FrequencyCounter,
@@ -94,8 +95,12 @@ class Channel:
         allowed = 0.02 * nominal
         if not abs(value - nominal) <= allowed:
             raise SignalFault(
-                f"{self.name}: zero at {value:.1f} Hz",
-                f"{nominal - allowed:g} to {nominal + allowed:g} Hz, within 2 % of nominal",
+                Message("{name}: zero at {value:.1f} Hz", self.name, value),
+                Message(
+                    "{low:g} to {high:g} Hz, within 2 % of nominal",
+                    nominal - allowed,
+                    nominal + allowed,
+                ),
                 "unload the transducer before zeroing and check its option",
             )
         self._scale = self._scale.with_zero(value)
@@ -205,7 +210,7 @@ class Channel:
         """
         row = self._ring.last()
         if row is None:
-            raise SignalFault(f"{self.name}: no sample yet", "a running acquisition")
+            raise SignalFault(Message("{name}: no sample yet", self.name), "a running acquisition")
         newest = ChannelSamples(
             self.name,
             self.side,
@@ -279,7 +284,10 @@ def open_channel(
         if name == reference_channel(side):
             standard = description.standard(mounting)
             if standard is None:
-                raise InputError(f"channel {name} with {mounting} mounted", "a mounted standard")
+                raise InputError(
+                    Message("channel {name} with {mounting} mounted", name, mounting),
+                    "a mounted standard",
+                )
             certificate = certificates(description, drivers, mounting).get(side)
             transducer = standard.transducer(side)
             return Channel(

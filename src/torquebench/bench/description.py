@@ -14,6 +14,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from torquebench.bench.certificate import ReferenceCertificate, read_certificate
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals import FrequencyScale
 from torquebench.units import RAD_S_PER_RPM
 from torquebench.validation import ConflictError, parse_toml, validated
@@ -99,8 +100,12 @@ class TransducerDescription(_Section):
             if value is not None and abs(value / nominal - 1.0) > 0.05:
                 raise ConflictError(
                     key,
-                    f"{value:g} Hz/(N·m)",
-                    f"{0.95 * nominal:g} to {1.05 * nominal:g} Hz/(N·m), within 5 % of nominal",
+                    Message("{value:g} Hz/(N·m)", value),
+                    Message(
+                        "{nominal:g} to {nominal_2:g} Hz/(N·m), within 5 % of nominal",
+                        0.95 * nominal,
+                        1.05 * nominal,
+                    ),
                     "check nominal_torque_nm, option_khz and the certificate",
                 )
         return self
@@ -214,16 +219,20 @@ class ModuleDescription(_Section):
         if self.range_nm > nominal:
             raise ConflictError(
                 "range_nm",
-                f"{self.range_nm:g} N·m",
-                f"at most the transducer's nominal {nominal:g} N·m",
+                Message("{range_nm:g} N·m", self.range_nm),
+                Message("at most the transducer's nominal {nominal:g} N·m", nominal),
                 "set range_nm to the range that is used",
             )
         if not self.range_nm <= self.limits.torque_nm <= 1.5 * nominal:
             raise ConflictError(
                 "limits.torque_nm",
-                f"{self.limits.torque_nm:g} N·m",
-                f"{self.range_nm:g} N·m (the range) to {1.5 * nominal:g} N·m "
-                "(1.5 times the transducer's nominal torque)",
+                Message("{torque_nm:g} N·m", self.limits.torque_nm),
+                Message(
+                    "{low:g} N·m (the range) to {high:g} N·m (1.5 times the transducer's "
+                    "nominal torque)",
+                    self.range_nm,
+                    1.5 * nominal,
+                ),
                 "set the limit a little above the range",
             )
         return self
@@ -251,8 +260,8 @@ class CounterDescription(_Section):
         if ratio < 1.0 or abs(ratio - round(ratio)) > 1e-9:
             raise ConflictError(
                 "block_s",
-                f"{self.block_s:g} s",
-                f"a multiple of window_s = {self.window_s:g} s",
+                Message("{block_s:g} s", self.block_s),
+                Message("a multiple of window_s = {window_s:g} s", self.window_s),
                 "set block_s to a whole number of windows",
             )
         return self
@@ -417,8 +426,10 @@ class ConditionsDescription(_Section):
         if self.temperature_low_c >= self.temperature_high_c:
             raise ConflictError(
                 "temperature_low_c",
-                f"{self.temperature_low_c:g} °C",
-                f"below temperature_high_c = {self.temperature_high_c:g} °C",
+                Message("{temperature_low_c:g} °C", self.temperature_low_c),
+                Message(
+                    "below temperature_high_c = {temperature_high_c:g} °C", self.temperature_high_c
+                ),
                 "give the lowest and the highest temperature of the transducers",
             )
         return self
@@ -556,8 +567,8 @@ class BenchDescription(_Section):
                 if nominal < module.range_nm:
                     raise ConflictError(
                         f"{name}.{side}.nominal_torque_nm",
-                        f"{nominal:g} N·m",
-                        f"at least the module's range, {module.range_nm:g} N·m",
+                        Message("{nominal:g} N·m", nominal),
+                        Message("at least the module's range, {range:g} N·m", module.range_nm),
                         "use a standard that covers the range, or lower the range",
                     )
         return self
@@ -567,7 +578,7 @@ class BenchDescription(_Section):
             raise ConflictError(
                 key,
                 repr(probe),
-                "one of " + ", ".join(self.temperatures),
+                Message("one of {list}", ", ".join(self.temperatures)),
                 "name a probe of the list `temperatures`",
             )
 
@@ -581,7 +592,7 @@ class BenchDescription(_Section):
                 raise ConflictError(
                     f"{key}.serial",
                     repr(serial),
-                    f"a unique serial number ({holders[serial]} has this one)",
+                    Message("a unique serial number ({holders} has this one)", holders[serial]),
                     "a calibration belongs to one transducer: read its name plate",
                 )
             holders[serial] = key
@@ -619,13 +630,15 @@ def load_bench(path: Path | str) -> BenchDescription:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
         raise InputError(
-            f"{file}: {error.strerror or error}",
+            Message("{file}: {strerror}", file, error.strerror or error),
             "a readable bench.toml",
             "give the path of a bench description, or none for the simulated bench",
         ) from error
     except UnicodeDecodeError as error:
         raise InputError(
-            f"{file}: not UTF-8 at byte {error.start}", "UTF-8 text", "save the file as UTF-8"
+            Message("{file}: not UTF-8 at byte {start}", file, error.start),
+            "UTF-8 text",
+            "save the file as UTF-8",
         ) from error
     return parse_bench(text, str(file)).relative_to(file.parent)
 

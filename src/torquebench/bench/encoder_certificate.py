@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.certificate_table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import ARCSEC
 
 if TYPE_CHECKING:
@@ -61,8 +62,8 @@ class EncoderCertificate:
             raise InputError("encoder certificate with columns of different length", "equal ones")
         if self.angle_rad.size < LEAST_POINTS:
             raise InputError(
-                f"encoder certificate with {self.angle_rad.size} points",
-                f"at least {LEAST_POINTS} points of one turn",
+                Message("encoder certificate with {size} points", self.angle_rad.size),
+                Message("at least {least_points} points of one turn", LEAST_POINTS),
             )
         if not all(np.isfinite(column).all() for column in columns):
             raise InputError(

@@ -30,6 +30,7 @@ from torquebench.bench.samples import (
 )
 from torquebench.chain import Torque
 from torquebench.errors import BenchError
+from torquebench.message import Message
 from torquebench.signals import TorqueSamples
 from torquebench.units import RPM_PER_RAD_S
 
@@ -208,9 +209,13 @@ class BlockEvaluator:
         described = self._description.module(side).encoder.counts_per_revolution
         if angle.counts_per_revolution != described:
             raise BenchError(
-                f"{side} encoder delivers {angle.counts_per_revolution} counts per revolution",
-                f"{described}, as described",
-                f"correct {side}.encoder.counts_per_revolution",
+                Message(
+                    "{side} encoder delivers {counts_per_revolution} counts per revolution",
+                    side,
+                    angle.counts_per_revolution,
+                ),
+                Message("{described}, as described", described),
+                Message("correct {side}.encoder.counts_per_revolution", side),
             )
 
 

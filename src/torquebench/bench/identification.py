@@ -7,6 +7,7 @@ from collections.abc import Iterable
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Identity
 from torquebench.errors import BenchError
+from torquebench.message import Message
 
 __all__ = ["check_identities"]
 
@@ -30,8 +31,13 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
         described = description.serials.get(identity.role)
         if described is not None and identity.serial != described:
             raise BenchError(
-                f"{identity.role}: {identity.manufacturer} {identity.model} answers with serial "
-                f"{identity.serial!r}",
-                f"serial {described!r}, as described",
+                Message(
+                    "{role}: {manufacturer} {model} answers with serial {serial!r}",
+                    identity.role,
+                    identity.manufacturer,
+                    identity.model,
+                    identity.serial,
+                ),
+                Message("serial {described!r}, as described", described),
                 "connect the described instrument or correct the bench description",
             )

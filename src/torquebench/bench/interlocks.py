@@ -28,6 +28,7 @@ from torquebench.bench.safety.alarms import Alarm
 from torquebench.bench.safety.limits import SideLimits
 from torquebench.bench.state import CommandState
 from torquebench.errors import InputError, InterlockError, LimitError
+from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -169,9 +170,9 @@ def check_torque(state: BenchState, side: Side, torque_nm: float) -> None:
     limit = state.limits(side).torque_nm
     if not abs(torque_nm) <= limit:
         raise LimitError(
-            f"{torque_nm:g} N·m requested from the {side} drive",
-            f"±{limit:g} N·m",
-            f"raise {side}.limits.torque_nm only if the whole chain withstands it",
+            Message("{torque_nm:g} N·m requested from the {side} drive", torque_nm, side),
+            Message("±{limit:g} N·m", limit),
+            Message("raise {side}.limits.torque_nm only if the whole chain withstands it", side),
         )
     if torque_nm != 0.0:
         _check_may_drive(state, side, "torque")
@@ -186,9 +187,13 @@ def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
     limit = state.limits(side).speed_rpm
     if not abs(speed_rad_s) * RPM_PER_RAD_S <= limit * (1.0 + _ROUNDING):
         raise LimitError(
-            f"{speed_rad_s * RPM_PER_RAD_S:g} rpm requested from the {side} drive",
-            f"±{limit:g} rpm",
-            f"raise {side}.limits.speed_rpm only if the whole chain withstands it",
+            Message(
+                "{speed_rad_s:g} rpm requested from the {side} drive",
+                speed_rad_s * RPM_PER_RAD_S,
+                side,
+            ),
+            Message("±{limit:g} rpm", limit),
+            Message("raise {side}.limits.speed_rpm only if the whole chain withstands it", side),
         )
     if speed_rad_s != 0.0:
         _check_may_drive(state, side, "speed")
@@ -198,16 +203,16 @@ def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
 
 def check_enable(state: BenchState, side: Side) -> None:
     """Refuse to enable a drive with a latched alarm, or without presence or torque signal."""
-    _check_no_alarm(state, f"enable the {side} drive")
+    _check_no_alarm(state, Message("enable the {side} drive", side))
     if not state.supplied():
         raise InterlockError(
-            f"enabling the {side} drive with its supply off",
+            Message("enabling the {side} drive with its supply off", side),
             "the power supply on",
             "switch the power supply on",
         )
     if state.absent_s() > 0.0:
         raise InterlockError(
-            f"enabling the {side} drive with nobody at the bench",
+            Message("enabling the {side} drive with nobody at the bench", side),
             "a person who has confirmed their presence",
             "confirm your presence, then continue",
         )
@@ -215,17 +220,17 @@ def check_enable(state: BenchState, side: Side) -> None:
 
 
 def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
-    _check_no_alarm(state, f"{what} on the {side} side")
+    _check_no_alarm(state, Message("{what} on the {side} side", what, side))
     mode = state.mode(side)
     if mode != "driven":
         raise InterlockError(
-            f"{what} requested from the {side} side in mode {mode!r}",
+            Message("{value} requested from the {side} side in mode {mode!r}", what, side, mode),
             "mode 'driven'",
             "change the mode first",
         )
     if not state.enabled(side):
         raise InterlockError(
-            f"{what} requested from the {side} drive, which is off",
+            Message("{value} requested from the {side} drive, which is off", what, side),
             "an enabled drive",
             "switch its power on first",
         )
@@ -234,7 +239,9 @@ def _check_may_drive(state: BenchState, side: Side, what: str) -> None:
 def _check_clamped(state: BenchState, what: str) -> None:
     if not state.clamped():
         raise InterlockError(
-            f"{what} requested with the clamp open", "a closed clamp", "close the clamp first"
+            Message("{value} requested with the clamp open", what),
+            "a closed clamp",
+            "close the clamp first",
         )
 
 
@@ -242,7 +249,12 @@ def _check_no_alarm(state: BenchState, purpose: str) -> None:
     alarm = state.alarm()
     if alarm is not None:
         raise InterlockError(
-            f"{purpose} while an alarm is latched ({alarm.kind.value}: {alarm.found})",
+            Message(
+                "{purpose} while an alarm is latched ({alarm}: {found})",
+                purpose,
+                alarm.kind.value,
+                alarm.found,
+            ),
             "no latched alarm",
             "remove the cause and acknowledge the alarm",
         )
@@ -264,26 +276,34 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
     torque_nm, speed_rad_s = state.commanded(side)
     if state.enabled(side) and (torque_nm != 0.0 or speed_rad_s != 0.0):
         raise InterlockError(
-            f"{side} drive at {torque_nm:g} N·m and {speed_rad_s * RPM_PER_RAD_S:g} rpm",
+            Message(
+                "{side} drive at {torque:g} N·m and {speed:g} rpm",
+                side,
+                torque_nm,
+                speed_rad_s * RPM_PER_RAD_S,
+            ),
             "zero torque and standstill",
-            f"unload the side first to {purpose}",
+            Message("unload the side first to {purpose}", purpose),
         )
     safety = state.description.safety
     limit = safety.unloaded_percent / 100.0 * state.description.module(side).range_nm
     reading = state.reading_nm(side)
     if abs(reading) > limit:
         raise InterlockError(
-            f"{side} transducer reads {reading:.2f} N·m",
-            f"±{limit:g} N·m",
-            f"unload the side first to {purpose}; where nothing loads it, its zero is off: "
-            "raise `safety.unloaded_percent`, or have the transducer adjusted",
+            Message("{side} transducer reads {reading:.2f} N·m", side, reading),
+            Message("±{limit:g} N·m", limit),
+            Message(
+                "unload the side first to {purpose}; where nothing loads it, its zero is "
+                "off: raise `safety.unloaded_percent`, or have the transducer adjusted",
+                purpose,
+            ),
         )
     speed = abs(state.speed_rad_s(side)) * RPM_PER_RAD_S
     if speed > safety.standstill_rpm:
         raise InterlockError(
-            f"{side} side turns at {speed:.2f} rpm",
-            f"at most {safety.standstill_rpm:g} rpm",
-            f"stop the side first to {purpose}",
+            Message("{side} side turns at {speed:.2f} rpm", side, speed),
+            Message("at most {standstill_rpm:g} rpm", safety.standstill_rpm),
+            Message("stop the side first to {purpose}", purpose),
         )
 
 
@@ -293,12 +313,12 @@ def check_mode_change(state: BenchState, side: Side, mode: Mode) -> None:
     A drive that has power stays in the mode 'driven'.
     """
     if mode not in MODES:
-        raise InputError(f"mode {mode!r}", ", ".join(MODES))
+        raise InputError(Message("mode {mode!r}", mode), ", ".join(MODES))
     for each in SIDES:
-        check_unloaded(state, each, f"change the {side} mode")
+        check_unloaded(state, each, Message("change the {side} mode", side))
     if state.enabled(side) and mode != "driven":
         raise InterlockError(
-            f"mode {mode} of the {side} with its drive on",
+            Message("mode {mode} of the {side} with its drive on", mode, side),
             "drive off",
             "switch the drives off",
         )
@@ -314,7 +334,7 @@ def check_clamp(state: BenchState, clamped: bool) -> None:
         )
     if clamped and state.rail() != "end":
         raise InterlockError(
-            f"closing the clamp with the guide rail {_RAIL_WORDS[state.rail()]}",
+            Message("closing the clamp with the guide rail {position}", _RAIL_WORDS[state.rail()]),
             "the guide rail at its end position",
             "move the input module to the end of the rail first",
         )
@@ -326,7 +346,7 @@ def check_clamp(state: BenchState, clamped: bool) -> None:
 def check_rail(state: BenchState, position: RailPosition) -> None:
     """Move the rail only with the clamp open, the drives off, no load and both sides at rest."""
     if position not in RAIL_TARGETS:
-        raise InputError(f"guide rail to {position!r}", ", ".join(RAIL_TARGETS))
+        raise InputError(Message("guide rail to {position!r}", position), ", ".join(RAIL_TARGETS))
     if state.clamped():
         raise InterlockError(
             "moving the guide rail with the clamp closed", "an open clamp", "open the clamp"
@@ -334,7 +354,7 @@ def check_rail(state: BenchState, position: RailPosition) -> None:
     for side in SIDES:
         if state.enabled(side):
             raise InterlockError(
-                f"moving the guide rail with the {side} drive on",
+                Message("moving the guide rail with the {side} drive on", side),
                 "both drives off",
                 "switch the drives off",
             )
@@ -344,15 +364,17 @@ def check_rail(state: BenchState, position: RailPosition) -> None:
 def check_mounting(state: BenchState, mounting: Mounting) -> None:
     """Something else is mounted only with the clamp open and the drives off."""
     if mounting not in MOUNTINGS:
-        raise InputError(f"mounting {mounting!r}", ", ".join(MOUNTINGS))
+        raise InputError(Message("mounting {what!r}", mounting), ", ".join(MOUNTINGS))
     if state.clamped():
         raise InterlockError(
-            f"mounting {mounting} with the clamp closed", "an open clamp", "open the clamp"
+            Message("mounting {what} with the clamp closed", mounting),
+            "an open clamp",
+            "open the clamp",
         )
     for side in SIDES:
         if state.enabled(side):
             raise InterlockError(
-                f"mounting {mounting} with the {side} drive on",
+                Message("mounting {what} with the {side} drive on", mounting, side),
                 "both drives off",
                 "switch the drives off",
             )
@@ -375,13 +397,15 @@ def check_procedure(state: BenchState, kind: ProcedureKind) -> None:
 
     Procedures ask this first.
     """
-    _check_no_alarm(state, f"start a {kind.replace('_', ' ')}")
+    _check_no_alarm(state, Message("start a {kind}", kind.replace("_", " ")))
     mounted, needed = state.mounted(), _NEEDED[kind]
     if mounted != needed:
         raise InterlockError(
-            f"{kind.replace('_', ' ')} with {mounted.replace('_', ' ')} mounted",
+            Message(
+                "{kind} with {mounted} mounted", kind.replace("_", " "), mounted.replace("_", " ")
+            ),
             needed.replace("_", " "),
-            f"mount the {needed.replace('_', ' ')}",
+            Message("mount the {what}", needed.replace("_", " ")),
         )
     _check_clamped(state, kind.replace("_", " "))
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 from torquebench.bench.roles import Mounting, Seating
 from torquebench.errors import InterlockError
+from torquebench.message import Message
 
 __all__ = ["Prompt", "PromptQueue", "QueuedOperator"]
 
@@ -98,7 +99,9 @@ class PromptQueue:
             done, who = self._answer
             self._pending = self._answer = None
         if not done:
-            raise InterlockError(f"{who or 'the operator'} declined: {text}", "a confirmation")
+            raise InterlockError(
+                Message("{who} declined: {text}", who or "the operator", text), "a confirmation"
+            )
         return who
 
     def answer(self, number: int, *, done: bool, who: str = "") -> bool:
@@ -142,9 +145,11 @@ class QueuedOperator:
         """Ask for something to be put between the flanges."""
         what = mounting.replace("_", " ")
         if mounting == "nothing":
-            self.prompts.ask(f"Take the {self._mounted.replace('_', ' ')} out of the bench.")
+            self.prompts.ask(
+                Message("Take the {what} out of the bench.", self._mounted.replace("_", " "))
+            )
         else:
-            self.prompts.ask(f"Mount the {what} between the flanges.")
+            self.prompts.ask(Message("Mount the {what} between the flanges.", what))
         self._mounted = mounting
 
     def mounted(self) -> Mounting:
@@ -155,9 +160,21 @@ class QueuedOperator:
         """Request that the mounted part is turned or seated again."""
         what = self._mounted.replace("_", " ")
         if seating.change == "rotation":
-            self.prompts.ask(f"Rotate the {what} to {seating.position_deg:g}° and seat it again.")
+            self.prompts.ask(
+                Message(
+                    "Rotate the {what} to {position:g}° and seat it again.",
+                    what,
+                    seating.position_deg,
+                )
+            )
         else:
-            self.prompts.ask(f"Take the {what} out and seat it again at {seating.position_deg:g}°.")
+            self.prompts.ask(
+                Message(
+                    "Take the {what} out and seat it again at {position:g}°.",
+                    what,
+                    seating.position_deg,
+                )
+            )
 
     def cancel(self) -> None:
         """Give up waiting: the run ends."""

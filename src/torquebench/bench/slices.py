@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock
 from torquebench.errors import BenchError
+from torquebench.message import Message
 from torquebench.signals import EdgeBlock
 
 __all__ = ["joined", "joined_edges", "slices_of"]
@@ -63,8 +64,14 @@ def joined_edges(name: str, blocks: Sequence[EdgeBlock]) -> EdgeBlock:
     for before, after in itertools.pairwise(blocks):
         if after.start_tick != before.stop_tick:
             raise BenchError(
-                f"{name}: slices from tick {before.start_tick} to {before.stop_tick} and from "
-                f"{after.start_tick}",
+                Message(
+                    "{name}: slices from tick {start_tick} to {stop_tick} and from "
+                    "{after_start_tick}",
+                    name,
+                    before.start_tick,
+                    before.stop_tick,
+                    after.start_tick,
+                ),
                 "slices without a gap",
                 "check the counter's driver",
             )

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field
 from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.steps import Step
 from torquebench.compensation import FEATURES
+from torquebench.message import Message
 
 __all__ = [
     "Adaptive",
@@ -157,20 +158,35 @@ class Placement:
         """
         first, last = self.rounds[0], self.rounds[-1]
         rounds, before = len(self.rounds) - 1, first.points - self.coarse
-        earlier = f"{before} placed before an interruption and " if before else ""
-        target = "" if self.target_percent is None else f"{self.target_percent:g} % FS"
+        earlier = Message("{before} placed before an interruption and ", before) if before else ""
+        target = (
+            ""
+            if self.target_percent is None
+            else Message("{target_percent:g} % FS", self.target_percent)
+        )
         if self.reason == "target":
-            why = f"target {target} reached"
+            why = Message("target {target} reached", target)
         else:
-            missed = f", target {target} not reached" if target else ""
-            why = f"budget of {self.budget} points used{missed}"
-        return (
-            f"{last.points} points: {self.coarse} even ones{',' if before else ' and'} {earlier}"
-            f"{last.points - first.points} placed in {rounds} round{'' if rounds == 1 else 's'}"
-            f"{' after it' if before else ''}; largest U (k = 2) of the "
-            f"model {first.expanded_percent:.2g} % FS after the {'first' if before else 'even'} "
-            f"{f'{first.points} points' if before else 'ones'}, "
-            f"{last.expanded_percent:.2g} % FS at the end; {why}"
+            missed = Message(", target {target} not reached", target) if target else ""
+            why = Message("budget of {budget} points used{missed}", self.budget, missed)
+        return Message(
+            "{points} points: {coarse} even ones{before} {earlier}{last_points} "
+            "placed in {rounds} round{value}{before_2}; largest U (k = 2) of the "
+            "model {expanded_percent:.2g} % FS after the {before_3} {first_points}, "
+            "{last_expanded_percent:.2g} % FS at the end; {why}",
+            last.points,
+            self.coarse,
+            "," if before else " and",
+            earlier,
+            last.points - first.points,
+            rounds,
+            "" if rounds == 1 else "s",
+            " after it" if before else "",
+            first.expanded_percent,
+            "first" if before else "even",
+            Message("{count} points", first.points) if before else "ones",
+            last.expanded_percent,
+            why,
         )
 
 

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from torquebench.calibration.evaluation import Reproducibility, StaticEvaluation
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["CLASSES", "ClassLimits", "Classification", "classify", "limits_of_class"]
 
@@ -71,7 +72,9 @@ def limits_of_class(accuracy_class: float) -> ClassLimits:
     (0.025, 0.0125, 0.063)
     """
     if accuracy_class not in CLASSES:
-        raise InputError(f"class {accuracy_class}", ", ".join(map(str, CLASSES)))
+        raise InputError(
+            Message("class {accuracy_class}", accuracy_class), ", ".join(map(str, CLASSES))
+        )
     c = accuracy_class
     rounded_up = {0.05: 0.063, 0.5: 0.63}
     return ClassLimits(
@@ -164,7 +167,7 @@ def _meets(
     for name, (values, limit) in quantities.items():
         if values is None:
             raise InputError(
-                f"a calibration without {name}",
+                Message("a calibration without {name}", name),
                 "every quantity that the class limits",
                 "measure it, or state the uncertainty without a class",
             )

@@ -13,6 +13,7 @@ from torquebench.chain import Readings
 from torquebench.compensation import FEATURES, branch_values, features
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
+from torquebench.message import Message
 
 __all__ = ["RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
 
@@ -123,7 +124,9 @@ class CalibrationData:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
             raise InputError(
-                f"range {self.range_nm} N·m", "a finite range above 0 N·m", "state the full scale"
+                Message("range {range_nm} N·m", self.range_nm),
+                "a finite range above 0 N·m",
+                "state the full scale",
             )
         object.__setattr__(self, "range_nm", float(self.range_nm))
         n = int(np.size(self.reading_nm))
@@ -273,8 +276,8 @@ class CalibrationData:
         for name, column in known.items():
             if column is None:
                 raise InputError(
-                    f"no column {name}",
-                    f"the columns {', '.join(FEATURES[:width])}",
+                    Message("no column {name}", name),
+                    Message("the columns {features}", ", ".join(FEATURES[:width])),
                     "measure it too, or use a model that was fitted without it",
                 )
         return features(**known)
@@ -339,7 +342,13 @@ class CalibrationData:
         present = set(self.direction.tolist()) - {0}
         if len(present) == 1:
             sign = next(iter(present))
-            notes.append(f"only {names[sign]} points: nothing is known of {names[-sign]} torque")
+            notes.append(
+                Message(
+                    "only {names} points: nothing is known of {names_2} torque",
+                    names[sign],
+                    names[-sign],
+                )
+            )
         if not np.any(self.branch < 0):
             notes.append(
                 "only rising series: hysteresis can't be separated from "
@@ -351,18 +360,26 @@ class CalibrationData:
                 for side, word in ((1, "rising"), (-1, "falling")):
                     if not np.any((direction == sign) & (self.branch == side)):
                         notes.append(
-                            f"no {word} {names[sign]} points: that branch "
-                            "is extrapolated from the other"
+                            Message(
+                                "no {word} {names} points: that branch is extrapolated from "
+                                "the other",
+                                word,
+                                names[sign],
+                            )
                         )
         guessed = self.unloaded & (self.standard_nm != 0.0)
         if self.nominal_nm is None and np.any(guessed):
             notes.append(
-                f"no column nominal_nm: {np.count_nonzero(guessed)} points below "
-                f"{100 * UNLOADED_SHARE:g} % of the range are treated as zeros"
+                Message(
+                    "no column nominal_nm: {count} points below {unloaded_share:g} % of the "
+                    "range are treated as zeros",
+                    np.count_nonzero(guessed),
+                    100 * UNLOADED_SHARE,
+                )
             )
         share = float(np.max(np.abs(self.standard_nm))) / self.range_nm
         if share < 0.9:
-            notes.append(f"points up to {100 * share:.0f} % of the range only")
+            notes.append(Message("points up to {share:.0f} % of the range only", 100 * share))
         return tuple(notes)
 
     def averaged(self, tolerance_nm: float | None = None) -> Self:
@@ -479,7 +496,7 @@ class CalibrationData:
             values = {getattr(part, name) for part in parts}
             if len(values) > 1:
                 raise InputError(
-                    f"tables of different {name}: {sorted(map(str, values))}",
+                    Message("tables of different {name}: {map}", name, sorted(map(str, values))),
                     "tables of one measuring chain",
                 )
         changes: dict[str, Any] = {}
@@ -559,13 +576,20 @@ def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
     try:
         column = np.array(branch_values(value) if name == "branch" else value, dtype=np.float64)
     except (TypeError, ValueError) as error:
-        raise InputError(f"column {name} contains values that aren't numbers", "numbers") from error
+        raise InputError(
+            Message("column {name} contains values that aren't numbers", name), "numbers"
+        ) from error
     if column.shape != (n,):
-        raise InputError(f"column {name} has shape {column.shape}", f"{n} values like reading_nm")
+        raise InputError(
+            Message("column {name} has shape {shape}", name, column.shape),
+            Message("{n} values like reading_nm", n),
+        )
     bad = np.flatnonzero(~np.isfinite(column))
     if bad.size:
         raise InputError(
-            f"column {name} holds {column[bad[0]]} at point {bad[0] + 1}",
+            Message(
+                "column {name} holds {column} at point {bad}", name, column[bad[0]], bad[0] + 1
+            ),
             "finite numbers",
             "remove the point or measure it again",
         )
@@ -579,7 +603,10 @@ def _whole_numbers(name: str, column: NDArray[np.float64]) -> NDArray[Any]:
     whole = np.rint(column)
     bad = np.flatnonzero(whole != column)
     if bad.size:
-        raise InputError(f"{name} {column[bad[0]]} at point {bad[0] + 1}", "whole numbers")
+        raise InputError(
+            Message("{name} {column} at point {bad}", name, column[bad[0]], bad[0] + 1),
+            "whole numbers",
+        )
     return whole.astype(np.int8 if name == "branch" and np.all(np.abs(whole) <= 1) else np.int64)
 
 
@@ -587,7 +614,8 @@ def _check_branch(branch: NDArray[np.int8]) -> None:
     bad = np.flatnonzero(np.abs(branch) > 1)
     if bad.size:
         raise InputError(
-            f"branch {branch[bad[0]]} at point {bad[0] + 1}", "+1 (up), -1 (down) or 0 (unknown)"
+            Message("branch {branch} at point {bad}", branch[bad[0]], bad[0] + 1),
+            "+1 (up), -1 (down) or 0 (unknown)",
         )
 
 
@@ -596,7 +624,12 @@ def _check_range(name: str, column: NDArray[np.float64], range_nm: float) -> Non
     worst = int(np.argmax(np.abs(column)))
     if abs(column[worst]) > limit:
         raise InputError(
-            f"{name} {column[worst]:.6g} N·m at point {worst + 1}",
-            f"±{limit:.6g} N·m (range {range_nm:.6g} N·m and {100 * RANGE_MARGIN:.0f} %)",
+            Message("{name} {column:.6g} N·m at point {worst}", name, column[worst], worst + 1),
+            Message(
+                "±{limit:.6g} N·m (range {range:.6g} N·m and {percent:.0f} %)",
+                limit,
+                range_nm,
+                100 * RANGE_MARGIN,
+            ),
             "check the range, or remove the point",
         )

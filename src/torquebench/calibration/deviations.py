@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.profile import Consequence, Profile
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 
 __all__ = [
     "CalibrationRecord",
@@ -110,7 +111,9 @@ class Deviation:
     values: Mapping[str, str | float] = field(default_factory=dict)
 
     def __str__(self) -> str:
-        return f"{self.found}; allowed: {self.allowed} (clause {self.clause})"
+        return Message(
+            "{found}; allowed: {allowed} (clause {clause})", self.found, self.allowed, self.clause
+        )
 
 
 @dataclass(frozen=True)
@@ -161,8 +164,12 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
                 profile,
                 "unsettled",
                 "loading.settle_limit_s",
-                f"{record.unsettled} of {len(record.data)} points still drifted",
-                f"settled within another {profile.loading.settle_limit_s:g} s",
+                Message(
+                    "{count} of {total} points still drifted", record.unsettled, len(record.data)
+                ),
+                Message(
+                    "settled within another {settle_limit_s:g} s", profile.loading.settle_limit_s
+                ),
                 "unsettled",
                 count=record.unsettled,
                 points=len(record.data),
@@ -195,8 +202,11 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
     refused = [deviation for deviation in deviations if deviation.consequence == "refuse"]
     if refused:
         raise RecordError(
-            "; ".join(f"{each.found} (clause {each.clause})" for each in refused),
-            "; ".join(dict.fromkeys(each.allowed for each in refused)),
+            Message.joined(
+                (Message("{found} (clause {clause})", each.found, each.clause) for each in refused),
+                "; ",
+            ),
+            Message.joined(dict.fromkeys(each.allowed for each in refused), "; "),
             "calibrate again, or follow a profile whose table [deviations] states them instead",
         )
 
@@ -222,7 +232,7 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     if data.nominal_nm is not None:
         return data
     if profile.loading.pattern == "random":
-        raise InputError(f"profile {profile.name} has no steps", "a profile of steps")
+        raise InputError(Message("profile {name} has no steps", profile.name), "a profile of steps")
     rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
     nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
     nominal = rising[nearest] * np.where(data.standard_nm < 0, -1.0, 1.0)
@@ -281,15 +291,17 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     left = _series_present(data)
     for expected in _expected(profile):
         candidates = left.get((expected.position_deg, expected.sign), [])
-        words = f"{_WORDS[expected.sign]} at {expected.position_deg:g}°"
+        words = Message(
+            "{words} at {position_deg:g}°", _WORDS[expected.sign], expected.position_deg
+        )
         if not candidates:
             shape = "increasing and decreasing" if expected.decreasing else "increasing"
             yield _deviation(
                 profile,
                 "missing_series",
                 expected.clause,
-                f"no series {words}",
-                f"a series of {shape} torque",
+                Message("no series {words}", words),
+                Message("a series of {shape} torque", shape),
                 "missing_series_up_down" if expected.decreasing else "missing_series_up",
                 direction=_KEYS[expected.sign],
                 position=expected.position_deg,
@@ -303,7 +315,11 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 profile,
                 "missing_series",
                 expected.clause,
-                f"series {data.series[member[0]]} {words} has no decreasing torque",
+                Message(
+                    "series {series} {words} has no decreasing torque",
+                    data.series[member[0]],
+                    words,
+                ),
                 "increasing and decreasing torque",
                 "no_decreasing",
                 series=int(data.series[member[0]]),
@@ -359,13 +375,18 @@ def _missing_steps(
             lacking += [f"{sign * step:.6g} N·m {word}" for step in gaps]
     if lacking:
         key = "steps_percent" if loading.steps_percent else "step_percent"
-        more = f" and {len(lacking) - 4} more" if len(lacking) > 4 else ""
+        more = Message(" and {count} more", len(lacking) - 4) if len(lacking) > 4 else ""
         shown = ", ".join(lacking[:4] + ["…"] * (len(lacking) > 4)).replace("-", "−")
         yield _deviation(
             profile,
             "missing_step",
             f"loading.{key}",
-            f"series {data.series[member[0]]} lacks {', '.join(lacking[:4])}{more}",
+            Message(
+                "series {series} lacks {lacking}{more}",
+                data.series[member[0]],
+                ", ".join(lacking[:4]),
+                more,
+            ),
             "every step in every series",
             "missing_step",
             series=int(data.series[member[0]]),
@@ -388,14 +409,22 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
     for number in dict.fromkeys(data.series[off > tolerance].tolist()):
         member = np.flatnonzero((data.series == number) & (off > tolerance))
         worst = member[np.argmax(off[member])]
-        more = f" ({member.size - 1} more steps deviate)" if member.size > 1 else ""
+        more = Message(" ({size} more steps deviate)", member.size - 1) if member.size > 1 else ""
         yield _deviation(
             profile,
             "step_off",
             "loading.step_tolerance_percent",
-            f"the step {data.nominal_nm[worst]:.6g} N·m of series {number} was loaded with "
-            f"{data.standard_nm[worst]:.6g} N·m, deviation {off[worst]:.2g} {unit}{more}",
-            f"a deviation of at most {tolerance:g} {unit}",
+            Message(
+                "the step {nominal_nm:.6g} N·m of series {number} was loaded with "
+                "{standard_nm:.6g} N·m, deviation {off:.2g} {unit}{more}",
+                data.nominal_nm[worst],
+                number,
+                data.standard_nm[worst],
+                off[worst],
+                unit,
+                more,
+            ),
+            Message("a deviation of at most {tolerance:g} {unit}", tolerance, unit),
             "step_off_range" if of_range else "step_off",
             series=int(number),
             nominal=float(data.nominal_nm[worst]),
@@ -416,7 +445,7 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                     profile,
                     "zero_return",
                     "loading.zero_return",
-                    f"series {number} has no zero after it",
+                    Message("series {number} has no zero after it", number),
                     "a zero after every series",
                     "zero_missing",
                     series=int(number),
@@ -431,9 +460,14 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
             profile,
             "zero_return",
             "zero.return_limit_percent",
-            f"the zero after series {number} returned to {data.reading_nm[worst]:.4g} N·m, "
-            f"{share[worst]:.2g} % of full scale",
-            f"at most {limit:g} % of full scale",
+            Message(
+                "the zero after series {number} returned to {reading_nm:.4g} N·m, "
+                "{share:.2g} % of full scale",
+                number,
+                data.reading_nm[worst],
+                share[worst],
+            ),
+            Message("at most {limit:g} % of full scale", limit),
             "zero_return",
             series=int(number),
             zero=float(f"{data.reading_nm[worst]:.4g}"),
@@ -453,8 +487,8 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
                 profile,
                 "expired_reference",
                 "reference.in_date",
-                f"the due date of the certificate of {name} isn't stated",
-                f"a certificate that is valid on {performed.isoformat()}",
+                Message("the due date of the certificate of {name} isn't stated", name),
+                Message("a certificate that is valid on {performed}", performed.isoformat()),
                 "reference_unknown",
                 standard=name,
                 day=performed.isoformat(),
@@ -465,8 +499,13 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
             profile,
             "expired_reference",
             "reference.in_date",
-            f"the certificate{number} of {name} expired on {reference.due.isoformat()}",
-            f"a certificate that is valid on {performed.isoformat()}",
+            Message(
+                "the certificate{number} of {name} expired on {due}",
+                number,
+                name,
+                reference.due.isoformat(),
+            ),
+            Message("a certificate that is valid on {performed}", performed.isoformat()),
             "reference_expired",
             standard=name,
             number=reference.certificate_number or "-",
@@ -486,8 +525,13 @@ def _temperature(data: CalibrationData, profile: Profile) -> Iterator[Deviation]
             profile,
             "temperature_drift",
             "environment.temperature_drift_k",
-            f"the temperature drifted by {drift:.2g} K ({low:.1f} °C to {high:.1f} °C)",
-            f"at most {limit:g} K",
+            Message(
+                "the temperature drifted by {drift:.2g} K ({low:.1f} °C to {high:.1f} °C)",
+                drift,
+                low,
+                high,
+            ),
+            Message("at most {limit:g} K", limit),
             "temperature_drift",
             drift=float(f"{drift:.2g}"),
             low=round(low, 1),

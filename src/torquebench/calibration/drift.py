@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.calibration.data import CalibrationData
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "ControlChart",
@@ -171,7 +172,7 @@ def individuals_chart(values: ArrayLike, base: int | None = None) -> ControlChar
     count = x.size if base is None else base
     if not 3 <= count <= x.size:
         raise InputError(
-            f"a control chart over {x.size} values with {count} as its base",
+            Message("a control chart over {count} values with {base} as its base", x.size, count),
             "at least 3 values, and no more base values than values",
             "calibrate or zero more often first",
         )
@@ -281,12 +282,14 @@ def predict_drift(
     years, x = _years(moments), _finite(values)
     if np.unique(years).size < 3:
         raise InputError(
-            f"a prediction from {np.unique(years).size} moments", "at least 3", "calibrate again"
+            Message("a prediction from {size} moments", np.unique(years).size),
+            "at least 3",
+            "calibrate again",
         )
     from scipy import stats
 
     if not (np.isfinite(tolerance) and tolerance > 0):
-        raise InputError(f"tolerance {tolerance}", "a finite tolerance above 0")
+        raise InputError(Message("tolerance {tolerance}", tolerance), "a finite tolerance above 0")
     line = stats.linregress(years, x)
     rest = x - line.intercept - line.slope * years
     freedom = x.size - 2
@@ -339,7 +342,7 @@ def propose_due_date(
 def _finite(values: ArrayLike) -> NDArray[np.float64]:
     x = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if x.ndim != 1 or not np.all(np.isfinite(x)):
-        raise InputError(f"values of shape {x.shape}", "a column of finite numbers")
+        raise InputError(Message("values of shape {shape}", x.shape), "a column of finite numbers")
     return x
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "Interpolation",
@@ -149,8 +150,12 @@ class StaticEvaluation:
         """
         if degree not in self.interpolations:
             raise InputError(
-                f"an interpolation of degree {degree} through {self.torque_nm.size} steps",
-                f"the degrees {', '.join(map(str, self.interpolations))}",
+                Message(
+                    "an interpolation of degree {degree} through {size} steps",
+                    degree,
+                    self.torque_nm.size,
+                ),
+                Message("the degrees {map}", ", ".join(map(str, self.interpolations))),
             )
         return self.interpolations[degree]
 
@@ -353,7 +358,9 @@ def _check(
 ) -> None:
     if torque.size < 2 or not np.all(np.diff(torque, prepend=0.0) > 0):
         raise InputError(
-            f"steps {torque.tolist()} N·m", "at least two steps above 0 that rise", "sort them"
+            Message("steps {torque} N·m", torque.tolist()),
+            "at least two steps above 0 that rise",
+            "sort them",
         )
     if not series:
         raise InputError("no series", "at least one increasing series")
@@ -363,12 +370,18 @@ def _check(
                 continue
             if values.shape != torque.shape or not np.all(np.isfinite(values)):
                 raise InputError(
-                    f"series {number} has {name} values {values.tolist()}",
-                    f"{torque.size} finite deflections, one per step",
+                    Message(
+                        "series {number} has {name} values {values}", number, name, values.tolist()
+                    ),
+                    Message("{size} finite deflections, one per step", torque.size),
                 )
         if not np.all(each.increasing > 0):
             raise InputError(
-                f"series {number} has a deflection of {each.increasing.min():.6g}",
+                Message(
+                    "series {number} has a deflection of {increasing:.6g}",
+                    number,
+                    each.increasing.min(),
+                ),
                 "deflections above 0",
                 "subtract the zero of the series; give counter-clockwise torque as magnitudes",
             )
@@ -377,4 +390,4 @@ def _check(
         ("uncertainty of the reference", reference_uncertainty_percent),
     ):
         if not np.all(np.isfinite(value) & (np.asarray(value) >= 0)):
-            raise InputError(f"{name} {value}", "a finite number, 0 or more")
+            raise InputError(Message("{name} {value}", name, value), "a finite number, 0 or more")

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.calibration.data import CalibrationData
+from torquebench.message import Message
 
 __all__ = ["Contradiction", "Plausibility", "Split", "find_contradictions", "find_split"]
 
@@ -135,7 +136,13 @@ class Contradiction:
     cause: str
 
     def __str__(self) -> str:
-        return f"{self.found}; allowed: {self.allowed} (clause {self.clause}). {self.cause}"
+        return Message(
+            "{found}; allowed: {allowed} (clause {clause}). {cause}",
+            self.found,
+            self.allowed,
+            self.clause,
+            self.cause,
+        )
 
     @classmethod
     def of_text(cls, text: str) -> Self:
@@ -212,10 +219,14 @@ def _contradictions(
     if split is not None:
         yield _told(data, split, limits)
     elif smooth.freedom >= _FEWEST_FREEDOM:
+        percent = 100.0 * smooth.scatter()
         yield from _over(
             "scatter",
-            "the points scatter by {found} % of full scale about every smooth curve",
-            100.0 * smooth.scatter(),
+            Message(
+                "the points scatter by {found:.2g} % of full scale about every smooth curve",
+                percent,
+            ),
+            percent,
             limits.scatter_percent,
             "a loose clamp, a stuck standard or an unsteady signal",
         )
@@ -225,22 +236,30 @@ def _contradictions(
     yield from _spans(data, limits)
     if torque_nm is not None:
         left = np.median(np.abs(torque_nm - data.standard_nm)) * 1.4826 / data.range_nm
+        percent = 100.0 * float(left)
         yield from _over(
             "model",
-            "the model's residuals at its own points are {found} % of full scale",
-            100.0 * float(left),
+            Message(
+                "the model's residuals at its own points are {found:.2g} % of full scale", percent
+            ),
+            percent,
             limits.scatter_percent,
             "the points aren't those of one chain, or the kind of model doesn't fit it",
         )
     if torque_nm is not None and before_nm is not None and np.any(np.isfinite(before_nm)):
         change = torque_nm - before_nm
         worst = int(np.nanargmax(np.abs(change)))
+        percent = 100.0 * abs(float(change[worst])) / data.range_nm
         yield from _over(
             "change",
-            f"at {data.standard_nm[worst]:.6g} N·m the torque differs "
-            f"by {change[worst]:+.4g} N·m from "
-            "the model in use, {found} % of full scale",
-            100.0 * abs(float(change[worst])) / data.range_nm,
+            Message(
+                "at {torque:.6g} N·m the torque differs by {change:+.4g} N·m from the "
+                "model in use, {found:.2g} % of full scale",
+                data.standard_nm[worst],
+                change[worst],
+                percent,
+            ),
+            percent,
             limits.change_percent,
             "the chain or the standard has changed since: an overload, another scale or mounting",
         )
@@ -250,14 +269,17 @@ def _over(
     kind: ContradictionKind, found: str, percent: float, limit: float, cause: str
 ) -> Iterator[Contradiction]:
     if not percent <= limit:
-        unit = "%" if kind in ("span", "directions") else "% of full scale"
+        if kind in ("span", "directions"):
+            allowed = Message("at most {limit:.3g} %", limit)
+        else:
+            allowed = Message("at most {limit:.3g} % of full scale", limit)
         setting = {"directions": "direction", "repeats": "repeat", "model": "scatter"}
         yield Contradiction(
             kind,
             f"plausibility.{setting.get(kind, kind)}_percent",
-            found.replace("{found}", f"{percent:.2g}"),
-            f"at most {limit:.3g} {unit}",
-            f"Possible causes: {cause}.",
+            found,
+            allowed,
+            Message("Possible causes: {causes}.", cause),
         )
 
 
@@ -270,9 +292,14 @@ def _signs(data: CalibrationData) -> Iterator[Contradiction]:
         yield Contradiction(
             "sign",
             "plausibility",
-            f"from point {first + 1} on (series {data.series[first]}) {apart.size} of "
-            f"{np.count_nonzero(loaded)} loaded points have a standard that doesn't follow the "
-            "reading, or with the other sign",
+            Message(
+                "from point {point} on (series {series}) {count} of {all} loaded points "
+                "have a standard that doesn't follow the reading, or with the other sign",
+                first + 1,
+                data.series[first],
+                apart.size,
+                np.count_nonzero(loaded),
+            ),
             "reading and standard of equal sign and similar magnitude",
             "Possible causes: the standard's or the module's sign was swapped, or one of them is "
             "stuck.",
@@ -489,12 +516,23 @@ def _told(data: CalibrationData, split: Split, limits: Plausibility) -> Contradi
     return Contradiction(
         "split",
         "plausibility.split_percent",
-        f"the points split before point {split.first + 1} of {len(data)} (series {split.series}, "
-        f"{split.torque_nm:.6g} N·m, {branch}): from there on the standard's torque less the "
-        f"reading has grown by {split.zero_nm:+.3g} N·m ± {split.zero_expanded_nm:.2g} N·m (zero) "
-        f"and {split.span_percent:+.3g} % ± {split.span_expanded_percent:.2g} % (span)",
-        f"at most {limits.split_percent:g} % of full scale",
-        f"Possible causes: {_cause(data, split)}.",
+        Message(
+            "the points split before point {point} of {count} (series {series}, "
+            "{torque:.6g} N·m, {branch}): from there on the standard's torque less "
+            "the reading has grown by {zero:+.3g} N·m ± {zero_u:.2g} N·m (zero) and "
+            "{span:+.3g} % ± {span_u:.2g} % (span)",
+            split.first + 1,
+            len(data),
+            split.series,
+            split.torque_nm,
+            branch,
+            split.zero_nm,
+            split.zero_expanded_nm,
+            split.span_percent,
+            split.span_expanded_percent,
+        ),
+        Message("at most {limit:g} % of full scale", limits.split_percent),
+        Message("Possible causes: {causes}.", _cause(data, split)),
     )
 
 
@@ -517,11 +555,17 @@ def _loops(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     if np.any(np.isfinite(opened)):
         step = int(np.nanargmax(opened))
         torque = float(np.mean(data.standard_nm[place == step]))
+        percent = 100.0 * float(opened[step])
         yield from _over(
             "loop",
-            f"rising and falling torque differ by {opened[step] * data.range_nm:.4g} N·m at "
-            f"{torque:.6g} N·m, {{found}} % of full scale",
-            100.0 * float(opened[step]),
+            Message(
+                "rising and falling torque differ by {value:.4g} N·m at {torque:.6g} "
+                "N·m, {found:.2g} % of full scale",
+                opened[step] * data.range_nm,
+                torque,
+                percent,
+            ),
+            percent,
             limits.loop_percent,
             "the clamp slips, the standard or the module is stuck, or the scale of one of them has "
             "changed at the turn",
@@ -571,10 +615,11 @@ def _repeats(data: CalibrationData, limits: Plausibility) -> Iterator[Contradict
     freedom = len(data) - int(place.max()) - 1
     if freedom < 1:
         return
+    percent = 100.0 * float(np.sqrt(np.sum(left**2) / freedom))
     yield from _over(
         "repeats",
-        "repeated steps scatter by {found} % of full scale over the series",
-        100.0 * float(np.sqrt(np.sum(left**2) / freedom)),
+        Message("repeated steps scatter by {found:.2g} % of full scale over the series", percent),
+        percent,
         limits.repeat_percent,
         "a moving mounting, a drifting zero or a changing scale between the series",
     )
@@ -587,11 +632,27 @@ def _zeros(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     for name, column in (("reading", data.reading_nm), ("standard", data.standard_nm)):
         if unloaded.size:
             worst = int(unloaded[np.argmax(np.abs(column[unloaded]))])
+            percent = 100.0 * abs(float(column[worst])) / data.range_nm
             yield from _over(
                 "zero",
-                f"without load the {name} is {column[worst]:+.4g} N·m at point {worst + 1} (series "
-                f"{data.series[worst]}), {{found}} % of full scale",
-                100.0 * abs(float(column[worst])) / data.range_nm,
+                Message(
+                    "without load the reading is {value:+.4g} N·m at point {point} (series "
+                    "{series}), {found:.2g} % of full scale",
+                    column[worst],
+                    worst + 1,
+                    data.series[worst],
+                    percent,
+                )
+                if name == "reading"
+                else Message(
+                    "without load the standard is {value:+.4g} N·m at point {point} (series "
+                    "{series}), {found:.2g} % of full scale",
+                    column[worst],
+                    worst + 1,
+                    data.series[worst],
+                    percent,
+                ),
+                percent,
                 limits.zero_percent,
                 "a zero has moved, or a part was left on the flange",
             )
@@ -607,18 +668,28 @@ def _spans(data: CalibrationData, limits: Plausibility) -> Iterator[Contradictio
     for name, span in spans.items():
         yield from _over(
             "span",
-            f"the reading's span differs by {span:+.3g} % from the standard's, {name}",
+            Message(
+                "the reading's span differs by {span:+.3g} % from the standard's, {direction}",
+                span,
+                name,
+            ),
             abs(span),
             limits.span_percent + more,
             "a wrong scale of the standard or of the module, or the wrong transducer",
         )
     if len(spans) == 2:
         clockwise, counter = spans["clockwise"], spans["counter-clockwise"]
+        percent = abs(clockwise - counter)
         yield from _over(
             "directions",
-            f"the spans of both directions differ by {{found}} % ({clockwise:+.3g} % clockwise, "
-            f"{counter:+.3g} % counter-clockwise)",
-            abs(clockwise - counter),
+            Message(
+                "the spans of both directions differ by {found:.2g} % ({cw:+.3g} % "
+                "clockwise, {ccw:+.3g} % counter-clockwise)",
+                percent,
+                clockwise,
+                counter,
+            ),
+            percent,
             limits.direction_percent + more,
             "a scale has changed between both directions",
         )

@@ -15,6 +15,7 @@ from torquebench.calibration.plausibility import Plausibility
 from torquebench.calibration.steps import Step
 from torquebench.compensation import WHOLE_SHARE
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.validation import parse_toml, validated
 
 __all__ = ["Consequence", "Profile", "available_profiles", "load_profile"]
@@ -217,8 +218,11 @@ class Profile(_Settings):
         coarse = 2 * len(self.loading.percents()) * len(self.loading.directions)
         if self.adaptive.points < coarse * self.loading.repeats:
             raise ValueError(
-                f"adaptive.points is {self.adaptive.points}, "
-                f"the coarse series alone has {coarse * self.loading.repeats}"
+                Message(
+                    "adaptive.points is {points}, the coarse series alone has {coarse}",
+                    self.adaptive.points,
+                    coarse * self.loading.repeats,
+                )
             )
         return self
 
@@ -352,8 +356,8 @@ class Profile(_Settings):
         for name in given:
             if name not in allowed:
                 raise InputError(
-                    f"option {name} for the profile {self.name}",
-                    f"the options {', '.join(sorted(allowed))}",
+                    Message("option {name} for the profile {name_2}", name, self.name),
+                    Message("the options {allowed}", ", ".join(sorted(allowed))),
                 )
         document = self.model_dump(mode="python")
         if "up_to_percent" in given:
@@ -377,8 +381,12 @@ class Profile(_Settings):
         top = self._top_percent
         if not 0.0 < up_to_percent <= top * (1.0 + 1e-9):
             raise InputError(
-                f"steps up to {up_to_percent:g} % of range",
-                f"above 0 and at most {top:g} %, the largest step of profile {self.name}",
+                Message("steps up to {up_to_percent:g} % of range", up_to_percent),
+                Message(
+                    "above 0 and at most {top:g} %, the largest step of profile {name}",
+                    top,
+                    self.name,
+                ),
                 "use a smaller torque, or a profile with larger steps",
             )
         up_to_percent = min(up_to_percent, top)
@@ -415,10 +423,12 @@ class Profile(_Settings):
             Where the range isn't above 0, or a profile of random points gets no generator.
         """
         if not (np.isfinite(range_nm) and range_nm > 0):
-            raise InputError(f"range {range_nm} N·m", "a finite range above 0 N·m")
+            raise InputError(
+                Message("range {range_nm} N·m", range_nm), "a finite range above 0 N·m"
+            )
         if self.loading.pattern == "random" and rng is None:
             raise InputError(
-                f"profile {self.name} without a random generator",
+                Message("profile {name} without a random generator", self.name),
                 "a numpy.random.Generator",
                 "hand in numpy.random.default_rng(seed)",
             )
@@ -596,7 +606,7 @@ def load_profile(name: str | Path) -> Profile:
     if not text.endswith(".toml"):
         if text not in available_profiles():
             raise InputError(
-                f"profile {text!r}",
+                Message("profile {text!r}", text),
                 ", ".join(available_profiles()),
                 "give one of these names, or the path of your own .toml file",
             )
@@ -605,5 +615,7 @@ def load_profile(name: str | Path) -> Profile:
     try:
         content = Path(text).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"profile {text}: {error}", "a readable TOML file in UTF-8") from error
+        raise InputError(
+            Message("profile {text}: {error}", text, error), "a readable TOML file in UTF-8"
+        ) from error
     return Profile.from_toml(content, text)

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.evaluation import LoadingSeries
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["STEP_TOLERANCE_PERCENT", "ZeroHysteresis", "loading_series", "zero_hysteresis"]
 
@@ -81,7 +82,7 @@ def loading_series(
     loaded = ~data.unloaded
     if not np.any(here & loaded):
         name = "clockwise" if direction > 0 else "counter-clockwise"
-        raise InputError(f"no {name} points", "a calibration of this direction")
+        raise InputError(Message("no {name} points", name), "a calibration of this direction")
     torque = np.unique(np.abs(data.nominal_nm[here & loaded]))
     if tolerance_percent is not None:
         _check_steps(data, here & loaded, tolerance_percent)
@@ -111,8 +112,11 @@ def _one_series(
             step = int(np.searchsorted(torque, abs(data.nominal_nm[point])))
             if np.isfinite(column[step]):
                 raise InputError(
-                    f"series {number} has the step {data.nominal_nm[point]:.6g} N·m twice "
-                    "on one branch",
+                    Message(
+                        "series {number} has the step {nominal_nm:.6g} N·m twice on one branch",
+                        number,
+                        data.nominal_nm[point],
+                    ),
                     "each step once",
                     "number repeated series differently",
                 )
@@ -123,8 +127,12 @@ def _one_series(
         missing = np.flatnonzero(np.isnan(column))
         if missing.size:
             raise InputError(
-                f"series {number} lacks the step {torque[missing[0]]:.6g} N·m "
-                f"with {'increasing' if branch > 0 else 'decreasing'} torque",
+                Message(
+                    "series {number} lacks the step {torque:.6g} N·m with {value} torque",
+                    number,
+                    torque[missing[0]],
+                    "increasing" if branch > 0 else "decreasing",
+                ),
                 "every step in every series",
                 "measure the series again",
             )
@@ -146,9 +154,15 @@ def _check_steps(data: CalibrationData, where: NDArray[np.bool_], tolerance_perc
         off = 100.0 * abs(standard - nominal) / abs(nominal)
         if off > tolerance_percent:
             raise InputError(
-                f"the step {nominal:.6g} N·m of series {data.series[point]} was loaded with "
-                f"{standard:.6g} N·m, deviation {off:.2g} %",
-                f"a deviation of at most {tolerance_percent:g} %",
+                Message(
+                    "the step {nominal:.6g} N·m of series {series} was loaded with "
+                    "{standard:.6g} N·m, deviation {off:.2g} %",
+                    nominal,
+                    data.series[point],
+                    standard,
+                    off,
+                ),
+                Message("a deviation of at most {tolerance_percent:g} %", tolerance_percent),
                 "load the step again",
             )
 

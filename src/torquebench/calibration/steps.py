@@ -7,6 +7,7 @@ from typing import Literal
 from pydantic import BaseModel, ConfigDict
 
 from torquebench.errors import LimitError
+from torquebench.message import Message
 
 __all__ = ["Step", "check_limits", "total_duration_s"]
 
@@ -97,8 +98,14 @@ def check_limits(steps: Sequence[Step], limit_nm: float) -> None:
     for number, step in enumerate(steps, start=1):
         if abs(step.target_nm) > limit_nm:
             raise LimitError(
-                f"step {number} of {len(steps)} (series {step.series}, {step.kind}) loads "
-                f"{step.target_nm:.6g} N·m",
-                f"at most {limit_nm:.6g} N·m in either direction",
+                Message(
+                    "step {number} of {count} (series {series}, {kind}) loads {target_nm:.6g} N·m",
+                    number,
+                    len(steps),
+                    step.series,
+                    step.kind,
+                    step.target_nm,
+                ),
+                Message("at most {limit_nm:.6g} N·m in either direction", limit_nm),
                 "choose a smaller range or raise the limit of the bench description",
             )

@@ -10,6 +10,7 @@ from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
 from torquebench.calibration.deviations import Deviation, ladder_points
 from torquebench.calibration.profile import Profile
 from torquebench.calibration.series import STEP_TOLERANCE_PERCENT
+from torquebench.message import Message
 
 __all__ = ["EvaluablePoints", "evaluable_points", "own_steps"]
 
@@ -86,10 +87,10 @@ def own_steps(data: CalibrationData) -> EvaluablePoints:
         here = loaded & (direction == sign)
         for step, reason in _lacking(data, here):
             kept &= ~(here & (np.abs(data.nominal_nm) == step))
-            remarks.append(f"{name}, {reason}: the step is left out")
+            remarks.append(Message("{name}, {reason}: the step is left out", name, reason))
         if reason := _not_in_steps(data, here & kept):
             kept &= ~here
-            remarks.append(f"{name}, {reason}: not evaluated")
+            remarks.append(Message("{name}, {reason}: not evaluated", name, reason))
     left = np.any(kept & loaded)
     return EvaluablePoints(data.subset(kept) if left else None, False, tuple(remarks))
 
@@ -123,7 +124,11 @@ def _not_in_steps(data: CalibrationData, here: NDArray[np.bool_]) -> str:
     values, counts = np.unique(loaded, axis=1, return_counts=True)
     if np.any(counts > 1):
         step, number, _ = values[:, np.argmax(counts > 1)]
-        return f"series {number:.0f} has the step {step:g} N·m more than once on one branch"
+        return Message(
+            "series {number:.0f} has the step {step:g} N·m more than once on one branch",
+            number,
+            step,
+        )
     return ""
 
 
@@ -140,7 +145,12 @@ def _lacking(data: CalibrationData, here: NDArray[np.bool_]) -> Iterator[tuple[f
                 if branch == -1 and (turn or not np.any(points)):
                     continue
                 if not np.any(points & (size == step)):
-                    yield float(step), f"series {number} lacks the step {step:g} N·m{word}"
+                    yield (
+                        float(step),
+                        Message(
+                            "series {number} lacks the step {step:g} N·m{word}", number, step, word
+                        ),
+                    )
                     break
             else:
                 continue

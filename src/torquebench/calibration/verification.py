@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.chain import Readings, Torque
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "RAW",
@@ -169,7 +170,9 @@ class VerificationResult:
         for model in self.models:
             if model.name == name:
                 return model
-        raise InputError(f"model {name!r}", ", ".join(model.name for model in self.models))
+        raise InputError(
+            Message("model {name!r}", name), ", ".join(model.name for model in self.models)
+        )
 
 
 def summarise_errors(
@@ -207,16 +210,25 @@ def summarise_errors(
     reference = np.atleast_1d(np.asarray(reference_nm, dtype=np.float64))
     if torque.shape != reference.shape or torque.ndim != 1 or torque.size == 0:
         raise InputError(
-            f"torques of shape {torque.shape} against references of shape {reference.shape}",
+            Message(
+                "torques of shape {shape} against references of shape {reference_shape}",
+                torque.shape,
+                reference.shape,
+            ),
             "two columns of equal length with at least one point",
         )
     if not (np.isfinite(range_nm) and range_nm > 0):
-        raise InputError(f"range {range_nm} N·m", "a finite range above 0 N·m")
+        raise InputError(Message("range {range_nm} N·m", range_nm), "a finite range above 0 N·m")
     error = torque - reference
     if not np.all(np.isfinite(error)):
         point = int(np.flatnonzero(~np.isfinite(error))[0])
         raise InputError(
-            f"torque {torque[point]} against reference {reference[point]} at point {point + 1}",
+            Message(
+                "torque {torque} against reference {reference} at point {point}",
+                torque[point],
+                reference[point],
+                point + 1,
+            ),
             "finite numbers",
         )
     worst = int(np.argmax(np.abs(error)))
@@ -274,7 +286,11 @@ def verify(
     [('raw', 1.9), ('halved', 0.1)]
     """
     if RAW in models:
-        raise InputError(f"a model called {RAW!r}", "any other name", f"{RAW!r} is the reading")
+        raise InputError(
+            Message("a model called {raw!r}", RAW),
+            "any other name",
+            Message("{raw!r} is the reading", RAW),
+        )
     places = _Places.of(data)
     verified = [_verified(RAW, data.reading_nm, data, places)]
     for name, chain in models.items():

@@ -13,6 +13,7 @@ import numpy as np
 
 from torquebench.chain import MeasuringChain, Readings, load_chain
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import CalibrationEntry, ModelEntry, Registry
 
 __all__ = [
@@ -140,12 +141,18 @@ class CalibrationComparison:
         """Say in one sentence whether the chain has changed."""
         count, worst = len(self.significant), self.worst
         if not count:
-            return (
-                f"no change beyond the uncertainties: |E_n| up to {abs(worst.normalised_error):.2f}"
+            return Message(
+                "no change beyond the uncertainties: |E_n| up to {normalised_error:.2f}",
+                abs(worst.normalised_error),
             )
-        return (
-            f"changed at {count} of {len(self.steps)} steps, by {worst.change_nm:+.3g} N·m at "
-            f"{worst.reading_nm:g} N·m (E_n = {worst.normalised_error:+.2f})"
+        return Message(
+            "changed at {count} of {steps_count} steps, by {change_nm:+.3g} N·m at "
+            "{reading_nm:g} N·m (E_n = {normalised_error:+.2f})",
+            count,
+            len(self.steps),
+            worst.change_nm,
+            worst.reading_nm,
+            worst.normalised_error,
         )
 
 
@@ -181,7 +188,7 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
         There is no such calibration, or a model file was changed.
     """
     if first == second:
-        raise InputError(f"calibration-{first} twice", "two calibrations")
+        raise InputError(Message("calibration-{first} twice", first), "two calibrations")
     entries = sorted(
         (registry.calibration(number) for number in (first, second)),
         key=lambda entry: (entry.performed, entry.calibration_id),
@@ -189,7 +196,7 @@ def compare_calibrations(registry: Registry, first: int, second: int) -> Calibra
     serials = {entry.transducer_serial for entry in entries}
     if len(serials) > 1:
         raise InputError(
-            f"calibrations of the transducers {' and '.join(sorted(serials))}",
+            Message("calibrations of the transducers {serials}", " and ".join(sorted(serials))),
             "two calibrations of one transducer",
             "torquebench records list calibrations",
         )
@@ -212,7 +219,7 @@ def _compared(registry: Registry, entry: CalibrationEntry) -> ComparedCalibratio
     model = model_of_calibration(registry, entry)
     if model is None:
         raise InputError(
-            f"calibration-{entry.calibration_id} has no model",
+            Message("calibration-{calibration_id} has no model", entry.calibration_id),
             "calibrations with a fitted model",
             "torquebench records finish, or torquebench fit on its table",
         )
@@ -224,9 +231,13 @@ def _common(before: CalibrationEntry, after: CalibrationEntry) -> tuple[float, f
     high = min(before.valid_nm[1], after.valid_nm[1])
     if not low < high:
         raise InputError(
-            "calibrations of "
-            + " and ".join(
-                f"{each.valid_nm[0]:g} to {each.valid_nm[1]:g} N·m" for each in (before, after)
+            Message(
+                "calibrations of {valid_nm:g} to {before_valid_nm:g} N·m and "
+                "{after_valid_nm:g} to {valid_nm_2:g} N·m",
+                before.valid_nm[0],
+                before.valid_nm[1],
+                after.valid_nm[0],
+                after.valid_nm[1],
             ),
             "a common range",
             "compare calibrations in the same direction",
@@ -272,13 +283,18 @@ def _steps(
 def _remarks(
     registry: Registry, before: CalibrationEntry, after: CalibrationEntry
 ) -> tuple[str, ...]:
-    said = []
+    said: list[str] = []
     for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
         reached = [abs(entry.valid_nm[place]) for entry in (before, after)]
         if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
             said.append(
-                f"{direction} the calibrations reach {reached[0]:g} and {reached[1]:g} N·m: only "
-                "the common range is compared"
+                Message(
+                    "{direction} the calibrations reach {reached:g} and {reached_2:g} N·m: "
+                    "only the common range is compared",
+                    direction,
+                    reached[0],
+                    reached[1],
+                )
             )
     for what, one, other in (
         ("reference standard", before.standard_serial, after.standard_serial),
@@ -286,9 +302,16 @@ def _remarks(
         ("profile", before.profile_name, after.profile_name),
     ):
         if one != other:
-            said.append(f"another {what}: {one or 'unknown'}, then {other or 'unknown'}")
+            said.append(
+                Message(
+                    "another {what}: {one}, then {other}",
+                    what,
+                    one or "unknown",
+                    other or "unknown",
+                )
+            )
     said += [
-        f"the transducer was adjusted between them, {each.performed:%Y-%m-%d}"
+        Message("the transducer was adjusted between them, {performed:%Y-%m-%d}", each.performed)
         for each in registry.adjustments(before.transducer_serial)
         if before.performed < each.performed <= after.performed
     ]

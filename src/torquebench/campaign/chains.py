@@ -21,6 +21,7 @@ from torquebench.chain import (
     Temperature,
     Zero,
 )
+from torquebench.message import Message
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
@@ -117,7 +118,11 @@ def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tupl
         return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
     standard = metadata["standard"]
     certified = stated_uncertainty(standard, data.side, data.range_nm)
-    record = f"certificate {standard['certificate_number'] or 'unknown'} of {standard['serial']}"
+    record = Message(
+        "certificate {certificate_number} of {serial}",
+        standard["certificate_number"] or "unknown",
+        standard["serial"],
+    )
     return reference_effect(certified, record)
 
 

@@ -25,6 +25,7 @@ from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.procedures import FrictionSettings
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS
@@ -123,8 +124,12 @@ def _modules(station: Station, settings: DemoSettings, progress: Progress) -> li
         entry = item.registered.models[recommended]
         if entry.contradictions:
             raise RecordError(
-                f"model-{entry.model_id} isn't in use, because its calibration contradicts itself: "
-                f"{'; '.join(each.found for each in entry.contradictions)}",
+                Message(
+                    "model-{model_id} isn't in use, because its calibration contradicts "
+                    "itself: {contradictions}",
+                    entry.model_id,
+                    Message.joined((each.found for each in entry.contradictions), "; "),
+                ),
                 "a plausible calibration",
                 "find the cause and calibrate again",
             )

@@ -20,6 +20,7 @@ from torquebench.calibration import (
 )
 from torquebench.campaign.calibration_comparison import SAME_RANGE
 from torquebench.chain import Effect, Inertia, MeasuredRotation, MeasuredTemperature, load_chain
+from torquebench.message import Message
 from torquebench.records import (
     CalibrationEntry,
     CheckEntry,
@@ -122,7 +123,7 @@ def drift_of(
     models : sequence of ModelEntry
         Of the transducer: where empty runs were made for two or more, their effects over time.
     """
-    found = []
+    found: list[tuple[str, str, list[tuple[datetime, float, bool]], bool]] = []
     calibrations = sorted(registry.calibrations(serial), key=lambda entry: entry.performed)
     for place, direction in ((1, "clockwise"), (0, "counter-clockwise")):
         spanned = [
@@ -140,8 +141,10 @@ def drift_of(
                 )
                 for entry in entries
             ]
-            reach = f" up to {reach_nm:g} N·m" if len(groups) > 1 else ""
-            found.append((f"Span error {direction}{reach}", "%", known, True))
+            reach = Message(" up to {reach_nm:g} N·m", reach_nm) if len(groups) > 1 else ""
+            found.append(
+                (Message("Span error {direction}{reach}", direction, reach), "%", known, True)
+            )
     ranges = {each.serial: each.range_nm for each in registry.equipment("transducer")}
     range_nm = ranges.get(serial)
     if range_nm:
@@ -195,8 +198,12 @@ def _effects_over_time(
                 values["Span over temperature", "% per 10 K"] = 100.0 * per_10k * span
         if rotation is not None:
             for title, table, factor in (
-                (f"Zero at {rpm:g} 1/min", rotation.even_nm, 1.0),
-                (f"Bearing drag at {rpm:g} 1/min", rotation.odd_nm, rotation.lubrication),
+                (Message("Zero at {rpm:g} 1/min", rpm), rotation.even_nm, 1.0),
+                (
+                    Message("Bearing drag at {rpm:g} 1/min", rpm),
+                    rotation.odd_nm,
+                    rotation.lubrication,
+                ),
             ):
                 columns = zip(*table, strict=True)
                 at_speed = [np.interp(rpm, rotation.speeds_rpm, each) for each in columns]
@@ -204,7 +211,9 @@ def _effects_over_time(
                 values[title, "% FS"] = percent * factor * now
         if inertia is not None:
             torque = inertia.moment_nm_s2 * rad_s2
-            values[f"Inertia's torque at {rad_s2:.3g} rad/s²", "% FS"] = percent * torque
+            values[Message("Inertia's torque at {acceleration:.3g} rad/s²", rad_s2), "% FS"] = (
+                percent * torque
+            )
         for name, size in values.items():
             found.setdefault(name, []).append((entry.created, size, entry.simulated))
     return [(title, unit, known) for (title, unit), known in found.items() if len(known) > 1]

@@ -35,6 +35,7 @@ from torquebench.dynamics import (
     shaft_on_bench,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import json_text
 from torquebench.records.columns import quantity, understood
 from torquebench.records.table_files import read_table
@@ -136,7 +137,8 @@ def identify_dynamics(
     on_bench = [path for path in runs if "segment" in read_table(path).header]
     if on_bench and len(on_bench) < len(runs):
         raise InputError(
-            f"{on_bench[0]} of `turn --profile dynamics` beside other tables", "one kind of tables"
+            Message("{on_bench} of `turn --profile dynamics` beside other tables", on_bench[0]),
+            "one kind of tables",
         )
     known, hashes, simulated = [], {}, False
     for path in [] if on_bench else runs:
@@ -225,7 +227,9 @@ class _OnBench:
                 both = np.array([reading[rows], standard[rows]])
                 if np.ptp(np.diff(time[rows])) > _UNEVEN * interval_s:
                     raise InputError(
-                        f"{path}: segment {number:g} has gaps", "an even rate", "repeat the run"
+                        Message("{path}: segment {number:g} has gaps", path, number),
+                        "an even rate",
+                        "repeat the run",
                     )
                 period_s = float(period[rows][0])
                 if period_s > 0.0:
@@ -261,17 +265,20 @@ class _OnBench:
             An inertia isn't known.
         """
         motor = motor or self.motor
-        vibrates = f"steps that show a vibration of {self.vibration.frequency_hz:.4g} Hz, but not"
+        vibrates = Message(
+            "steps that show a vibration of {frequency_hz:.4g} Hz, but not",
+            self.vibration.frequency_hz,
+        )
         if motor is None:
             raise InputError(
-                f"{vibrates} the inertia that vibrates",
+                Message("{vibrates} the inertia that vibrates", vibrates),
                 "the inertia of motor and shaft up to the transducer, by their data sheets",
                 "give --motor-inertia, or motor_inertia_kgm2 in the bench description before the "
                 "run",
             )
         if inertia is None:
             raise InputError(
-                f"{vibrates} the inertia between transducer and flange",
+                Message("{vibrates} the inertia between transducer and flange", vibrates),
                 "an empty run with gentle and steep ramps",
                 "record one with `torquebench turn --profile identification`, and give it with "
                 "--empty and the chain's --model",
@@ -318,17 +325,18 @@ def load_dynamics(path: Path) -> Dynamics:
         content: Any = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError) as problem:
         raise InputError(
-            f"{path} can't be read: {problem}", "a file of `torquebench evaluate dynamics`"
+            Message("{path} can't be read: {problem}", path, problem),
+            "a file of `torquebench evaluate dynamics`",
         ) from problem
     if not isinstance(content, dict) or content.get("format") != FORMAT:
         raise InputError(
-            f"{path} holds no dynamics",
-            f"a file whose format is {FORMAT!r}",
+            Message("{path} holds no dynamics", path),
+            Message("a file whose format is {format!r}", FORMAT),
             "write one with `torquebench evaluate dynamics`",
         )
     effect = effect_from(content.get("effect", {}))
     if not isinstance(effect, Dynamics):
-        raise InputError(f"{path}: effect {effect.kind!r}", "dynamics")
+        raise InputError(Message("{path}: effect {kind!r}", path, effect.kind), "dynamics")
     return effect
 
 
@@ -344,14 +352,20 @@ class _Table:
         self.acceleration = table.numbers(name) if name in table.header else None
         step = np.diff(self["time_s"])
         if step.size < 2 or not np.median(step) > 0.0:
-            raise InputError(f"{path}: {step.size + 1} rows", "rows in the order of time_s")
+            raise InputError(
+                Message("{path}: {size} rows", path, step.size + 1), "rows in the order of time_s"
+            )
         self.interval_s = float(np.mean(step))
         uneven = np.abs(step - self.interval_s) > _UNEVEN * self.interval_s
         if uneven.any():
             row = int(np.argmax(uneven))
             raise InputError(
-                f"{table.place(row + 1, 'time_s')}: {step[row]:.6g} s after the row before, "
-                f"{self.interval_s:.6g} s on average",
+                Message(
+                    "{place}: {step:.6g} s after the row before, {interval_s:.6g} s on average",
+                    table.place(row + 1, "time_s"),
+                    step[row],
+                    self.interval_s,
+                ),
                 "an even rate",
                 "cut the table at its gaps, and give time_s with more digits",
             )

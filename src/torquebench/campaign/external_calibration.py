@@ -14,6 +14,7 @@ from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
 from torquebench.compensation import load_model
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import (
     MANIFEST,
     CalibrationEntry,
@@ -125,9 +126,13 @@ def register_table(
     for entry in registry.calibrations(serial):
         if entry.data_sha256 == data.sha256():
             raise InputError(
-                f"the points of {called} are entered as calibration-{entry.calibration_id}",
+                Message(
+                    "the points of {called} are entered as calibration-{number}",
+                    called,
+                    entry.calibration_id,
+                ),
                 "a table that isn't entered yet",
-                f"torquebench certificate calibration-{entry.calibration_id}",
+                Message("torquebench certificate calibration-{number}", entry.calibration_id),
             )
     stored = None if model is None else _fitting_model(model, data)
     metadata = _metadata(profile, circumstances, data, operator)
@@ -180,7 +185,9 @@ def _require(circumstances: ExternalCalibration) -> None:
     ):
         if not value:
             raise InputError(
-                f"a calibration to be entered without {what}", "a name", f"give {option}"
+                Message("a calibration to be entered without {what}", what),
+                "a name",
+                Message("give {option}", option),
             )
 
 
@@ -189,8 +196,8 @@ def _fitting_model(file: Path, data: CalibrationData) -> Any:
     provenance = stored.provenance
     if abs(provenance.range_nm - data.range_nm) > 1e-6 * data.range_nm:
         raise InputError(
-            f"model {file} is for ±{provenance.range_nm:g} N·m",
-            f"a model for ±{data.range_nm:g} N·m, the table's range",
+            Message("model {name} is for ±{range:g} N·m", file, provenance.range_nm),
+            Message("a model for ±{range:g} N·m, the table's range", data.range_nm),
         )
     return stored.model
 

@@ -26,6 +26,7 @@ from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
@@ -141,7 +142,7 @@ def finish_calibration(
         data,
         choices,
         progress,
-        title=title or f"Fitting the {data.side} module",
+        title=title or Message("Fitting the {side} module", data.side),
         effects=recorded_effects(measured.record.metadata, data),
         limits=profile.plausibility,
         before=before,
@@ -168,7 +169,11 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
     found = every[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
     if len(found) != 1:
         raise InputError(
-            f"{name!r} names {'several unfinished runs' if found else 'no unfinished run'}",
+            Message(
+                "{name!r} names {found}",
+                name,
+                "several unfinished runs" if found else "no unfinished run",
+            ),
             "a run that isn't finished",
             "see `torquebench records list runs`",
         )
@@ -202,12 +207,14 @@ def finish_run(
         rest = [each for each in unfinished_runs(registry) if each.run_id == run.run_id]
         if not rest or rest[0].state is RunState.INTERRUPTED:
             status = folder.manifest["status"]
-            return Finished(run.run_id, f"run {run.run_id} is entered as {status}")
+            return Finished(
+                run.run_id, Message("run {run_id} is entered as {status}", run.run_id, status)
+            )
     if run.state is RunState.INTERRUPTED:
         raise InputError(
-            f"run {run.run_id} was interrupted",
+            Message("run {run} was interrupted", run.run_id),
             "a run that is measured",
-            f"resume it with `torquebench calibrate --resume {run.run_id}`",
+            Message("resume it with `torquebench calibrate --resume {run}`", run.run_id),
         )
     folder.verify()
     kind = str(folder.metadata["kind"]).partition("-")[0]
@@ -225,7 +232,9 @@ def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str)
         The registry can't take it.
     """
     if not by.strip() or not reason.strip():
-        raise InputError(f"run {run.run_id} discarded without a reason", "a name and a reason")
+        raise InputError(
+            Message("run {run} discarded without a reason", run.run_id), "a name and a reason"
+        )
     folder = RunFolder.open(run.folder)
     if run.state is RunState.LEFT_OPEN:
         folder.recover()
@@ -276,7 +285,8 @@ def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile
         profile = Profile.model_validate(start["profile"]["settings"])
     except (AttributeError, KeyError, TypeError) as error:
         raise RecordError(
-            f"{folder.path} holds no points of a calibration ({error})", "a calibration run"
+            Message("{path} holds no points of a calibration ({error})", folder.path, error),
+            "a calibration run",
         ) from error
     metadata = folder.metadata
     record = RunRecord(
@@ -294,13 +304,21 @@ def _calibration(registry: Registry, folder: RunFolder, progress: Progress) -> F
     found = measured_calibration(registry, folder, progress)
     entry = found.registered.calibration
     numbers = ", ".join(f"model-{each.model_id}" for each in found.registered.models.values())
-    said = f"run {folder.run_id} is registered as calibration-{entry.calibration_id} with {numbers}"
+    said = Message(
+        "run {run_id} is registered as calibration-{calibration_id} with {numbers}",
+        folder.run_id,
+        entry.calibration_id,
+        numbers,
+    )
     return Finished(folder.run_id, said, found)
 
 
 def _check(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:
     found = finish_check(registry, read_measured(folder)[0], progress)
-    return Finished(folder.run_id, f"run {folder.run_id} is registered: {found.verdict.label}")
+    return Finished(
+        folder.run_id,
+        Message("run {run_id} is registered: {label}", folder.run_id, found.verdict.label),
+    )
 
 
 def _verification(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:
@@ -314,7 +332,9 @@ def _verification(registry: Registry, folder: RunFolder, progress: Progress) -> 
         register_verification(registry, models, result, measured.record)
 
     registered_patiently(registry, folder.run_id, register, progress)
-    return Finished(folder.run_id, f"run {folder.run_id} is registered as a verification")
+    return Finished(
+        folder.run_id, Message("run {run_id} is registered as a verification", folder.run_id)
+    )
 
 
 _FINISHERS = {"calibrate": _calibration, "check": _check, "verify": _verification}

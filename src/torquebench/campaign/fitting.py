@@ -42,6 +42,7 @@ from torquebench.compensation import (
     worse_than_raw,
 )
 from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
 if TYPE_CHECKING:
@@ -91,7 +92,8 @@ def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
     stem, _, degree = kind.rpartition("-")
     if stem == "polynomial" and degree.isdigit():
         kind, parameters = stem, {"degree": degree}
-    return _TITLES.get(kind, kind).format_map(parameters or {})
+    title = _TITLES.get(kind, kind)
+    return Message(title, (parameters or {})["degree"]) if kind == "polynomial" else title
 
 
 @dataclass(frozen=True)
@@ -133,7 +135,7 @@ class ModelChoice:
         """
         for name in CHOSEN_ELSEWHERE:
             if name in self.parameters:
-                raise InputError(f"parameter {name}", "parameters of the model alone")
+                raise InputError(Message("parameter {name}", name), "parameters of the model alone")
         model = make_model(self.name, **self.parameters)
         estimator: Any = getattr(model, "estimator", model)
         estimator.check_parameters()
@@ -378,7 +380,7 @@ def fit_table(
         raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
         fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
         remarks=(
-            *(f"outlier, weighted down: {point}" for point in outlying),
+            *(Message("outlier, weighted down: {point}", point) for point in outlying),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),

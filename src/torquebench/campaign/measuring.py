@@ -16,6 +16,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
 from torquebench.errors import BenchError
+from torquebench.message import Message
 from torquebench.procedures import (
     FrictionSettings,
     FrictionSweep,
@@ -61,8 +62,11 @@ class RunAbortedError(BenchError):
 
     def __init__(self, record: RunRecord) -> None:
         self.record = record
-        reason = f" ({record.reason})" if record.reason else ""
-        super().__init__(f"the {record.kind} run was aborted{reason}")
+        super().__init__(
+            Message("the {kind} run was aborted ({reason})", record.kind, record.reason)
+            if record.reason
+            else Message("the {kind} run was aborted", record.kind)
+        )
 
     def __reduce__(self) -> tuple[type, tuple[RunRecord]]:  # type: ignore[override]
         return (type(self), (self.record,))
@@ -120,7 +124,7 @@ def measure_calibration(
         station,
         lambda: calibrate(station.devices, side, profile, resumption),
         kind=f"calibrate-{side}",
-        title=f"Calibrating the {side} module",
+        title=Message("Calibrating the {side} module", side),
         metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
@@ -144,7 +148,7 @@ def measure_verification(
         station,
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
-        title=f"Verifying the {side} module",
+        title=Message("Verifying the {side} module", side),
         metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
@@ -166,7 +170,7 @@ def measure_check(
         station,
         lambda: verify(station.devices, side, profile, steps),
         kind=f"check-{side}",
-        title=f"Checking the {side} module",
+        title=Message("Checking the {side} module", side),
         metadata={**_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,

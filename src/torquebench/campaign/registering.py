@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import TypeVar
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry
 
@@ -43,9 +44,15 @@ def registered_patiently(
         return registry.patiently(register, told=told)
     except (RecordError, InputError, OSError) as error:
         raise RecordError(
-            f"run {run_id} is measured and sealed, but its result isn't registered: "
-            f"{getattr(error, 'found', error)}",
+            Message(
+                "run {run} is measured and sealed, but its result isn't registered: {reason}",
+                run_id,
+                getattr(error, "found", error),
+            ),
             "a writable registry and disk",
-            "correct this, then run `torquebench records finish "
-            f"{run_id}`: nothing is measured again",
+            Message(
+                "correct this, then run `torquebench records finish {run}`: nothing is "
+                "measured again",
+                run_id,
+            ),
         ) from error

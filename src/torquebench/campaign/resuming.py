@@ -12,6 +12,7 @@ from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
 from torquebench.campaign.measuring import Measured, OnPause, measure_calibration
 from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
 from torquebench.procedures.resuming import (
     Resumption,
@@ -168,7 +169,9 @@ def find_interrupted(registry: Registry, name: str) -> RunSummary:
         candidates = registry.runs_beginning(name, limit=2)
     if len(candidates) != 1:
         raise InputError(
-            f"{name!r} names {'more than one run' if candidates else 'no run'}",
+            Message(
+                "{name!r} names {found}", name, "more than one run" if candidates else "no run"
+            ),
             "one interrupted calibration",
             "see `torquebench records list runs`",
         )
@@ -187,20 +190,20 @@ def read_interrupted(registry: Registry, run: RunSummary) -> InterruptedCalibrat
     """
     if run.status not in INTERRUPTED or not run.kind.startswith("calibrate-"):
         raise InputError(
-            f"run {run.run_id} is a {run.kind} run that is {run.status}",
+            Message("run {run} is a {kind} run that is {status}", run.run_id, run.kind, run.status),
             "a calibration that was interrupted, aborted or failed",
             "wait until it ends, or calibrate again",
         )
     later = followers(registry, run)
     if later:
         raise InputError(
-            f"run {run.run_id} was resumed by run {later[0].run_id}",
+            Message("run {run} was resumed by run {other}", run.run_id, later[0].run_id),
             "a calibration that wasn't resumed yet",
             "resume the later run, or calibrate again",
         )
     if registry.discarded(run.run_id):
         raise InputError(
-            f"run {run.run_id} was discarded",
+            Message("run {run} was discarded", run.run_id),
             "a calibration that wasn't discarded",
             "calibrate again",
         )
@@ -218,7 +221,7 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
     before = _before(registry, folder)
     if start is None:
         raise InputError(
-            f"run {run.run_id} ended before it began",
+            Message("run {run} ended before it began", run.run_id),
             "a calibration that had begun",
             "calibrate again",
         )
@@ -232,7 +235,12 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
             step = _placed(steps, stamp, row, float(start["range_nm"]))
         if step is None or step.target_nm != row["target_nm"]:
             raise RecordError(
-                f"run {run.run_id}: series {stamp[0]}, point {stamp[1]} isn't in its profile",
+                Message(
+                    "run {run}: series {series}, point {point} isn't in its profile",
+                    run.run_id,
+                    stamp[0],
+                    stamp[1],
+                ),
                 "points of the profile",
                 "calibrate again",
             )
@@ -318,7 +326,7 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
     clause = profile.interruption
     if clause is not None and clause.resume == "never":
         raise InputError(
-            f"profile {profile.name} after an interruption",
+            Message("profile {name} after an interruption", profile.name),
             "a calibration without interruption, as the profile requires",
             "calibrate again",
         )
@@ -326,8 +334,8 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
     passed_h = (now - interrupted.interrupted).total_seconds() / 3600.0
     if passed_h > longest_h:
         raise InputError(
-            f"an interruption of {passed_h:.1f} h",
-            f"at most {longest_h:g} h by the profile {profile.name}",
+            Message("an interruption of {hours:.1f} h", passed_h),
+            Message("at most {hours:g} h by the profile {name}", longest_h, profile.name),
             "calibrate again",
         )
 
@@ -344,7 +352,13 @@ def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
     ):
         if there != here:
             raise ModelMismatchError(
-                f"{what} {here} on this bench, {there} in run {interrupted.run_ids[-1]}",
+                Message(
+                    "{what} {here} on this bench, {there} in run {run}",
+                    what,
+                    here,
+                    there,
+                    interrupted.run_ids[-1],
+                ),
                 "the same measuring chain and standard",
                 "use the measuring chain with which it was started, or calibrate again",
             )
@@ -371,8 +385,8 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
     profile = Profile.model_validate(start["profile"]["settings"])
     if profile.sha256 != start["profile"]["sha256"]:
         raise RecordError(
-            f"the profile of run {run.run_id} has a different hash now",
-            f"SHA-256 {start['profile']['sha256']}",
+            Message("the profile of run {run} has a different hash now", run.run_id),
+            Message("SHA-256 {sha256}", start["profile"]["sha256"]),
             "use the version of torquebench that started it, or calibrate again",
         )
     return profile

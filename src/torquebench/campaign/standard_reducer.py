@@ -9,6 +9,7 @@ from typing import Any
 from torquebench.bench.description import BenchDescription
 from torquebench.campaign.measuring import OnPause, measure_friction
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures import FrictionSettings, FrictionSweep
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import (
@@ -97,7 +98,7 @@ def standard_reducer(
     if kind is None:
         if not description.simulated:
             raise InputError(
-                f"no standard reducer for {description.name}",
+                Message("no standard reducer for {name}", description.name),
                 "a description with certified friction",
                 "name the mounted reducer",
             )
@@ -106,15 +107,17 @@ def standard_reducer(
         )
     if not kind.certified_friction:
         raise InputError(
-            f"{kind.name}: no certified_friction",
+            Message("{name}: no certified_friction", kind.name),
             "[[certified_friction]] with speed_rpm, torque_nm, expanded_uncertainty_nm",
             "enter its certificate in the reducer's description",
         )
     expected = description.bench.reducer_ratio
     if abs(kind.ratio / expected - 1.0) > 1e-6:
         raise InputError(
-            f"{kind.name}: a ratio of {kind.ratio:g}",
-            f"{expected:g}, the ratio of what is mounted on {description.name}",
+            Message("{name}: a ratio of {ratio:g}", kind.name, kind.ratio),
+            Message(
+                "{expected:g}, the ratio of what is mounted on {name}", expected, description.name
+            ),
             "correct the reducer's description, or reducer_ratio of the bench",
         )
     return StandardReducer(
@@ -140,8 +143,16 @@ def within_certificate(
     wanted = wanted or tuple(each for each in speeds if each <= high)
     if not wanted:
         raise InputError(
-            f"a sweep over {settings.speeds_rpm[0]:g} to {settings.speeds_rpm[-1]:g} rpm",
-            f"speeds within the certificate's {speeds[0]:g} to {speeds[-1]:g} rpm"
+            Message(
+                "a sweep over {speeds_rpm:g} to {settings_speeds_rpm:g} rpm",
+                settings.speeds_rpm[0],
+                settings.speeds_rpm[-1],
+            ),
+            Message(
+                "speeds within the certificate's {speeds:g} to {speeds_2:g} rpm",
+                speeds[0],
+                speeds[-1],
+            )
             if speeds
             else "a certificate of friction",
         )

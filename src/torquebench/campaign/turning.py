@@ -17,6 +17,7 @@ from torquebench.chain import (
     identify,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["TurningChain", "identify_turning", "joined_tables", "recorded_readings"]
@@ -107,7 +108,7 @@ def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
     silent = [name for name, table in tables.items() if table.temperature_c is None]
     if 0 < len(silent) < len(tables):
         raise InputError(
-            f"{silent[0]} has no column temperature_c, other tables have",
+            Message("{silent} has no column temperature_c, other tables have", silent[0]),
             "the temperature in all tables or in none",
             "add the column",
         )

@@ -13,6 +13,7 @@ from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.measuring import OnPause, measure, operator_name
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures import Plan, Rehearsal, rehearse
 from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
@@ -111,7 +112,9 @@ def measure_turning(
     }
     if profile.kind == "dynamics":
         if isinstance(begun, EmptyTable | BegunCalibration):
-            raise InputError(f"profile {profile.name}", "the one of the interrupted run")
+            raise InputError(
+                Message("profile {name}", profile.name), "the one of the interrupted run"
+            )
         return _measure_steps(
             station, side, profile, target, StepTable() if begun is None else begun,
             metadata, progress, on_pause,
@@ -151,7 +154,7 @@ def measure_turning(
             loading,
             rehearsed=lambda: loading(kept=False),
             kind=f"turning-{profile.kind}-{side}",
-            title=f"Turning {profile.kind} of the {side} module",
+            title=Message("Turning {kind} of the {side} module", profile.kind, side),
             metadata=metadata,
             progress=progress,
             on_pause=on_pause,
@@ -160,7 +163,7 @@ def measure_turning(
         rows = len(points.result) + (0 if before is None else len(before.points))
         return TurningRun(record.run_id, rows, record.bench_seconds)
     if isinstance(begun, BegunCalibration | StepTable):
-        raise InputError(f"profile {profile.name}", "the one of the interrupted run")
+        raise InputError(Message("profile {text}", profile.name), "the one of the interrupted run")
     table = EmptyTable(side) if begun is None else begun
 
     def write(done: EmptyTable) -> None:
@@ -173,7 +176,7 @@ def measure_turning(
         lambda: turn_empty(station.devices, side, profile, table, wait=wait, on_series=write),
         rehearsed=lambda: turn_empty(station.devices, side, profile, EmptyTable(side)),
         kind=f"empty-run-{side}",
-        title=f"Empty run of the {side} module",
+        title=Message("Empty run of the {side} module", side),
         metadata=metadata,
         progress=progress,
         on_pause=on_pause,
@@ -217,7 +220,7 @@ def _measure_steps(
         lambda: step_torques(station.devices, side, profile, table, on_series=write),
         rehearsed=lambda: step_torques(station.devices, side, profile, StepTable()),
         kind=f"dynamics-{side}",
-        title=f"Dynamics of the {side} module",
+        title=Message("Dynamics of the {side} module", side),
         metadata=metadata,
         progress=progress,
         on_pause=on_pause,
@@ -240,7 +243,7 @@ def _remarks(
         "transducer_serial": module.transducer.serial,
         "profile": profile.name,
         "profile_hash": profile.sha256,
-        "series_done": f"{series_done} of {series}",
+        "series_done": Message("{test} of {reducer}", series_done, series),
     }
 
 
@@ -282,13 +285,17 @@ def read_begun(
     for name, value in wanted.items():
         if table.remarks.get(name) != value:
             raise InputError(
-                f"{path}: {name} = {table.remarks.get(name, 'missing')}",
-                f"{value}, to resume this run",
+                Message(
+                    "{path}: {name} = {remarks}", path, name, table.remarks.get(name, "missing")
+                ),
+                Message("{value}, to resume this run", value),
                 "give the side and the profile of the interrupted run",
             )
     done, _, total = table.remarks.get("series_done", "0 of 1").partition(" of ")
     if int(done) >= int(total):
-        raise InputError(f"{path} is complete", "an interrupted run", "begin another file")
+        raise InputError(
+            Message("{path} is complete", path), "an interrupted run", "begin another file"
+        )
     if profile.kind == "dynamics":
         steps = StepTable()
         kept = [table.numbers(name) for name in StepTable.COLUMNS]

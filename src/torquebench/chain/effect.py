@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["EFFECTS", "Effect", "MeasuredPart", "Refusal", "effect_from", "register"]
 
@@ -150,10 +151,16 @@ class Effect(ABC):
         for each in fields(self):
             value = getattr(self, each.name)
             if isinstance(value, int | float) and not isfinite(value):
-                raise InputError(f"{self.title}: {each.name} = {value}", "a finite number")
+                raise InputError(
+                    Message("{title}: {name} = {value}", self.title, each.name, value),
+                    "a finite number",
+                )
             limit = each.metadata.get("least")
             if limit is not None and value < limit:
-                raise InputError(f"{self.title}: {each.name} = {value}", f"{limit:g} or more")
+                raise InputError(
+                    Message("{title}: {name} = {value}", self.title, each.name, value),
+                    Message("{limit:g} or more", limit),
+                )
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
@@ -188,7 +195,7 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
     kind = values.pop("kind", None)
     if kind not in EFFECTS:
         raise InputError(
-            f"effect {kind!r} of a measuring chain",
+            Message("effect {kind!r} of a measuring chain", kind),
             ", ".join(sorted(EFFECTS)),
             "use the version of torquebench that the chain was made with",
         )
@@ -196,7 +203,7 @@ def effect_from(specification: Mapping[str, Any]) -> Effect:
         return EFFECTS[kind].from_specification(values)
     except TypeError as problem:
         raise InputError(
-            f"effect {kind!r} with other fields ({problem})",
+            Message("effect {kind!r} with other fields ({problem})", kind, problem),
             ", ".join(each.name for each in fields(EFFECTS[kind])),
             "fit the chain again",
         ) from problem

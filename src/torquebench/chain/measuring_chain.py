@@ -29,6 +29,7 @@ from torquebench.chain.torque import Component, Torque, not_corrected
 from torquebench.compensation import CompensationModel, StoredModel, load_model
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "load_chain"]
 
@@ -186,7 +187,7 @@ class MeasuringChain:
             if refusal is not None:
                 row = int(np.argmax(refusal.rows))
                 raise InputError(
-                    f"{place(row)}: {effect.title}: {refusal.found}",
+                    Message("{place}: {title}: {found}", place(row), effect.title, refusal.found),
                     refusal.allowed,
                     "measure the effect over a larger range, or leave such readings out",
                 )
@@ -196,14 +197,28 @@ class MeasuringChain:
         if outside.any():
             row = int(np.argmax(outside))
             raise InputError(
-                f"{place(row)}: {self.curve.title}: reading {readings.reading_nm[row]:.6g} N·m is "
-                "outside the calibrated range",
-                f"{self.curve.low_nm:.6g} to {self.curve.high_nm:.6g} N·m, margin included",
+                Message(
+                    "{place}: {title}: reading {reading_nm:.6g} N·m is outside the "
+                    "calibrated range",
+                    place(row),
+                    self.curve.title,
+                    readings.reading_nm[row],
+                ),
+                Message(
+                    "{low_nm:.6g} to {high_nm:.6g} N·m, margin included",
+                    self.curve.low_nm,
+                    self.curve.high_nm,
+                ),
                 "calibrate over the whole range that is measured",
             )
         raise InputError(
-            f"{self.curve.title}: the model refuses a reading's speed or temperature",
-            f"the columns {', '.join(self.model.used_features)} within the calibrated range",
+            Message(
+                "{title}: the model refuses a reading's speed or temperature", self.curve.title
+            ),
+            Message(
+                "the columns {used_features} within the calibrated range",
+                ", ".join(self.model.used_features),
+            ),
             "give them in the readings' file",
         )
 

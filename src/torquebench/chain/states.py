@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.chain.effects import SWITCHES
 from torquebench.chain.effects.static_curve import StaticCurve
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.chain.effect import Effect
@@ -101,13 +102,17 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
 def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Standing, str]:
     refused = effect.outside(readings)
     if refused is not None:
-        return "outside", f"{refused.found}, allowed {refused.allowed}"
+        return "outside", Message("{found}, allowed {allowed}", refused.found, refused.allowed)
     if isinstance(effect, StaticCurve) and np.isfinite(readings.reading_nm[0]):
         beyond = not np.isfinite(torque.value_nm[0]) and np.isnan(torque.added("static curve")[0])
         if beyond or not effect.inside(readings.reading_nm)[0]:
             return "outside", (
-                f"reading {readings.reading_nm[0]:.6g} N·m, "
-                f"allowed {effect.low_nm:.6g} to {effect.high_nm:.6g} N·m"
+                Message(
+                    "reading {reading:.6g} N·m, allowed {low:.6g} to {high:.6g} N·m",
+                    readings.reading_nm[0],
+                    effect.low_nm,
+                    effect.high_nm,
+                )
             )
     missing = [
         words

@@ -10,6 +10,7 @@ import typer
 from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["register"]
 
@@ -77,7 +78,7 @@ def _folder_of(data: Path, name: str) -> Path:
             found = registry.runs_beginning(name, limit=2)
         if len(found) != 1:
             raise InputError(
-                f"{name!r} names {'more than one run' if found else 'no run'}",
+                Message("{name!r} names {found}", name, "more than one run" if found else "no run"),
                 "one run",
                 "see `torquebench records list runs`",
             )

@@ -23,6 +23,7 @@ from torquebench.cli.options import (
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.cli.resume import resume_run
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -152,7 +153,7 @@ def calibrate(
     )
     if chosen.loading.pattern == "random":
         raise InputError(
-            f"profile {chosen.name} for a calibration",
+            Message("profile {name} for a calibration", chosen.name),
             "a profile of steps",
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or a .toml file",
         )
@@ -179,7 +180,7 @@ def _percent(description: BenchDescription, side: Sides, torque_nm: float) -> fl
     """Return the largest torque in % of the range of the one module to which it applies."""
     if side is Sides.both:
         raise InputError(
-            f"up to {torque_nm:g} N·m at both modules",
+            Message("up to {torque_nm:g} N·m at both modules", torque_nm),
             "input or output",
             "calibrate one module after the other, each up to its own torque",
         )

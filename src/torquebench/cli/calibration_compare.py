@@ -19,6 +19,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.campaign.calibration_comparison import CalibrationComparison
@@ -91,7 +92,7 @@ def _number(name: str) -> int:
     kind, _, number = name.rpartition("-")
     if kind not in ("calibration", "") or not number.isdigit():
         raise InputError(
-            f"a calibration {name!r}",
+            Message("a calibration {name!r}", name),
             "a name such as calibration-2",
             "torquebench records list calibrations",
         )

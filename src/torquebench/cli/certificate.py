@@ -14,6 +14,7 @@ from torquebench.cli.console import answer, note, say, say_file, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.records import CalibrationEntry, Registry
@@ -155,9 +156,11 @@ def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
         return newest[0]
     found = registry.runs_beginning(name, limit=2)
     if not found:
-        raise InputError(f"no run {name!r}", "a name from `torquebench records list`")
+        raise InputError(Message("no run {run!r}", name), "a name from `torquebench records list`")
     if len(found) > 1 and found[0].run_id != name:
-        raise InputError(f"several runs begin with {name!r}", "one run", "give more of its id")
+        raise InputError(
+            Message("several runs begin with {name!r}", name), "one run", "give more of its id"
+        )
 
     from torquebench.reports.certificate import calibration_of
 
@@ -181,7 +184,9 @@ def _issue(
     )
 
     if number and not all(mark.isalnum() or mark in "-_." for mark in number):
-        raise InputError(f"number {number!r}", "letters, digits, hyphens, dots and underscores")
+        raise InputError(
+            Message("number {number!r}", number), "letters, digits, hyphens, dots and underscores"
+        )
     letterhead = (
         kept_letterhead(registry.root) if laboratory is None else read_letterhead(laboratory)
     )

@@ -9,6 +9,7 @@ import typer
 
 from torquebench.cli.console import stderr_console
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -34,7 +35,7 @@ def _confirm(description: BenchDescription, what: str, yes: bool) -> None:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            f"{description.name} is a real bench and nobody is there to confirm",
+            Message("{name} is a real bench and nobody is there to confirm", description.name),
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )

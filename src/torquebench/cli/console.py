@@ -19,6 +19,7 @@ from rich.table import Table
 from rich.text import Text
 
 from torquebench.errors import InputError, TorquebenchError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.calibration import Contradiction
@@ -152,7 +153,9 @@ def claim_file(path: Path) -> None:
     target = path.resolve()
     if target in _output.written:
         raise InputError(
-            f"{path} twice", "two different files", "name another file for one of them"
+            Message("{path} twice", path),
+            "two different files",
+            "name another file for one of them",
         )
     _output.written.add(target)
 

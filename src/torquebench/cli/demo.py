@@ -18,6 +18,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.simulate import described, simulators_running
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -79,7 +80,7 @@ def _description(bench: Path | None, seed: int | None, preset: Preset | None) ->
     description = bench_description(bench)
     if not description.simulated:
         raise InputError(
-            f"{bench} describes a real bench",
+            Message("{bench} describes a real bench", bench),
             'a bench with driver = "simulated", or with a section [driver.simulation]',
             "use `torquebench calibrate` on a real bench",
         )

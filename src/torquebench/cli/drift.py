@@ -11,6 +11,7 @@ from rich.text import Text
 from torquebench.cli.console import answer, narrow_table, note, out, say, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.campaign.drifting import DriftSeries
@@ -49,7 +50,9 @@ def drift(
     with Registry.open(data_directory(data)) as registry:
         if serial not in {each.serial for each in registry.equipment("transducer")}:
             known = ", ".join(each.serial for each in registry.equipment("transducer"))
-            raise InputError(f"transducer {serial!r}", known or "a registered transducer")
+            raise InputError(
+                Message("transducer {serial!r}", serial), known or "a registered transducer"
+            )
         found = drift_of(
             registry,
             serial,
@@ -59,7 +62,7 @@ def drift(
         )
     if not found:
         raise InputError(
-            f"no calibration and no zeroing of transducer {serial}",
+            Message("no calibration and no zeroing of transducer {serial}", serial),
             "at least one",
             "torquebench calibrate",
         )

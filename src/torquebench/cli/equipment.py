@@ -16,6 +16,7 @@ from rich.markup import escape
 from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.records import Equipment, Registry
@@ -186,7 +187,9 @@ def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
     with Registry.open(data_directory(data)) as registry:
         found = [each for each in registry.equipment() if each.serial == serial]
         if not found:
-            raise InputError(f"no equipment {serial!r}", "one of `records list equipment`")
+            raise InputError(
+                Message("no equipment {serial!r}", serial), "one of `records list equipment`"
+            )
         for each in found:
             _show(registry, each)
             answer(equipment=[_everything(registry, each)])
@@ -249,15 +252,15 @@ def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:
 def _known(registry: Registry, kind: Kind, serial: str) -> None:
     if serial not in {each.serial for each in registry.equipment(kind.value)}:
         raise InputError(
-            f"{kind.value} {serial!r} isn't entered",
+            Message("{value} {serial!r} isn't entered", kind.value, serial),
             "one of `torquebench records list equipment`",
-            f"torquebench records add-equipment {kind.value} {serial}",
+            Message("torquebench records add-equipment {value} {serial}", kind.value, serial),
         )
 
 
 def _named(text: str, what: str = "a serial number") -> str:
     if not text.strip():
-        raise InputError(f"no {what}", "a text that isn't empty")
+        raise InputError(Message("no {what}", what), "a text that isn't empty")
     return text
 
 
@@ -266,6 +269,6 @@ def _pairs(given: list[str] | None) -> dict[str, str]:
     for each in given or ():
         name, mark, value = each.partition("=")
         if not (mark and name):
-            raise InputError(f"{each!r}", "name=value", "such as span_hz=30000")
+            raise InputError(Message("{each!r}", each), "name=value", "such as span_hz=30000")
         pairs[name] = value
     return pairs

@@ -25,6 +25,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.calibration import (
@@ -225,7 +226,9 @@ def _reference(stated: str, points: CalibrationData) -> CertifiedUncertainty | f
         assert certified is not None
         return certified
     if not 0.0 <= percent <= 10.0:
-        raise InputError(f"--reference-uncertainty {stated}", "0 to 10 % of the torque")
+        raise InputError(
+            Message("--reference-uncertainty {stated}", stated), "0 to 10 % of the torque"
+        )
     return percent
 
 

@@ -12,6 +12,7 @@ from torquebench.cli.console import say_file
 from torquebench.cli.reducer_columns import Kind, read_columns
 from torquebench.cli.reducer_tables import check_reports, present
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import ARCMIN, ARCSEC
 
 if TYPE_CHECKING:
@@ -245,7 +246,7 @@ def hysteresis(
 
             _write(open_loop_page(data.name, problem.loop, str(problem)), report)
             raise
-        remedy = f"{problem.remedy}; --report draws the gap"
+        remedy = Message("{remedy}; --report draws the gap", problem.remedy)
         raise InputError(problem.found, problem.allowed, remedy) from None
     _finish("hysteresis", data, result, described, output, report, loop=settings, flange=flange)
 

@@ -16,6 +16,7 @@ from torquebench.cli.options import (
     data_directory,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.records import Registry, RunSummary
@@ -53,5 +54,7 @@ def find_run(registry: Registry, name: str) -> RunSummary:
     if len(found) == 1 or (found and found[0].run_id == name):
         return found[0]
     if found:
-        raise InputError(f"several runs begin with {name!r}", "one run", "give more of its id")
-    raise InputError(f"no run {name!r}", "a name from `torquebench records list`")
+        raise InputError(
+            Message("several runs begin with {name!r}", name), "one run", "give more of its id"
+        )
+    raise InputError(Message("no run {run!r}", name), "a name from `torquebench records list`")

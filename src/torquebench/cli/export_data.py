@@ -12,6 +12,7 @@ from torquebench.cli.console import answer, say, say_file
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["register"]
 
@@ -81,7 +82,7 @@ def _format(out: Path, wanted: Format | None) -> Format:
     named = format_of(out) if out.suffix else ""
     if (named and named != (wanted or named)) or named not in ("", *Format):
         raise InputError(
-            f"{out.name} for {wanted or named}",
+            Message("{name} for {wanted}", out.name, wanted or named),
             "an ending of the format: .csv, .parquet, .h5, .tdms, .mf4",
             "choose such an ending, or the --format that it names",
         )

@@ -14,6 +14,7 @@ from torquebench.errors import (
     ModelMismatchError,
     TorquebenchError,
 )
+from torquebench.message import Message
 
 __all__ = ["CHECK_FAILED", "INTERRUPTED", "OK", "UNUSABLE_INPUT", "exit_code", "guarded"]
 
@@ -95,7 +96,7 @@ def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
             return UNUSABLE_INPUT
         write_error(
             TorquebenchError(
-                f"an unexpected {type(error).__name__}: {error}",
+                Message("an unexpected {name}: {error}", type(error).__name__, error),
                 remedy="run again as `torquebench --debug …` and report its output",
             )
         )
@@ -121,9 +122,9 @@ def _extra_of(module: str) -> str:
 def _missing_extra(extra: str, module: str) -> InputError:
     """Describe a library that isn't installed."""
     return InputError(
-        f"the library {module.partition('.')[0]} isn't installed",
-        f"this command needs the extra {extra!r}",
-        f"pip install 'torquebench[{extra}]'",
+        Message("the library {partition} isn't installed", module.partition(".")[0]),
+        Message("this command needs the extra {extra!r}", extra),
+        Message("pip install 'torquebench[{extra}]'", extra),
     )
 
 
@@ -131,6 +132,6 @@ def _file_error(error: OSError) -> InputError:
     """Describe an error of the file system as found, allowed and remedy."""
     where = f"{error.filename}: " if error.filename else ""
     return InputError(
-        f"{where}{error.strerror or error}",
+        Message("{where}{strerror}", where, error.strerror or error),
         remedy="check the path, its permissions and the space on the disk",
     )

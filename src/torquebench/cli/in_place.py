@@ -13,6 +13,7 @@ from torquebench.cli.console import answer, narrow_table, out, say, say_file
 from torquebench.cli.options import BenchOption, RealTimeOption, bench_description
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -81,7 +82,7 @@ def in_place(
     table = None if alone is None else _alone(alone, side, description)
     if table is None and not description.simulated:
         raise InputError(
-            f"no calibration of the transducer alone for {description.name}",
+            Message("no calibration of the transducer alone for {name}", description.name),
             "a table with reading_nm and standard_nm",
             "give --alone FILE.csv",
         )

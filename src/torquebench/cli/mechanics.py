@@ -10,6 +10,7 @@ import typer
 from torquebench.cli.console import answer, narrow_table, out, say, say_file
 from torquebench.cli.options import HELP_MARKUP
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -62,7 +63,8 @@ def additional_torque(
     else:
         if not Path(design).is_file():
             raise InputError(
-                f"no design {design!r}", f"a .toml file, or one of {', '.join(DESIGNS)}"
+                Message("no design {design!r}", design),
+                Message("a .toml file, or one of {designs}", ", ".join(DESIGNS)),
             )
         chosen = load_design(Path(design))
     found, blocks = additional_torque_blocks(chosen)
@@ -111,7 +113,9 @@ def supports(
     reports = _checked(report)
     if not arm_height < height:
         raise InputError(
-            f"an arm {arm_height:g} m high on a support of {height:g} m",
+            Message(
+                "an arm {arm_height:g} m high on a support of {height:g} m", arm_height, height
+            ),
             "an arm lower than its column",
         )
     from torquebench.mechanics import SupportDesign

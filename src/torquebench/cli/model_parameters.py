@@ -7,6 +7,7 @@ from typing import Annotated, Any
 import typer
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["ParameterOption", "model_parameters"]
 
@@ -51,12 +52,16 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
         name, equals, value = text.partition("=")
         name = name.strip()
         if not equals or not name:
-            raise InputError(f"--parameter {text!r}", "NAME=VALUE", "write it as epochs=20000")
+            raise InputError(
+                Message("--parameter {name!r}", text), "NAME=VALUE", "write it as epochs=20000"
+            )
         if name in found:
-            raise InputError(f"parameter {name} twice", "once")
+            raise InputError(Message("parameter {name} twice", name), "once")
         if name in CHOSEN_ELSEWHERE:
             raise InputError(
-                f"--parameter {name}", "parameters of the model alone", "use --range, --outliers"
+                Message("--parameter {name}", name),
+                "parameters of the model alone",
+                "use --range, --outliers",
             )
         found[name] = _value(value.strip())
     ModelChoice(kind, found).check()

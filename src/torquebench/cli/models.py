@@ -23,6 +23,7 @@ from torquebench.cli.options import (
     stated_reference,
 )
 from torquebench.errors import InputError, ModelMismatchError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -561,8 +562,13 @@ def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
     ):
         if present and wanted and present != wanted:
             raise ModelMismatchError(
-                f"points of {what} {present!r}, model of {what} {wanted!r}",
-                f"points of the {what} that was calibrated",
+                Message(
+                    "points of {what} {present!r}, model of {what} {wanted!r}",
+                    what,
+                    present,
+                    wanted,
+                ),
+                Message("points of the {what} that was calibrated", what),
                 "take the model of this chain, or calibrate it",
             )
     if points.sha256() == made_with.training_data_sha256:

@@ -10,6 +10,7 @@ import typer
 
 from torquebench.cli.console import warn
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.mounting_record import MountingRecord
@@ -52,10 +53,12 @@ def mounting_record(given: list[str] | None) -> MountingRecord | None:
         name = name.strip()
         if not equals or not name:
             raise InputError(
-                f"--mounting {text!r}", "NAME=VALUE", "write it as coaxiality_mm=0.012"
+                Message("--mounting {text!r}", text),
+                "NAME=VALUE",
+                "write it as coaxiality_mm=0.012",
             )
         if name in found:
-            raise InputError(f"--mounting {name} twice", "once")
+            raise InputError(Message("--mounting {name} twice", name), "once")
         found[name] = value.strip()
     record: MountingRecord = validated(MountingRecord, found, "--mounting")
     if record.within_limit is False:

@@ -12,6 +12,7 @@ import typer
 from torquebench.atomic_write import is_standard_output
 from torquebench.cli.console import claim_file, leave_standard_output
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
@@ -144,9 +145,13 @@ def data_directory(path: Path) -> Path:
         from torquebench.records.database import WAY_BACK, lost_registry
 
         if lost := lost_registry(path):
-            raise InputError(f"the registry of {path} {lost}", "a registry that has them", WAY_BACK)
+            raise InputError(
+                Message("the registry of {path} {lost}", path, lost),
+                "a registry that has them",
+                WAY_BACK,
+            )
         raise InputError(
-            f"no records in {path}",
+            Message("no records in {path}", path),
             "a data directory of torquebench",
             "name it with --data, or run `torquebench demo` or `torquebench calibrate` first",
         )
@@ -183,21 +188,27 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         known = {*ENDINGS, ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(endings)
         if path.suffix.lower() in known:
             raise InputError(
-                path.name, f"a file that ends in {' or '.join(endings)}", "choose such an ending"
+                path.name,
+                Message("a file that ends in {endings}", " or ".join(endings)),
+                "choose such an ending",
             )
     if is_standard_output(path):
         leave_standard_output()
         return path
     if path.is_dir():
-        raise InputError(f"{path} is a folder", "a file name", "name a file in it")
+        raise InputError(Message("{path} is a folder", path), "a file name", "name a file in it")
     if not path.resolve().parent.is_dir():
         raise InputError(
-            f"{path}: there is no folder {path.parent}", "a folder that exists", "create it first"
+            Message("{path}: there is no folder {parent}", path, path.parent),
+            "a folder that exists",
+            "create it first",
         )
     for source in inputs:
         if str(source) != "-" and path.resolve() == source.resolve():
             raise InputError(
-                f"{path} is both input and output", "two different files", "name another --out"
+                Message("{path} is both input and output", path),
+                "two different files",
+                "name another --out",
             )
     if path.is_file() or not path.exists():
         claim_file(path)
@@ -227,7 +238,11 @@ def check_output_folder(path: Path) -> Path:
         Where it is standard output, a file or a device.
     """
     if is_standard_output(path) or (path.exists() and not path.is_dir()):
-        what = "standard output, for several files" if str(path) == "-" else f"{path} is a file"
+        what = (
+            "standard output, for several files"
+            if str(path) == "-"
+            else Message("{path} is a file", path)
+        )
         raise InputError(what, "a folder", "name a folder")
     return path
 
@@ -249,7 +264,7 @@ def stated_reference(
         return read_uncertainty(stated, side)
     if not (0.0 <= share <= 1.0 and of in ("", "range", "torque")):
         raise InputError(
-            f"{option} {stated!r}",
+            Message("{option} {stated!r}", option, stated),
             "% of range such as 0.02, % of the torque such as '0.02 of torque', or a file",
         )
     return (

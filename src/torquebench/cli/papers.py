@@ -14,6 +14,7 @@ from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import RealTimeOption, bench_description, check_output_folder
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -164,7 +165,7 @@ def _certified(reducer: str | None) -> tuple[CertifiedFriction, ...]:
     found = load_reducer(reducer)
     if not found.certified_friction:
         raise InputError(
-            f"{reducer}: no certified_friction",
+            Message("{name}: no certified_friction", reducer),
             "a standard reducer's description with [[certified_friction]]",
             "enter speed_rpm, torque_nm and expanded_uncertainty_nm of its certificate",
         )

@@ -12,6 +12,7 @@ from rich.text import Text
 from torquebench.cli.console import answer, narrow_table, note, out, say, say_file, warn
 from torquebench.cli.plant import PlantOption, app, opened
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.plant import Answer, SpecimenFilter
@@ -107,7 +108,7 @@ def _moment(day: str | None) -> datetime | None:
     try:
         return datetime.fromisoformat(day).replace(tzinfo=UTC)
     except ValueError as error:
-        raise InputError(f"day {day!r}", "a day such as 2026-01-31") from error
+        raise InputError(Message("day {day!r}", day), "a day such as 2026-01-31") from error
 
 
 def _wanted(

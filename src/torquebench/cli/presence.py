@@ -18,6 +18,7 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
 from torquebench.errors import InputError, InterlockError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.cli.progress import TerminalProgress
@@ -51,8 +52,12 @@ def attending(station: Station, progress: TerminalProgress) -> Iterator[None]:
         return
     if not sys.stdin.isatty():
         raise InputError(
-            f"{station.description.name} requires the operator's presence every {period_s:g} s "
-            "and there is no terminal",
+            Message(
+                "{name} requires the operator's presence every {period_s:g} s and there "
+                "is no terminal",
+                station.description.name,
+                period_s,
+            ),
             "a person at a terminal, or at the panel",
             "run it at a terminal or from the panel; if other safeguards keep people away from "
             "the bench, set safety.presence_s = 0 in its description",

@@ -11,6 +11,7 @@ from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["checked_directory", "register"]
 
@@ -151,7 +152,7 @@ def _subject(record: str) -> tuple[Any, int]:
     kind, _, number = record.rpartition("-")
     if kind not in SUBJECTS or not number.isdecimal():
         raise InputError(
-            f"record {record!r}",
+            Message("record {record!r}", record),
             ", ".join(f"{name}-NUMBER" for name in SUBJECTS),
             "see `torquebench records list`",
         )
@@ -161,7 +162,9 @@ def _subject(record: str) -> tuple[Any, int]:
 def _assignment(text: str) -> tuple[str, str]:
     name, mark, value = text.partition("=")
     if not mark or not name:
-        raise InputError(f"change {text!r}", "field=value", "such as measured_by=Anna")
+        raise InputError(
+            Message("change {text!r}", text), "field=value", "such as measured_by=Anna"
+        )
     return name, value
 
 
@@ -180,10 +183,14 @@ def use(
 
     kind, _, number = model.partition("-")
     if kind != "model" or not number.isdigit():
-        raise InputError(f"{model!r}", "a model such as model-14", "see `records list models`")
+        raise InputError(
+            Message("{model!r}", model), "a model such as model-14", "see `records list models`"
+        )
     for value, option in ((by, "--by NAME"), (reason, "--reason WHY")):
         if not value.strip():
-            raise InputError(f"an empty {option.split()[0]}", "a name and a reason", option)
+            raise InputError(
+                Message("an empty {split}", option.split()[0]), "a name and a reason", option
+            )
     with Registry.open(data_directory(data)) as registry:
         entry = registry.model(int(number))
         entry.check_file()

@@ -33,6 +33,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.recovered import tell_unfinished
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -254,11 +255,13 @@ def _find_run(registry: Registry, name: str) -> RunSummary:
     if len(found) == 1:
         return found[0]
     if found:
-        count = str(len(found)) if len(found) < MANY_RUNS else f"{MANY_RUNS} or more"
+        count = str(len(found)) if len(found) < MANY_RUNS else Message("{limit} or more", MANY_RUNS)
         raise InputError(
-            f"{name!r} is the beginning of {count} runs", "one run", "give more of its id"
+            Message("{name!r} is the beginning of {count} runs", name, count),
+            "one run",
+            "give more of its id",
         )
-    raise InputError(f"no record {name!r}", "a name from `torquebench records list`")
+    raise InputError(Message("no record {name!r}", name), "a name from `torquebench records list`")
 
 
 MANY_RUNS = 1000
@@ -309,7 +312,8 @@ def _show_model(registry: Registry, model_id: int) -> None:
         entry = registry.model(model_id)
     except RecordError as error:
         raise InputError(
-            f"no record 'model-{model_id}'", "a name from `torquebench records list`"
+            Message("no record 'model-{model_id}'", model_id),
+            "a name from `torquebench records list`",
         ) from error
     try:
         state = f"intact, {entry.check_file()}"

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     import numpy as np
@@ -62,13 +63,14 @@ def _rows(table: CsvTable, where: Sequence[str]) -> NDArray[np.intp]:
         header = header.strip().lower()
         if not equals or header not in table.header:
             raise InputError(
-                f"--where {text}", f"Header=value,value with one of {', '.join(table.header)}"
+                Message("--where {text}", text),
+                Message("Header=value,value with one of {header}", ", ".join(table.header)),
             )
         try:
             wanted = [float(value) for value in values.split(",")]
         except ValueError:
             raise InputError(
-                f"--where {text}", "numbers after the =, separated by commas"
+                Message("--where {text}", text), "numbers after the =, separated by commas"
             ) from None
         kept &= np.isin(table.numbers(header), wanted)
     if not np.any(kept):

@@ -30,6 +30,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -117,7 +118,9 @@ class _Tests(TyperGroup):
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
         if args and not args[0].startswith("-") and args[0] not in self.commands:
             raise InputError(
-                f"a reducer test {args[0]!r}", f"one of {', '.join(self.commands)}", "name one"
+                Message("a reducer test {name!r}", args[0]),
+                Message("one of {list}", ", ".join(self.commands)),
+                "name one",
             )
         return super().resolve_command(ctx, args)
 
@@ -228,7 +231,7 @@ def _mounted(
 
     if named is None and not described.simulated:
         raise InputError(
-            f"no reducer for {described.name}",
+            Message("no reducer for {name}", described.name),
             "a packaged type or a description (.toml)",
             "name the mounted reducer with --reducer",
         )
@@ -246,8 +249,10 @@ def _mounted(
     expected = described.bench.reducer_ratio
     if abs(kind.ratio / expected - 1.0) > 1e-6:
         raise InputError(
-            f"{named}: a ratio of {kind.ratio:g}",
-            f"{expected:g}, the ratio of what is mounted on {described.name}",
+            Message("{name}: a ratio of {ratio:g}", named, kind.ratio),
+            Message(
+                "{expected:g}, the ratio of what is mounted on {name}", expected, described.name
+            ),
             "correct the reducer's description, or reducer_ratio of the bench",
         )
     return kind, described

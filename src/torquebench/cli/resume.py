@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from torquebench.cli.console import note, warn
 from torquebench.cli.options import data_directory
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -54,8 +55,12 @@ def resume_run(
         return
     if sides and sides != (interrupted.side,):
         raise InputError(
-            f"{' and '.join(sides)} with --resume {name}",
-            f"the {interrupted.side} module, which run {interrupted.run_ids[-1]} calibrates",
+            Message("{sides} with --resume {name}", " and ".join(sides), name),
+            Message(
+                "the {side} module, which run {run_ids} calibrates",
+                interrupted.side,
+                interrupted.run_ids[-1],
+            ),
             "leave the module out",
         )
     description = _recorded(interrupted) if bench is None else load_bench(bench)

@@ -16,6 +16,7 @@ import typer
 
 from torquebench.cli.console import narrow_table, note, out, say
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -106,7 +107,7 @@ def _changed(description: BenchDescription, **changes: Any) -> BenchDescription:
         driver["simulation"] = {**driver["simulation"], **changes}
     else:
         raise InputError(
-            f"{description.name} has no instruments to simulate",
+            Message("{name} has no instruments to simulate", description.name),
             "a bench with a section [driver.simulation]",
             "see examples/networked.toml",
         )
@@ -135,8 +136,8 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
         for key in ("seed", "preset"):
             if key in wanted and running.get(key) != wanted[key]:
                 raise InputError(
-                    f"simulators with {key} {running.get(key)} are running",
-                    f"{key} {wanted[key]}",
+                    Message("simulators with {key} {running} are running", key, running.get(key)),
+                    Message("{key} {wanted}", key, wanted[key]),
                     "end them, or leave the option out",
                 )
         yield False
@@ -160,9 +161,9 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
         if not any(line.strip() == READY for line in process.stdout):
             said = process.stderr.read().strip() if process.stderr else ""
             raise BenchError(
-                f"the simulators didn't start: {said}",
+                Message("the simulators didn't start: {said}", said),
                 "free ports and a complete description",
-                f"try `torquebench simulate --bench {bench}`",
+                Message("try `torquebench simulate --bench {bench}`", bench),
             )
         yield True
     finally:

@@ -12,6 +12,7 @@ from rich.markup import escape
 from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.options import HELP_MARKUP, check_output
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.teds import CurveFit, Sheet
@@ -158,7 +159,7 @@ def _json(path: Path) -> Any:
         return json.loads(path.read_text(encoding="utf-8"))
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as problem:
         raise InputError(
-            f"{path} can't be read: {problem}",
+            Message("{path} can't be read: {problem}", path, problem),
             "a sheet as JSON in UTF-8",
             "write one with `torquebench teds read`, or copy the example of the documentation",
         ) from problem

@@ -26,6 +26,7 @@ from torquebench.cli.options import (
     check_output,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -104,7 +105,7 @@ def _confirm(description: BenchDescription, side: str, profile: TurningProfile, 
         return
     if not sys.stdin.isatty():
         raise InputError(
-            f"{description.name} is a real bench and nobody is there to confirm",
+            Message("{name} is a real bench and nobody is there to confirm", description.name),
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )

@@ -22,6 +22,7 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.reducer_tables import check_reports
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -152,18 +153,24 @@ def _entries(station: Station, side: Side, named: list[str] | None) -> dict[str,
         active = registry.active_model(transducer, counter)
         if active is None:
             raise InputError(
-                f"no model in use of transducer {transducer} with counter {counter}",
+                Message(
+                    "no model in use of transducer {transducer} with counter {counter}",
+                    transducer,
+                    counter,
+                ),
                 "a calibrated module",
-                f"torquebench calibrate {side}, or name a model with --model",
+                Message("torquebench calibrate {side}, or name a model with --model", side),
             )
         return {f"model-{active.model_id}": active}
     known = {f"model-{each.model_id}": each for each in registry.models(transducer)}
     for name in named:
         if name not in known:
             raise InputError(
-                f"{name!r} of transducer {transducer}",
+                Message("{name!r} of transducer {transducer}", name, transducer),
                 ", ".join(known) or "a model of this transducer",
-                f"torquebench calibrate {side}, or look it up: torquebench records list",
+                Message(
+                    "torquebench calibrate {side}, or look it up: torquebench records list", side
+                ),
             )
     return {name: known[name] for name in named}
 

@@ -31,6 +31,7 @@ from torquebench.compensation.columns import (
 from torquebench.compensation.estimator import Between, Estimator, Limit, OneOf, clone
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
@@ -200,7 +201,9 @@ class CompensationModel(Estimator, ABC):
                 self._fit(points.X, points.y, weights, progress)
         except np.linalg.LinAlgError as problem:
             raise InputError(
-                f"equations of {type(self).__name__} without a solution for these points",
+                Message(
+                    "equations of {name} without a solution for these points", type(self).__name__
+                ),
                 "readings and standard values of the same order, in N·m",
                 "check units and columns, or take a simpler model",
             ) from problem
@@ -422,8 +425,12 @@ class CompensationModel(Estimator, ABC):
         margin = self.range_margin * self.full_scale_nm_
         if largest > self.full_scale_nm_ + margin:
             raise InputError(
-                f"calibration reading of {largest:.6g} N·m",
-                f"up to {self.full_scale_nm_:.6g} N·m and {100 * self.range_margin:.3g} % beyond",
+                Message("calibration reading of {largest:.6g} N·m", largest),
+                Message(
+                    "up to {full_scale_nm:.6g} N·m and {range_margin:.3g} % beyond",
+                    self.full_scale_nm_,
+                    100 * self.range_margin,
+                ),
                 "give the range that was calibrated, or leave the point out",
             )
         low, high = float(np.min(reading)), float(np.max(reading))
@@ -451,7 +458,15 @@ class CompensationModel(Estimator, ABC):
         if np.any(outside):
             index = int(np.argmax(outside))
             raise InputError(
-                f"reading {reading[index]:.6g} N·m (row {index}) outside the calibrated range",
-                f"{self.reading_low_nm_:.6g} to {self.reading_high_nm_:.6g} N·m, margin included",
+                Message(
+                    "reading {reading:.6g} N·m (row {index}) outside the calibrated range",
+                    reading[index],
+                    index,
+                ),
+                Message(
+                    "{low_nm:.6g} to {high_nm:.6g} N·m, margin included",
+                    self.reading_low_nm_,
+                    self.reading_high_nm_,
+                ),
                 "calibrate over the whole range that is measured",
             )

@@ -27,6 +27,7 @@ from torquebench.compensation.network import (
     tangent_kernels,
 )
 from torquebench.compensation.state import storable
+from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
 
 __all__ = ["BayesianNetworkModel", "NetworkMember", "train_member"]
@@ -332,7 +333,10 @@ class BayesianNetworkModel(CompensationModel):
                 )
             )
             done = number + 1
-            progress.reach(SHARES * done // self.ensemble, f"start {done} of {self.ensemble}")
+            progress.reach(
+                SHARES * done // self.ensemble,
+                Message("start {done} of {ensemble}", done, self.ensemble),
+            )
         self.log_evidence_ = max(member.log_evidence for member in members)
         self.members_ = [
             member

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torquebench.compensation.columns import FEATURES, FloatArray
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "WHOLE_SHARE",
@@ -78,10 +79,16 @@ class Outlier:
     scatter_nm: float
 
     def __str__(self) -> str:
-        return (
-            f"series {self.series}, row {self.row}: reading {self.reading_nm:.6g} N·m, "
-            f"standard {self.standard_nm:.6g} N·m, residual {self.residual_nm:+.3g} N·m from its "
-            f"neighbours, whose scatter is {self.scatter_nm:.2g} N·m"
+        return Message(
+            "series {series}, row {row}: reading {reading_nm:.6g} N·m, standard "
+            "{standard_nm:.6g} N·m, residual {residual_nm:+.3g} N·m from its "
+            "neighbours, whose scatter is {scatter_nm:.2g} N·m",
+            self.series,
+            self.row,
+            self.reading_nm,
+            self.standard_nm,
+            self.residual_nm,
+            self.scatter_nm,
         )
 
 
@@ -140,21 +147,36 @@ def check_points(
     distinct = np.unique(points.reading).size
     if count < minimum:
         raise InputError(
-            f"{count} sample{'s' if count != 1 else ''} (calibration points) for {model}",
-            f"at least {minimum}",
+            Message(
+                "{count} sample{value} (calibration points) for {model}",
+                count,
+                "s" if count != 1 else "",
+                model,
+            ),
+            Message("at least {limit}", minimum),
             "record more points or take a simpler model, such as polynomial-1",
         )
     for name, values in (("reading", points.reading), ("standard", points.y)):
         if np.ptp(values) == 0.0:
             raise InputError(
-                f"constant {name} column: {values[0]:.6g} N·m in all {count} points",
+                Message(
+                    "constant {name} column: {values:.6g} N·m in all {count} points",
+                    name,
+                    values[0],
+                    count,
+                ),
                 "points spread over the range",
-                f"check that the {name} column is the right one",
+                Message("check that the {name} column is the right one", name),
             )
     if distinct < minimum_distinct:
         raise InputError(
-            f"{count} points at only {distinct} distinct readings for {model}",
-            f"at least {minimum_distinct} distinct readings",
+            Message(
+                "{count} points at only {distinct} distinct readings for {model}",
+                count,
+                distinct,
+                model,
+            ),
+            Message("at least {minimum_distinct} distinct readings", minimum_distinct),
             "record points at more torques or take a simpler model, such as polynomial-1",
         )
     _refuse_contradictions(points)
@@ -192,8 +214,11 @@ def point_weights(points: CalibrationPoints, outliers: str) -> tuple[FloatArray,
         names += f"; and {len(outlying) - 5} more"
     if outliers == "refuse":
         raise InputError(
-            f"outlier among the calibration points: {names}",
-            f"points within {_scales(weights.size):.2g} times the scatter of their neighbours",
+            Message("outlier among the calibration points: {names}", names),
+            Message(
+                "points within {size:.2g} times the scatter of their neighbours",
+                _scales(weights.size),
+            ),
             'record the point again, leave it out, or choose outliers="downweight"',
         )
     warnings.warn(
@@ -367,11 +392,19 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
             rows = points.rows[order[start:stop]]
             reading = points.reading[order[start]]
             raise InputError(
-                f"contradictory points: reading {reading:.6g} N·m has standard "
-                f"values {', '.join(f'{value:.6g}' for value in values[:6])} N·m "
-                f"(rows {', '.join(str(row) for row in rows[:6])}, counted from 0)",
-                f"a spread of at most {limit:.2g} N·m, {_CONTRADICTION_SCALES:g} times the scatter "
-                "of the other points",
+                Message(
+                    "contradictory points: reading {reading:.6g} N·m has standard values "
+                    "{values} N·m (rows {rows}, counted from 0)",
+                    reading,
+                    ", ".join(f"{value:.6g}" for value in values[:6]),
+                    ", ".join(str(row) for row in rows[:6]),
+                ),
+                Message(
+                    "a spread of at most {limit:.2g} N·m, {contradiction_scales:g} times the "
+                    "scatter of the other points",
+                    limit,
+                    _CONTRADICTION_SCALES,
+                ),
                 "find out which of them is right and leave the others out",
             )
 

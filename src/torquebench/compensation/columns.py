@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "BRANCH_WORDS",
@@ -71,8 +72,10 @@ def branch_values(branch: ArrayLike) -> FloatArray:
     for place, word in np.ndenumerate(values):
         meaning = BRANCH_WORDS.get(str(word).strip().lower())
         if meaning is None:
-            row = f", row {place[0]}" if place else ""
-            raise InputError(f"branch {word!r}{row}", "up, down or unknown (or +1, -1, 0)")
+            row = Message(", row {place}", place[0]) if place else ""
+            raise InputError(
+                Message("branch {word!r}{row}", word, row), "up, down or unknown (or +1, -1, 0)"
+            )
         numbers[place] = meaning
     return numbers
 
@@ -116,8 +119,12 @@ def by_names(X: ArrayLike, columns: int | None = None) -> ArrayLike:
     missing = [name for name in FEATURES[:width] if name not in known]
     if missing:
         raise InputError(
-            f"a frame without the column {missing[0]}; it has {', '.join(frame.columns)}",
-            f"the columns {', '.join(FEATURES[:width])}",
+            Message(
+                "a frame without the column {missing}; it has {columns}",
+                missing[0],
+                ", ".join(frame.columns),
+            ),
+            Message("the columns {features}", ", ".join(FEATURES[:width])),
             "use these column names",
         )
     given = {name: frame[name].to_numpy() for name in FEATURES[:width]}
@@ -176,8 +183,8 @@ def features(
         )
         if values.ndim > 1 or (values.ndim == 1 and values.size != reading.size):
             raise InputError(
-                f"column {FEATURES[index]} has shape {values.shape}",
-                f"one value for each of the {reading.size} readings",
+                Message("column {name} has shape {shape}", FEATURES[index], values.shape),
+                Message("one value for each of the {size} readings", reading.size),
                 "give columns of equal length",
             )
         X[:, index] = values
@@ -227,7 +234,13 @@ def explain_rejection(problem: ValueError, X: ArrayLike, y: ArrayLike | None = N
             if bad.size:
                 what = "NaN" if np.isnan(column[bad[0]]) else "infinity"
                 return InputError(
-                    f"{what} in column {name}, row {bad[0]} ({bad.size} in all)",
+                    Message(
+                        "{what} in column {name}, row {bad} ({size} in all)",
+                        what,
+                        name,
+                        bad[0],
+                        bad.size,
+                    ),
                     "a number in every row",
                     "leave such rows out or measure them again",
                 )

@@ -20,6 +20,7 @@ from torquebench.compensation.base import CompensationModel, FloatArray, feature
 from torquebench.compensation.gaussian_process import GaussianProcessModel
 from torquebench.compensation.kernels import KernelPoints, covariance
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Criterion", "Proposal", "propose_points"]
 
@@ -97,7 +98,9 @@ def propose_points(
     """
     if not 1 <= count <= _MOST:
         raise InputError(
-            f"{count} points to propose", f"1 to {_MOST}", "measure these first and propose again"
+            Message("{count} points to propose", count),
+            Message("1 to {most}", _MOST),
+            "measure these first and propose again",
         )
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     full_scale = float(model.full_scale_nm_)

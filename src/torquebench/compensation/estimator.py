@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "clone"]
 
@@ -192,7 +193,7 @@ class Estimator:
             ):
                 continue
             raise InputError(
-                f"{name} = {value!r} of {type(self).__name__}",
+                Message("{name} = {value!r} of {name_2}", name, value, type(self).__name__),
                 " or ".join("None" if limit is None else str(limit) for limit in allowed),
                 "give a value within the limits",
             )

@@ -12,6 +12,7 @@ from torquebench.compensation.export_header import export_header
 from torquebench.compensation.export_onnx import export_onnx
 from torquebench.compensation.model_file import Provenance
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
@@ -37,11 +38,15 @@ def check_export(path: Path, *, decimal_comma: bool = False) -> None:
     ending = _ending(path)
     if ending not in EXPORTS:
         raise InputError(
-            f"export to {path.name}", ", ".join(sorted(EXPORTS)), "choose one of these endings"
+            Message("export to {name}", path.name),
+            ", ".join(sorted(EXPORTS)),
+            "choose one of these endings",
         )
     if decimal_comma and ending != ".csv":
         raise InputError(
-            f"a decimal comma in {path.name}", "a decimal comma in .csv", "export without it"
+            Message("a decimal comma in {name}", path.name),
+            "a decimal comma in .csv",
+            "export without it",
         )
 
 

@@ -10,6 +10,7 @@ from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.kinds import MODELS, parsed_kind
 from torquebench.compensation.state import decode_value
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["POSTERIOR_POINTS", "make_model", "model_from_state"]
 
@@ -50,7 +51,9 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
     for parameter in parameters:
         if parameter not in known:
             raise InputError(
-                f"parameter {parameter!r} of model {name!r}", ", ".join(known), "name one of these"
+                Message("parameter {parameter!r} of model {name!r}", parameter, name),
+                ", ".join(known),
+                "name one of these",
             )
     estimator = MODELS[kind](**{**part_of_name, **parameters})
     if isinstance(estimator, HybridModel):
@@ -79,7 +82,7 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     kind = state.get("kind")
     if kind not in MODELS:
         raise InputError(
-            f"model kind {kind!r}",
+            Message("model kind {kind!r}", kind),
             ", ".join(sorted(MODELS)),
             "use the version of torquebench that the model was made with",
         )
@@ -92,7 +95,7 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
         return DiscrepancyUncertainty.around(model, posterior, uncertainty)
     except (KeyError, TypeError, AttributeError) as problem:
         raise InputError(
-            f"state of a {kind} model that can't be rebuilt ({problem})",
+            Message("state of a {kind} model that can't be rebuilt ({problem})", kind, problem),
             "a complete state as written by this version",
             "fit the model again",
         ) from problem

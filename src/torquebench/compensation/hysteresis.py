@@ -31,6 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "BranchTracker",
@@ -109,7 +110,9 @@ class HysteresisOperator:
     def __post_init__(self) -> None:
         widths, weights = np.asarray(self.widths_nm), np.asarray(self.weights)
         if widths.ndim != 1 or widths.size == 0 or not np.all(widths > 0):
-            raise InputError(f"play widths {widths.tolist()}", "one or more, all above 0 N·m")
+            raise InputError(
+                Message("play widths {widths}", widths.tolist()), "one or more, all above 0 N·m"
+            )
         if weights.shape != widths.shape or not np.all(weights >= 0) or weights.sum() <= 0:
             raise InputError("weights of the play operators", "one for each width, not negative")
 

@@ -7,6 +7,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
@@ -104,5 +105,7 @@ def parsed_kind(name: str) -> tuple[str, dict[str, Any]]:
     if stem == "polynomial" and suffix.isdigit():
         return "polynomial", {"degree": int(suffix)}
     if name not in MODELS:
-        raise InputError(f"model {name!r}", ", ".join(sorted(MODELS)), "name one of these")
+        raise InputError(
+            Message("model {name!r}", name), ", ".join(sorted(MODELS)), "name one of these"
+        )
     return name, {}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from torquebench.atomic_write import atomic_write
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError, ModelMismatchError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
@@ -109,14 +110,25 @@ class StoredModel:
         ):
             if present is not None and present != stored:
                 raise ModelMismatchError(
-                    f"model made with {what} {stored or 'unknown'!r}, bench has {present!r}",
-                    f"the {what} that was calibrated",
-                    f"mount {what} {stored!r} or calibrate again" if stored else "calibrate again",
+                    Message(
+                        "model made with {what} {stored!r}, bench has {present!r}",
+                        what,
+                        stored or "unknown",
+                        present,
+                    ),
+                    Message("the {what} that was calibrated", what),
+                    Message("mount {what} {stored!r} or calibrate again", what, stored)
+                    if stored
+                    else "calibrate again",
                 )
         if range_nm is not None and range_nm > made_with.range_nm * (1 + 1e-9):
             raise ModelMismatchError(
-                f"range {range_nm:g} N·m wanted, model calibrated to {made_with.range_nm:g} N·m",
-                f"up to {made_with.range_nm:g} N·m",
+                Message(
+                    "range {range_nm:g} N·m wanted, model calibrated to {made_with_range_nm:g} N·m",
+                    range_nm,
+                    made_with.range_nm,
+                ),
+                Message("up to {range_nm:g} N·m", made_with.range_nm),
                 "calibrate over the whole range",
             )
 
@@ -173,7 +185,9 @@ def load_model(path: str | Path) -> StoredModel:
     content = {key: value for key, value in document.items() if key != "checksum"}
     if document.get("checksum") != _checksum(content):
         raise InputError(
-            f"model file {source} was changed after it was written (checksum differs)",
+            Message(
+                "model file {source} was changed after it was written (checksum differs)", source
+            ),
             "the file as torquebench wrote it",
             "restore the original or fit the model again",
         )
@@ -192,7 +206,7 @@ def load_model(path: str | Path) -> StoredModel:
         model = model_from_state(content["model"])
     except (KeyError, TypeError, AttributeError) as problem:
         raise InputError(
-            f"model file {source} isn't complete ({problem})",
+            Message("model file {source} isn't complete ({problem})", source, problem),
             "a file as torquebench wrote it",
             "fit the model again",
         ) from problem
@@ -205,18 +219,27 @@ def _read(source: Path) -> dict[str, Any]:
         document = json.loads(source.read_text(encoding="utf-8"))
     except OSError as problem:
         raise InputError(
-            f"model file {source} can't be read ({problem.strerror})", remedy="check the path"
+            Message("model file {source} can't be read ({strerror})", source, problem.strerror),
+            remedy="check the path",
         ) from problem
     except ValueError as problem:
         raise InputError(
-            f"{source} isn't a model file ({problem})", "JSON as torquebench writes it"
+            Message("{source} isn't a model file ({problem})", source, problem),
+            "JSON as torquebench writes it",
         ) from problem
     if not isinstance(document, dict) or document.get("format") != FORMAT:
-        raise InputError(f"{source} isn't a model file", f'JSON with "format": "{FORMAT}"')
+        raise InputError(
+            Message("{source} isn't a model file", source),
+            Message('JSON with "format": "{format}"', FORMAT),
+        )
     if document.get("format_version") != FORMAT_VERSION:
         raise InputError(
-            f"model file {source} of format version {document.get('format_version')!r}",
-            f"version {FORMAT_VERSION}",
+            Message(
+                "model file {source} of format version {document!r}",
+                source,
+                document.get("format_version"),
+            ),
+            Message("version {number}", FORMAT_VERSION),
             "use the version of torquebench that wrote it, or fit the model again",
         )
     return document

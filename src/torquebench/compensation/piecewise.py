@@ -9,6 +9,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["BRANCHES", "Curve", "PiecewisePolynomial", "approximate"]
 
@@ -271,9 +272,14 @@ def approximate(
     assert attempt is not None
     where = {1: " on the upward branch", -1: " on the downward branch", 0: ""}
     raise InputError(
-        f"a table deviates from the {name} by {max(attempt.worst_far, attempt.worst_near):.3g} N·m "
-        f"at {attempt.worst_at:.6g} N·m{where[attempt.worst_branch]}",
-        f"{allowed:.3g} N·m ({tolerance:.1g} of full scale)",
+        Message(
+            "a table deviates from the {name} by {worst_far:.3g} N·m at {worst_at:.6g} N·m{where}",
+            name,
+            max(attempt.worst_far, attempt.worst_near),
+            attempt.worst_at,
+            where[attempt.worst_branch],
+        ),
+        Message("{allowed:.3g} N·m ({tolerance:.1g} of full scale)", allowed, tolerance),
         "the model jumps there or has a feature far narrower than the range; use the model itself",
     )
 
@@ -366,7 +372,9 @@ class _Builder:
         )
         if not np.all(np.isfinite(value)):
             place = float(distinct[int(np.argmin(np.isfinite(value)))])
-            raise InputError(f"the model gives no number at {place:.6g} N·m", "finite predictions")
+            raise InputError(
+                Message("the model gives no number at {place:.6g} N·m", place), "finite predictions"
+            )
         return np.asarray((value - self.gain * distinct)[back].reshape(points.shape))
 
 

@@ -14,6 +14,7 @@ from torquebench.compensation.estimator import Between, Limit, Truth
 from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.progress import Progress
 
 __all__ = ["OrthogonalPolynomial", "PolynomialModel", "fit_orthogonal"]
@@ -250,8 +251,12 @@ class PolynomialModel(CompensationModel):
         if distinct < self._minimum_distinct():
             direction = "clockwise" if np.max(reading) > 0 else "counter-clockwise"
             raise InputError(
-                f"{distinct} readings in the {direction} direction",
-                f"at least {self._minimum_distinct()} for degree {self.degree}",
+                Message("{distinct} readings in the {direction} direction", distinct, direction),
+                Message(
+                    "at least {minimum_distinct} for degree {degree}",
+                    self._minimum_distinct(),
+                    self.degree,
+                ),
                 "record more points there or take a joint polynomial",
             )
 

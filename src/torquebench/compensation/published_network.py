@@ -23,6 +23,7 @@ from torquebench.compensation.network import (
     small_uniform_start,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
 
 __all__ = ["PublishedNetworkModel"]
@@ -227,15 +228,26 @@ class PublishedNetworkModel(CompensationModel):
         training, points = self.training_rms_nm_, self.training_inputs_.size
         if training < 0.5 * left_out_rms_nm:
             other = ", start='small-uniform'" if self.start == "nguyen-widrow" else ""
-            return (
-                f"the network misses its own {points} points by {training:.3g} N·m RMS and steps "
-                f"left out by {left_out_rms_nm:.3g} N·m: from the start {self.start!r} it doesn't "
-                f"get smooth between them ({unstated}); take more points{other} or another model"
+            return Message(
+                "the network misses its own {points} points by {training:.3g} N·m RMS "
+                "and steps left out by {left_out_rms_nm:.3g} N·m: from the start "
+                "{start!r} it doesn't get smooth between them ({unstated}); take more "
+                "points{other} or another model",
+                points,
+                training,
+                left_out_rms_nm,
+                self.start,
+                unstated,
+                other,
             )
-        return (
-            f"after {self.epochs} epochs of gradient descent the network still misses its own "
-            f"{points} points by {training:.3g} N·m RMS ({unstated}); take more epochs or another "
-            "model"
+        return Message(
+            "after {epochs} epochs of gradient descent the network still misses its "
+            "own {points} points by {training:.3g} N·m RMS ({unstated}); take more "
+            "epochs or another model",
+            self.epochs,
+            points,
+            training,
+            unstated,
         )
 
     def _start(self) -> NetworkParameters:
@@ -264,8 +276,15 @@ class PublishedNetworkModel(CompensationModel):
             done += count
             if not np.isfinite(bias) or abs(bias) > 1e6:
                 raise InputError(
-                    f"gradient descent diverged with learning_rate {self.learning_rate:g}",
-                    f"less than about {1.0 / (self.hidden + 1):.2g} for {self.hidden} neurons",
+                    Message(
+                        "gradient descent diverged with learning_rate {learning_rate:g}",
+                        self.learning_rate,
+                    ),
+                    Message(
+                        "less than about {hidden:.2g} for {hidden_2} neurons",
+                        1.0 / (self.hidden + 1),
+                        self.hidden,
+                    ),
                     "lower learning_rate",
                 )
             residual = target - network_values(NetworkParameters(*arrays, bias), x)
@@ -273,7 +292,9 @@ class PublishedNetworkModel(CompensationModel):
             curve.append((done, rms))
             if self.target_error_nm is not None and rms < self.target_error_nm:
                 break
-            progress.reach(SHARES * done // self.epochs, f"gradient descent, epoch {done}")
+            progress.reach(
+                SHARES * done // self.epochs, Message("gradient descent, epoch {done}", done)
+            )
         self.training_curve_ = np.array(curve)
         return NetworkParameters(*arrays, bias)
 

@@ -14,6 +14,7 @@ from torquebench.compensation.estimator import Between, Limit
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import SpanScaling
 from torquebench.compensation.state import storable
+from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
 
 __all__ = ["RadialBasis", "RadialBasisModel"]
@@ -264,7 +265,9 @@ class RadialBasisModel(CompensationModel):
             velocity[outside] *= -0.5
             position = np.clip(position, low, high)
             if step % 10 == 9:
-                progress.reach(SHARES * (step + 1) // self.swarm_steps, f"swarm, step {step + 1}")
+                progress.reach(
+                    SHARES * (step + 1) // self.swarm_steps, Message("swarm, step {step}", step + 1)
+                )
         best = own_best[int(np.argmin(own_value))]
         network = RadialBasis(
             best[:count], best[count:-1], np.zeros(count), 0.0, float(np.exp(best[-1]))

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.compensation.checks import trend_free
 from torquebench.compensation.columns import FloatArray
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["IntArray", "NoiseFloor", "noise_floor", "repeat_groups", "spread_folds"]
 
@@ -136,7 +137,9 @@ def spread_folds(step: IntArray, folds: int) -> tuple[IntArray, int]:
     steps = int(step.max()) + 1
     if steps < _FEWEST_GROUPS:
         raise InputError(
-            f"{steps} different steps", f"at least {_FEWEST_GROUPS}", "record more torques"
+            Message("{steps} different steps", steps),
+            Message("at least {limit}", _FEWEST_GROUPS),
+            "record more torques",
         )
     inner = steps - 2
     count = inner if inner < 2 * folds else folds

@@ -38,6 +38,7 @@ from torquebench.compensation.repeats import (
 )
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
 __all__ = [
@@ -160,12 +161,17 @@ def behind_raw(
     percent = 100.0 / full_scale_nm
     form = model.estimator_ if isinstance(model, DiscrepancyUncertainty) else model
     why = form.shortcoming(left_out.rms_nm)
-    return (
-        f"{name} is worse than the raw reading at steps that it wasn't fitted to: "
-        f"{percent * left_out.worst_nm:.3g} % FS at worst and {percent * left_out.rms_nm:.3g} % FS "
-        f"RMS; the raw reading's errors are {percent * raw.worst_nm:.3g} and "
-        f"{percent * raw.rms_nm:.3g} % FS" + (f"; {why}" if why else "")
+    said = Message(
+        "{name} is worse than the raw reading at steps that it wasn't fitted to: "
+        "{percent:.3g} % FS at worst and {percent_2:.3g} % FS RMS; the raw "
+        "reading's errors are {percent_3:.3g} and {percent_4:.3g} % FS",
+        name,
+        percent * left_out.worst_nm,
+        percent * left_out.rms_nm,
+        percent * raw.worst_nm,
+        percent * raw.rms_nm,
     )
+    return Message.joined((said, why), "; ") if why else said
 
 
 def worse_than_raw(
@@ -254,9 +260,10 @@ class Comparison:
         scored = self.steps - 2
         if scored >= _FEW_STEPS:
             return ""
-        return (
-            f"only {scored} steps could be left out: with so few, differences "
-            "between models are mostly random"
+        return Message(
+            "only {scored} steps could be left out: with so few, differences between "
+            "models are mostly random",
+            scored,
         )
 
     def behind_raw(self, name: str) -> str:
@@ -266,9 +273,12 @@ class Comparison:
         return behind_raw(name, self.models[name], left_out, self.raw, self.full_scale_nm)
 
     def __repr__(self) -> str:
-        return (
-            f"Comparison({len(self.scores)} models, {self.points} points in {self.steps} steps, "
-            f"best: {self.best})"
+        return Message(
+            "Comparison({count} models, {points} points in {steps} steps, best: {best})",
+            len(self.scores),
+            self.points,
+            self.steps,
+            self.best,
         )
 
     def _repr_html_(self) -> str:
@@ -439,9 +449,11 @@ class _Tally:
             if score.name == best:
                 reason = "least error at points left out"
             elif difference <= error:
-                reason = f"as good as {best} within one standard error"
+                reason = Message("as good as {best} within one standard error", best)
             else:
-                reason = f"{difference / error:.1f} standard errors worse than {best}"
+                reason = Message(
+                    "{count:.1f} standard errors worse than {best}", difference / error, best
+                )
             rows.append(
                 replace(
                     score, mean_square_difference=difference, standard_error=error, reason=reason
@@ -529,20 +541,27 @@ def _checked(X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
     torque = np.asarray(y, dtype=np.float64).ravel()
     if features.ndim != 2 or features.shape[0] != torque.size:
         raise InputError(
-            f"features of shape {features.shape} with {torque.size} standard values",
+            Message(
+                "features of shape {shape} with {size} standard values", features.shape, torque.size
+            ),
             "one row of features for each standard value",
         )
     for what, values in (("features", features), ("standard", torque)):
         if not np.all(np.isfinite(values)):
             row = int(np.argmin(np.isfinite(values.reshape(torque.size, -1)).all(axis=1)))
-            raise InputError(f"NaN or infinity in the {what}, row {row}", "numbers")
+            raise InputError(
+                Message("NaN or infinity in the {what}, row {row}", what, row), "numbers"
+            )
     return features, torque
 
 
 def _consecutive(groups: ArrayLike, count: int) -> IntArray:
     values = np.asarray(groups)
     if values.shape != (count,):
-        raise InputError(f"groups of shape {values.shape}", f"one for each of the {count} points")
+        raise InputError(
+            Message("groups of shape {shape}", values.shape),
+            Message("one for each of the {count} points", count),
+        )
     return np.unique(values, return_inverse=True)[1].astype(np.intp)
 
 
@@ -577,19 +596,21 @@ def _try_all(
     posteriors = _Posteriors(X, y)
     for number, (name, model) in enumerate(candidates.items()):
         share = 1.0 / len(candidates)
-        part = Part(progress, SHARES * number * share, prefix=f"{name}, ", share=share)
+        part = Part(progress, SHARES * number * share, prefix=name, share=share)
         try:
             started = time.perf_counter()
             fitted = _quiet_fit(posteriors.given_to(model), X, y)
             fit_time_s = time.perf_counter() - started
             errors = _left_out_errors(model, X, y, fold_of_point, folds, part)
         except InputError as refusal:
-            refused[name] = str(refusal)
+            refused[name] = Message.of(refusal)
         else:
             trials[name] = _Trial(fitted, fit_time_s, errors)
     if not trials:
         raise InputError(
-            f"no candidate accepts the data ({'; '.join(refused.values())})",
+            Message(
+                "no candidate accepts the data ({values})", Message.joined(refused.values(), "; ")
+            ),
             remedy="record more points",
         )
     return trials, refused
@@ -637,5 +658,7 @@ def _left_out_errors(
         here = fold_of_point == fold
         fitted = _quiet_fit(clone(form), X[~here], y[~here])
         error[here] = fitted.predict(X[here]) - y[here]
-        progress.reach(SHARES * (fold + 1) // folds, f"fold {fold + 1} of {folds}")
+        progress.reach(
+            SHARES * (fold + 1) // folds, Message("fold {fold} of {folds}", fold + 1, folds)
+        )
     return error

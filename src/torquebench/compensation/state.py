@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["decode_value", "encode_value", "storable"]
 
@@ -118,7 +119,7 @@ def decode_value(encoded: Any) -> Any:
         content = {key: decode_value(item) for key, item in encoded["content"].items()}
         return _STORABLE[encoded["record"]](**content)
     raise InputError(
-        f"model content with keys {sorted(encoded)}",
+        Message("model content with keys {encoded}", sorted(encoded)),
         "the forms that this version of torquebench writes",
         "fit the model again",
     )

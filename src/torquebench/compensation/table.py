@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.compensation.columns import FEATURES
 from torquebench.compensation.piecewise import Curve, PiecewisePolynomial, approximate
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
@@ -103,10 +104,16 @@ class CompensationTable:
             detail = ""
             if kept is not None:
                 index = int(np.argmin(self._inside(kept)))
-                detail = f", the first {kept[index]:.6g} N·m at position {index}"
+                detail = Message(
+                    ", the first {kept:.6g} N·m at position {index}", kept[index], index
+                )
             raise InputError(
-                f"{outside} readings outside the calibrated range{detail}",
-                f"{self.reading_low_nm:.6g} to {self.reading_high_nm:.6g} N·m, margin included",
+                Message("{outside} readings outside the calibrated range{detail}", outside, detail),
+                Message(
+                    "{low_nm:.6g} to {high_nm:.6g} N·m, margin included",
+                    self.reading_low_nm,
+                    self.reading_high_nm,
+                ),
                 "calibrate over the whole range that is measured",
             )
         return result
@@ -269,7 +276,9 @@ def compile_table(
     True
     """
     if not 0.0 < tolerance < 1.0:
-        raise InputError(f"table tolerance {tolerance:g}", "above 0 and below 1 (full scale)")
+        raise InputError(
+            Message("table tolerance {tolerance:g}", tolerance), "above 0 and below 1 (full scale)"
+        )
     fixed = (0.0, 0.0, series, speed_rpm, temperature_c)
     columns = int(model.n_features_in_)
     branch_aware = branches and columns > 1 and "branch" in model.used_features
@@ -321,8 +330,8 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
 
     def refuse(reading_nm: float) -> InputError:
         return InputError(
-            f"reading {reading_nm:.6g} N·m outside the calibrated range",
-            f"{low:.6g} to {high:.6g} N·m, margin included",
+            Message("reading {reading_nm:.6g} N·m outside the calibrated range", reading_nm),
+            Message("{low_nm:.6g} to {high_nm:.6g} N·m, margin included", low, high),
             "calibrate over the whole range that is measured",
         )
 
@@ -359,7 +368,7 @@ def _scalar_function(curve: PiecewisePolynomial) -> Callable[..., float]:
 def _reading(reading_nm: ArrayLike) -> FloatArray:
     reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
     if reading.ndim != 1:
-        raise InputError(f"readings of shape {reading.shape}", "one row of readings")
+        raise InputError(Message("readings of shape {shape}", reading.shape), "one row of readings")
     return reading
 
 
@@ -372,7 +381,9 @@ def _branch(branch: ArrayLike | None) -> NDArray[np.int8] | None:
     else:
         signs = np.sign(given).astype(np.int8)
     if signs.size and (int(signs.min()) < -1 or int(signs.max()) > 1):
-        raise InputError(f"a branch of {int(np.max(np.abs(signs.astype(int))))}", "-1, 0 or +1")
+        raise InputError(
+            Message("a branch of {astype}", int(np.max(np.abs(signs.astype(int))))), "-1, 0 or +1"
+        )
     return signs
 
 
@@ -381,10 +392,11 @@ def _require_same_shape(
 ) -> None:
     if branch is not None and branch.shape != reading.shape:
         raise InputError(
-            f"{branch.size} branches for {reading.size} readings", "one branch for each reading"
+            Message("{size} branches for {reading_size} readings", branch.size, reading.size),
+            "one branch for each reading",
         )
     if out.shape != reading.shape or out.dtype != np.float64 or not out.flags.c_contiguous:
         raise InputError(
-            f"an output array of shape {out.shape} and type {out.dtype}",
-            f"a contiguous float64 array of shape {reading.shape}",
+            Message("an output array of shape {shape} and type {dtype}", out.shape, out.dtype),
+            Message("a contiguous float64 array of shape {shape}", reading.shape),
         )

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torquebench.dynamics.filters import UncertainFilter
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["InverseFilter", "StepResponse", "design_inverse", "step_response"]
 
@@ -118,19 +119,27 @@ def design_inverse(
     (True, True)
     """
     if not interval_s > 0.0:
-        raise InputError(f"a sample interval of {interval_s} s", "above 0")
+        raise InputError(Message("a sample interval of {interval_s} s", interval_s), "above 0")
     own, most = transfer.bandwidth_hz(0.5 / interval_s), HIGHEST_SHARE / interval_s
     wanted = min(GAIN_OF_BANDWIDTH * own, most) if bandwidth_hz is None else bandwidth_hz
     if not 0.0 < wanted <= most:
         raise InputError(
-            f"a bandwidth of {wanted:.5g} Hz at {1.0 / interval_s:.5g} readings a second",
-            f"up to {most:.5g} Hz",
+            Message(
+                "a bandwidth of {wanted:.5g} Hz at {interval_s:.5g} readings a second",
+                wanted,
+                1.0 / interval_s,
+            ),
+            Message("up to {most:.5g} Hz", most),
             "count shorter windows",
         )
     if wanted <= own:
         raise InputError(
-            f"a bandwidth of {wanted:.5g} Hz, where the chain itself has {own:.5g} Hz",
-            f"above {own:.5g} Hz, at most {most:.5g} Hz at this rate",
+            Message(
+                "a bandwidth of {wanted:.5g} Hz, where the chain itself has {own:.5g} Hz",
+                wanted,
+                own,
+            ),
+            Message("above {own:.5g} Hz, at most {most:.5g} Hz at this rate", own, most),
             "use shorter counter windows, or don't filter",
         )
     bell_s = sqrt(log(2.0)) / (2.0 * pi * wanted)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["FilterStream", "Filtered", "UncertainFilter"]
 
@@ -88,14 +89,15 @@ class UncertainFilter:
             raise InputError("coefficients of a filter", "finite numbers, one at least")
         if a.size == 0 or a[0] != 1.0:
             raise InputError(
-                f"a filter whose a[0] is {a[0] if a.size else 'missing'}",
+                Message("a filter whose a[0] is {a}", a[0] if a.size else "missing"),
                 "1",
                 "divide all coefficients by a[0]",
             )
         largest = float(np.max(np.abs(np.roots(a)), initial=0.0))
         if largest >= 1.0:
             raise InputError(
-                f"a filter with a pole at {largest:.6g}", "poles inside of the unit circle"
+                Message("a filter with a pole at {largest:.6g}", largest),
+                "poles inside of the unit circle",
             )
         object.__setattr__(self, "numerator", b)
         object.__setattr__(self, "denominator", a)
@@ -104,8 +106,8 @@ class UncertainFilter:
             number = a.size - 1 + b.size
             if covariance.shape != (number, number) or not np.isfinite(covariance).all():
                 raise InputError(
-                    f"a covariance of shape {covariance.shape}",
-                    f"({number}, {number}), finite: of a without a[0], then b",
+                    Message("a covariance of shape {shape}", covariance.shape),
+                    Message("({number}, {number}), finite: of a without a[0], then b", number),
                 )
             object.__setattr__(self, "covariance", covariance)
 
@@ -122,7 +124,9 @@ class UncertainFilter:
         values, vectors = np.linalg.eigh(0.5 * (self.covariance + self.covariance.T))
         largest = float(np.max(np.abs(values)))
         if values[0] < -1e-9 * largest:
-            raise InputError(f"a covariance with the eigenvalue {values[0]:.3g}", "none below 0")
+            raise InputError(
+                Message("a covariance with the eigenvalue {values:.3g}", values[0]), "none below 0"
+            )
         kept = values > _NEGLIGIBLE * largest
         return np.ascontiguousarray((vectors[:, kept] * np.sqrt(values[kept])).T)
 
@@ -254,7 +258,7 @@ class FilterStream:
         """
         samples = np.ascontiguousarray(values, np.float64)
         if samples.ndim != 1:
-            raise InputError(f"samples of shape {samples.shape}", "one dimension")
+            raise InputError(Message("samples of shape {shape}", samples.shape), "one dimension")
         spread = self._uncertainties(samples, uncertainty)
         finite = np.isfinite(samples)
         if samples.size and finite.all():
@@ -284,7 +288,8 @@ class FilterStream:
         given = np.asarray(uncertainty, np.float64)
         if given.shape not in ((), samples.shape):
             raise InputError(
-                f"uncertainties of shape {given.shape}", f"one number or {samples.size}"
+                Message("uncertainties of shape {shape}", given.shape),
+                Message("one number or {size}", samples.size),
             )
         spread = np.ascontiguousarray(given) if given.shape else np.full(samples.shape, given)
         good = (spread >= 0.0) & (spread < np.inf)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_of"]
@@ -168,7 +169,9 @@ def _prepare(run: Known) -> _Prepared:
     reading, torque = (np.asarray(each, np.float64) for each in (run.reading_nm, run.torque_nm))
     if reading.ndim != 1 or reading.shape != torque.shape or reading.size < 50:
         raise InputError(
-            f"a run of {reading.size} readings and {torque.size} torques",
+            Message(
+                "a run of {size} readings and {torque_size} torques", reading.size, torque.size
+            ),
             "as many of both, 50 at least",
         )
     if not (np.isfinite(reading).all() and np.isfinite(torque).all()):
@@ -221,18 +224,28 @@ def _check(transfer: TransferFunction, nyquist_hz: float) -> None:
     for name, most in _LARGEST_RELATIVE.items():
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)
         if not u <= most * value:
-            what.append(f"{_WORDS[name]} {value:.4g} with u = {u:.3g}")
+            what.append(Message("{words} {value:.4g} with u = {u:.3g}", _WORDS[name], value, u))
     shift = transfer.covariance
     late = sqrt(max(shift[2][2] + shift[3][3] + 2.0 * shift[2][3], 0.0))
     if not 2.0 * pi * transfer.resonance_hz * late <= _LARGEST_PHASE:
-        what.append(f"lag and delay {transfer.lag_s + transfer.delay_s:.3g} s with u = {late:.3g}")
+        what.append(
+            Message(
+                "lag and delay {lag_s:.3g} s with u = {late:.3g}",
+                transfer.lag_s + transfer.delay_s,
+                late,
+            )
+        )
     if transfer.resonance_hz > nyquist_hz:
         what.append(
-            f"resonance {transfer.resonance_hz:.4g} Hz above half of the rate, {nyquist_hz:.4g} Hz"
+            Message(
+                "resonance {resonance_hz:.4g} Hz above half of the rate, {nyquist_hz:.4g} Hz",
+                transfer.resonance_hz,
+                nyquist_hz,
+            )
         )
     if what:
         raise InputError(
-            f"these runs don't identify the chain: {'; '.join(what)}",
+            Message("these runs don't identify the chain: {what}", Message.joined(what, "; ")),
             "resonance to 5 %, damping to 30 %, lag and delay to 0.2 rad at the resonance",
             "record steps whose rise is shorter than a quarter of the resonance's period, or sines "
             "to beyond the resonance, with more amplitude or more often, in windows of at most a "
@@ -279,8 +292,8 @@ def identify_inertia(
     blocks = (time.size - 1) // rows
     if blocks < _FEWEST_BLOCKS:
         raise InputError(
-            f"{time[-1] - time[0]:.3g} s of an empty run",
-            f"{_FEWEST_BLOCKS * _BLOCK_S:g} s or more",
+            Message("{time:.3g} s of an empty run", time[-1] - time[0]),
+            Message("{fewest_blocks:g} s or more", _FEWEST_BLOCKS * _BLOCK_S),
         )
     edges = np.arange(blocks + 1) * rows
     turning = speed * RAD_S_PER_RPM
@@ -316,8 +329,11 @@ def identify_inertia(
     )
     if distinct < 0.05:
         raise InputError(
-            f"an empty run whose acceleration (up to {largest:.3g} rad/s²) can't be told apart "
-            "from speed and drift",
+            Message(
+                "an empty run whose acceleration (up to {largest:.3g} rad/s²) can't be "
+                "told apart from speed and drift",
+                largest,
+            ),
             "ramps of different steepness",
             remedy,
         )
@@ -330,8 +346,13 @@ def identify_inertia(
     u = sqrt(variance) / (distinct * float(norms[0]))
     if not (inertia > 0.0 and u <= _LARGEST_INERTIA * inertia):
         raise InputError(
-            f"inertia {inertia:.3g} kg·m² with u = {u:.2g} from accelerations up to "
-            f"{largest:.3g} rad/s²",
+            Message(
+                "inertia {inertia:.3g} kg·m² with u = {u:.2g} from accelerations up to "
+                "{largest:.3g} rad/s²",
+                inertia,
+                u,
+                largest,
+            ),
             "an inertia above 0, known to 5 %",
             remedy,
         )

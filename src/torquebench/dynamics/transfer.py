@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["PARAMETERS", "TransferFunction"]
 
@@ -62,14 +63,18 @@ class TransferFunction:
         for name, least in (("resonance_hz", 1e-3), ("damping_ratio", 1e-4)):
             value = getattr(self, name)
             if not (isfinite(value) and value >= least):
-                raise InputError(f"{name} = {value}", f"{least:g} or more")
+                raise InputError(
+                    Message("{name} = {value}", name, value), Message("{limit:g} or more", least)
+                )
         for name in ("lag_s", "delay_s", "window_s"):
             value = getattr(self, name)
             if not (isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} = {value}", "0 or more")
+                raise InputError(Message("{name} = {value}", name, value), "0 or more")
         matrix = np.asarray(self.covariance, np.float64)
         if matrix.shape != (4, 4) or not np.isfinite(matrix).all():
-            raise InputError(f"a covariance of shape {matrix.shape}", "(4, 4), finite")
+            raise InputError(
+                Message("a covariance of shape {shape}", matrix.shape), "(4, 4), finite"
+            )
         object.__setattr__(self, "covariance", tuple(map(tuple, matrix.tolist())))
 
     @property

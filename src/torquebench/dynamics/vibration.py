@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torquebench.dynamics.identification import Inertia, Shaft
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "Delay",
@@ -171,16 +172,28 @@ def identify_vibration(steps: Steps) -> Vibration:
     u = np.sqrt(np.diag(covariance))
     what: list[str] = []
     if gain < _LEAST_GAIN:
-        what.append(f"no vibration stands out of the noise of {sqrt(variance):.3g} N·m")
+        what.append(
+            Message("no vibration stands out of the noise of {sqrt:.3g} N·m", sqrt(variance))
+        )
     else:
         for name, value, each in zip(_LARGEST_RELATIVE, (frequency, damping), u, strict=True):
             if not each <= _LARGEST_RELATIVE[name] * value:
-                what.append(f"{name} {value:.4g} with u = {each:.2g}")
+                what.append(Message("{name} {value:.4g} with u = {each:.2g}", name, value, each))
         if frequency > 0.98 * highest or frequency < 1.02 * _LOWEST_HZ:
-            what.append(f"frequency {frequency:.4g} Hz at the end of {_LOWEST_HZ:g}-{highest:.4g}")
+            what.append(
+                Message(
+                    "frequency {frequency:.4g} Hz at the end of {lowest_hz:g}-{highest:.4g}",
+                    frequency,
+                    _LOWEST_HZ,
+                    highest,
+                )
+            )
     if what:
         raise InputError(
-            f"these steps don't identify the shaft's vibration: {'; '.join(what)}",
+            Message(
+                "these steps don't identify the shaft's vibration: {what}",
+                Message.joined(what, "; "),
+            ),
             "frequency to 5 %, damping to 30 %",
             _REMEDY,
         )
@@ -217,8 +230,8 @@ def _after(steps: Steps) -> FloatArray:
     readings = np.asarray(steps.reading_nm, np.float64)
     if readings.ndim != 2 or readings.shape[0] < _FEWEST_STEPS:
         raise InputError(
-            f"{readings.shape[0] if readings.ndim == 2 else 0} steps of torque",
-            f"{_FEWEST_STEPS} at least",
+            Message("{shape} steps of torque", readings.shape[0] if readings.ndim == 2 else 0),
+            Message("{fewest_samples} at least", _FEWEST_STEPS),
             _REMEDY,
         )
     if not np.isfinite(readings).all():
@@ -229,8 +242,8 @@ def _after(steps: Steps) -> FloatArray:
     length = readings.shape[1] - int(np.max(begins))
     if length < _FEWEST_SAMPLES:
         raise InputError(
-            f"{max(length, 0)} readings after each step",
-            f"{_FEWEST_SAMPLES} at least",
+            Message("{length} readings after each step", max(length, 0)),
+            Message("{fewest_samples} at least", _FEWEST_SAMPLES),
             "hold the torque longer after each step, or count shorter windows",
         )
     return np.array([row[begin : begin + length] for row, begin in zip(readings, begins,
@@ -368,9 +381,15 @@ def shaft_on_bench(
     u = transfer.standard_uncertainty("resonance_hz")
     if u > _LARGEST_RELATIVE["frequency"] * transfer.resonance_hz:
         raise InputError(
-            f"resonance {transfer.resonance_hz:.4g} Hz with u = {u:.3g} Hz, of which "
-            f"{50.0 * by_motor:.2g} % by the motor's inertia and {50.0 * by_flange:.2g} % by the "
-            "flange's",
+            Message(
+                "resonance {resonance_hz:.4g} Hz with u = {u:.3g} Hz, of which "
+                "{by_motor:.2g} % by the motor's inertia and {by_flange:.2g} % by the "
+                "flange's",
+                transfer.resonance_hz,
+                u,
+                50.0 * by_motor,
+                50.0 * by_flange,
+            ),
             "5 %",
             "state the motor's inertia more exactly, or record an empty run with more ramps and "
             "compensate it with the chain's model",

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.mechanics.shaft import polar_moment, shaft_twist
+from torquebench.message import Message
 
 __all__ = [
     "AdditionalTorque",
@@ -94,10 +95,12 @@ class Chain:
     def __post_init__(self) -> None:
         for name, value in asdict(self).items():
             if not np.isfinite(value):
-                raise InputError(f"{name} = {value}", "a finite number")
+                raise InputError(Message("{name} = {value}", name, value), "a finite number")
         for name in ("shaft_radius_m", "strain_coefficient_n_per_m"):
             if not np.real(getattr(self, name)) > 0.0:
-                raise InputError(f"{name} = {getattr(self, name)}", "a value above 0")
+                raise InputError(
+                    Message("{name} = {value}", name, getattr(self, name)), "a value above 0"
+                )
         shaft_twist(
             0.0, self.length_m, self.shear_modulus_pa, self.outer_diameter_m, self.inner_diameter_m
         )
@@ -246,7 +249,7 @@ def _rigidity(chain: Chain) -> NDArray[Any]:
 
 def _check_form(form: Form) -> None:
     if form not in ("consistent", "published"):
-        raise InputError(f"form {form!r}", "'consistent' or 'published'")
+        raise InputError(Message("form {form!r}", form), "'consistent' or 'published'")
 
 
 def coefficients(chain: Chain, *, form: Form = "consistent") -> Coefficients:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.interpolate import CubicSpline
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "Outline",
@@ -86,13 +87,15 @@ def _signed_area(loop: FloatArray) -> float:
 def _checked(loop: ArrayLike) -> FloatArray:
     corners = np.array(loop, dtype=np.float64)
     if corners.ndim != 2 or corners.shape[1] != 2 or len(corners) < 3:
-        raise InputError(f"a loop of shape {corners.shape}", "(n, 2) with at least 3 corners")
+        raise InputError(
+            Message("a loop of shape {shape}", corners.shape), "(n, 2) with at least 3 corners"
+        )
     if not np.isfinite(corners).all():
         raise InputError("a corner that isn't finite", "finite coordinates in metres")
     sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
     if not sides.min() > 1e-9 * sides.sum():
         raise InputError(
-            f"a repeated corner (number {int(sides.argmin()) + 1})",
+            Message("a repeated corner (number {argmin})", int(sides.argmin()) + 1),
             "every corner once",
             "leave out the closing corner",
         )
@@ -194,7 +197,8 @@ def rectangles(boxes_m: Sequence[tuple[float, float, float, float]]) -> Outline:
     boxes = np.array(boxes_m, dtype=np.float64).reshape(-1, 4)
     if not (len(boxes) and np.all(boxes[:, 2:] > boxes[:, :2])):
         raise InputError(
-            f"rectangles {boxes_m!r}", "left < right and bottom < top, at least one rectangle"
+            Message("rectangles {boxes_m!r}", boxes_m),
+            "left < right and bottom < top, at least one rectangle",
         )
     x = np.unique(boxes[:, [0, 2]])
     y = np.unique(boxes[:, [1, 3]])
@@ -219,7 +223,11 @@ def rectangles(boxes_m: Sequence[tuple[float, float, float, float]]) -> Outline:
                     continue
                 if start in following:
                     raise InputError(
-                        f"rectangles that meet in the corner ({x[start[0]]}, {y[start[1]]}) only",
+                        Message(
+                            "rectangles that meet in the corner ({x}, {y}) only",
+                            x[start[0]],
+                            y[start[1]],
+                        ),
                         "parts that overlap, touch along a side or stay apart",
                     )
                 following[start] = stop
@@ -303,7 +311,12 @@ def annulus(outer_diameter_m: float, inner_diameter_m: float) -> Outline:
     """
     if not 0.0 <= inner_diameter_m < outer_diameter_m < np.inf:
         raise InputError(
-            f"diameters {outer_diameter_m} m and {inner_diameter_m} m", "0 <= inner < outer"
+            Message(
+                "diameters {outer_diameter_m} m and {inner_diameter_m} m",
+                outer_diameter_m,
+                inner_diameter_m,
+            ),
+            "0 <= inner < outer",
         )
     outside = _equal_area_circle(0.5 * outer_diameter_m)
     if inner_diameter_m == 0.0:
@@ -355,8 +368,15 @@ def spline_shaft(
     )
     if not fits:
         raise InputError(
-            f"{teeth} teeth of {tooth_width_m} m on {minor_diameter_m} to {major_diameter_m} m,"
-            f" bore {bore_m} m",
+            Message(
+                "{teeth} teeth of {tooth_width_m} m on {minor_diameter_m} to "
+                "{major_diameter_m} m, bore {bore_m} m",
+                teeth,
+                tooth_width_m,
+                minor_diameter_m,
+                major_diameter_m,
+                bore_m,
+            ),
             "at least 3 teeth with gaps between, bore < minor < major diameter",
         )
     root, tip = 0.5 * minor_diameter_m, 0.5 * major_diameter_m
@@ -401,7 +421,8 @@ def closed_curve(points_m: ArrayLike, segments: int = _SEGMENTS) -> Outline:
     points = _checked(points_m)
     if len(points) < 4 or segments < 8:
         raise InputError(
-            f"{len(points)} points and {segments} segments", "at least 4 points and 8 segments"
+            Message("{count} points and {segments} segments", len(points), segments),
+            "at least 4 points and 8 segments",
         )
     closed = np.vstack((points, points[:1]))
     length = np.concatenate(([0.0], np.cumsum(np.hypot(*np.diff(closed, axis=0).T))))

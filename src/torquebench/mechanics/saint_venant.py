@@ -13,6 +13,7 @@ from skfem.helpers import dot, grad
 from torquebench.errors import InputError
 from torquebench.mechanics.mesh import triangulate
 from torquebench.mechanics.outline import Outline
+from torquebench.message import Message
 
 __all__ = ["SectionTorsion", "section_torsion"]
 
@@ -84,7 +85,7 @@ def section_torsion(outline: Outline, *, triangles: int = 1200) -> SectionTorsio
     True
     """
     if triangles < 20:
-        raise InputError(f"{triangles} triangles", "at least 20")
+        raise InputError(Message("{triangles} triangles", triangles), "at least 20")
     area = outline.area_m2
     thickness = 2.0 * area / outline.perimeter_m
     size = min(float(np.sqrt(4.0 * area / (np.sqrt(3.0) * triangles))), 0.5 * thickness)

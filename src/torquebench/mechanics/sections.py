@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.special import expit, zeta
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "circle_twist_per_length",
@@ -23,7 +24,7 @@ FloatArray = NDArray[np.float64]
 def _positive(name: str, value: ArrayLike) -> FloatArray:
     array = np.asarray(value, dtype=np.float64)
     if not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
-        raise InputError(f"{name} = {value!r}", "finite and above 0")
+        raise InputError(Message("{name} = {value!r}", name, value), "finite and above 0")
     return array
 
 
@@ -59,7 +60,10 @@ def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
     """
     ratio = _positive("aspect ratio a/b", aspect_ratio)
     if np.any(ratio < 1.0):
-        raise InputError(f"aspect ratio a/b = {aspect_ratio!r}", "a/b >= 1: a is the longer side")
+        raise InputError(
+            Message("aspect ratio a/b = {aspect_ratio!r}", aspect_ratio),
+            "a/b >= 1: a is the longer side",
+        )
     odd = np.arange(1.0, 40.0, 2.0)
     missing = 2.0 * expit(-np.pi * ratio[..., np.newaxis] * odd) / odd**5  # (1 − tanh(x/2)) / n⁵
     total = 31.0 / 32.0 * zeta(5.0) - missing.sum(axis=-1)
@@ -214,5 +218,7 @@ def hollow_circle_gain(diameter_ratio: ArrayLike) -> FloatArray:
     """
     ratio = np.asarray(diameter_ratio, dtype=np.float64)
     if not np.all((ratio >= 0.0) & (ratio < 1.0)):
-        raise InputError(f"diameter ratio d/D = {diameter_ratio!r}", "0 <= d/D < 1")
+        raise InputError(
+            Message("diameter ratio d/D = {diameter_ratio!r}", diameter_ratio), "0 <= d/D < 1"
+        )
     return np.asarray((1.0 + ratio**2) / (1.0 - ratio**2))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["polar_moment", "shaft_stiffness", "shaft_twist"]
 
@@ -36,7 +37,11 @@ def polar_moment(outer_diameter_m: ArrayLike, inner_diameter_m: ArrayLike = 0.0)
     outer, inner = np.asarray(outer_diameter_m), np.asarray(inner_diameter_m)
     if not np.all((outer.real > inner.real) & (inner.real >= 0.0)):
         raise InputError(
-            f"outer diameter {outer_diameter_m!r} m with inner diameter {inner_diameter_m!r} m",
+            Message(
+                "outer diameter {outer_diameter_m!r} m with inner diameter {inner_diameter_m!r} m",
+                outer_diameter_m,
+                inner_diameter_m,
+            ),
             "0 m <= inner diameter < outer diameter",
         )
     return np.asarray(np.pi * (outer**4 - inner**4) / 32.0)
@@ -73,7 +78,11 @@ def shaft_stiffness(
     length, modulus = np.asarray(length_m), np.asarray(shear_modulus_pa)
     if not (np.all(length.real > 0.0) and np.all(modulus.real > 0.0)):
         raise InputError(
-            f"length {length_m!r} m with shear modulus {shear_modulus_pa!r} Pa",
+            Message(
+                "length {length_m!r} m with shear modulus {shear_modulus_pa!r} Pa",
+                length_m,
+                shear_modulus_pa,
+            ),
             "both above 0",
         )
     return np.asarray(polar_moment(outer_diameter_m, inner_diameter_m) * modulus / length)

@@ -13,6 +13,7 @@ from skfem.models.elasticity import lame_parameters, linear_elasticity
 from torquebench.errors import InputError
 from torquebench.mechanics.mesh import triangulate
 from torquebench.mechanics.outline import Outline
+from torquebench.message import Message
 
 __all__ = ["Solid", "TwistedSolid", "extruded"]
 
@@ -172,7 +173,10 @@ def extruded(outline: Outline, length_m: float, *, layers: int, size_m: float) -
     0.01
     """
     if not (length_m > 0.0 and layers >= 1):
-        raise InputError(f"{layers} layers over {length_m:g} m", "at least one layer, above 0 m")
+        raise InputError(
+            Message("{layers} layers over {length_m:g} m", layers, length_m),
+            "at least one layer, above 0 m",
+        )
     flat, triangles = triangulate(outline, size_m)
     heights = np.linspace(0.0, length_m, layers + 1)
     points = np.vstack([np.column_stack((flat, np.full(len(flat), z))) for z in heights])

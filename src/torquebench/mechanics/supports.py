@@ -7,6 +7,7 @@ import numpy as np
 from torquebench.errors import InputError
 from torquebench.mechanics.outline import annulus, rectangles
 from torquebench.mechanics.solid import TwistedSolid, extruded
+from torquebench.message import Message
 
 __all__ = ["SupportComparison", "SupportDesign", "compare_supports"]
 
@@ -58,7 +59,11 @@ class SupportDesign:
         squared = self.cylinder_m**2 - 4.0 * self.volume_m3 / (np.pi * self.height_m)
         if not squared > 0.0:
             raise InputError(
-                f"a cylinder of {self.cylinder_m:g} m for {self.volume_m3:.4g} m³",
+                Message(
+                    "a cylinder of {cylinder_m:g} m for {volume_m3:.4g} m³",
+                    self.cylinder_m,
+                    self.volume_m3,
+                ),
                 "a cylinder that the same mass makes hollow",
                 "choose a larger diameter",
             )

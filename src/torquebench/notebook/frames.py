@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import read_calibration_csv
 from torquebench.records.table_files import cells_of
 from torquebench.records.tables import calibration_of
@@ -106,7 +107,9 @@ def arrow_table(source: Any) -> Any:
         try:
             return pq.read_table(source)
         except (OSError, pa.ArrowInvalid) as error:
-            raise InputError(f"can't read {source}: {error}", "a CSV or Parquet file") from error
+            raise InputError(
+                Message("can't read {source}: {error}", source, error), "a CSV or Parquet file"
+            ) from error
     if isinstance(source, Mapping):
         return pa.table({name: pa.array(np.asarray(each)) for name, each in source.items()})
     frame = nw.from_native(source, eager_only=True, pass_through=True)
@@ -115,7 +118,7 @@ def arrow_table(source: Any) -> Any:
     if hasattr(source, "__arrow_c_stream__"):
         return pa.table(source)
     raise InputError(
-        f"a {type(source).__name__} for a table",
+        Message("a {name} for a table", type(source).__name__),
         "a path, a frame of pandas, polars or pyarrow, or a mapping of names to columns",
     )
 
@@ -134,7 +137,9 @@ def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:
     for name in added:
         if name in frame.columns:
             raise InputError(
-                f"readings with a column {name} already", "readings without it", "rename it"
+                Message("readings with a column {name} already", name),
+                "readings without it",
+                "rename it",
             )
     backend = frame.implementation
     columns = [nw.new_series(name, values, backend=backend) for name, values in added.items()]

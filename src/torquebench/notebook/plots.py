@@ -22,6 +22,7 @@ from torquebench.figures import (
     draw_additional_torque,
     draw_comparison,
 )
+from torquebench.message import Message
 from torquebench.notebook.models import Compensation
 
 __all__ = ["Drawing", "plot"]
@@ -45,7 +46,7 @@ class Drawing:
         """Write the figure as SVG, PNG or PDF by the file's ending."""
         target = Path(path)
         if target.suffix.lower() not in _ENDINGS:
-            raise InputError(f"a figure {target.name}", "a file .svg, .png or .pdf")
+            raise InputError(Message("a figure {name}", target.name), "a file .svg, .png or .pdf")
         atomic_write(target, self._bytes(target.suffix[1:].lower()))
         return target
 
@@ -92,7 +93,7 @@ def plot(thing: CalibrationData | Compensation | Comparison, *, ax: Any = None) 
             _draw_compensation(ax, thing)
         else:
             raise InputError(
-                f"a plot of a {type(thing).__name__}",
+                Message("a plot of a {name}", type(thing).__name__),
                 "a calibration, a compensation or a comparison",
             )
     return Drawing(figure)

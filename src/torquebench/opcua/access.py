@@ -30,6 +30,7 @@ from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.errors import InputError, TorquebenchError
+from torquebench.message import Message
 from torquebench.panel.service import BenchService
 from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.problems import NotSignedInError
@@ -69,13 +70,21 @@ class Store:
             with os.fdopen(descriptor, "wb") as file:
                 file.write(cert_gen.dump_private_key_as_pem(cert_gen.generate_private_key()))
         if self.key.stat().st_mode & 0o077:
-            raise InputError(f"{self.key} is open to others", "mode 0600", f"chmod 600 {self.key}")
+            raise InputError(
+                Message("{key} is open to others", self.key),
+                "mode 0600",
+                Message("chmod 600 {key}", self.key),
+            )
         if not self.certificate.is_file():
             self._sign(host)
         made = x509.load_der_x509_certificate(self.certificate.read_bytes())
         if made.not_valid_after_utc < datetime.now(UTC):
             raise InputError(
-                f"{self.certificate} was valid until {made.not_valid_after_utc:%Y-%m-%d}",
+                Message(
+                    "{certificate} was valid until {not_valid_after_utc:%Y-%m-%d}",
+                    self.certificate,
+                    made.not_valid_after_utc,
+                ),
                 "a valid certificate",
                 "delete it, start again, and let clients trust the new one",
             )

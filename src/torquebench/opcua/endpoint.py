@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from urllib.parse import urlparse
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Endpoint"]
 
@@ -40,7 +41,9 @@ class Endpoint:
             parts, port = urlparse(""), -1
         if parts.scheme != "opc.tcp" or not parts.hostname or parts.path.strip("/"):
             raise InputError(
-                f"OPC UA address {url!r}", "opc.tcp://HOST:PORT", "as in opc.tcp://127.0.0.1:4840"
+                Message("OPC UA address {url!r}", url),
+                "opc.tcp://HOST:PORT",
+                "as in opc.tcp://127.0.0.1:4840",
             )
         return cls(parts.hostname, port)
 

@@ -10,6 +10,7 @@ from pathlib import PurePath
 from typing import Any
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.records.queries import MEDIA, RecordQueries
 from torquebench.panel.service.records.views import RunView
 from torquebench.records import CertificateEntry
@@ -182,7 +183,8 @@ def condition(operator: str, operands: Sequence[Condition]) -> Condition:
         return lambda r: operands[0](r) in [each(r) for each in operands[1:]]
     if many.get(operator) != len(operands):
         raise InputError(
-            f"filter {operator} with {len(operands)} operands", ", ".join((*many, "InList"))
+            Message("filter {operator} with {count} operands", operator, len(operands)),
+            ", ".join((*many, "InList")),
         )
     if operator in _COMPARISONS:
         return lambda r: _compared(_COMPARISONS[operator], operands[0](r), operands[1](r))
@@ -236,5 +238,5 @@ def field_value(name: str) -> Condition:
     """
     known = ResultRecord("", datetime.now(UTC), "", "", simulated=False).field_values
     if name not in known:
-        raise InputError(f"field {name!r} of a result", ", ".join(known))
+        raise InputError(Message("field {name!r} of a result", name), ", ".join(known))
     return lambda result: result.field_values[name]

@@ -17,6 +17,7 @@ from asyncua.common.event_objects import AlarmCondition, BaseEvent
 
 from torquebench.atomic_write import private_folder
 from torquebench.errors import InputError, TorquebenchError
+from torquebench.message import Message
 from torquebench.opcua.access import APPLICATION_URI, Gate, GuardedServer, SignedIn, Store, caller
 from torquebench.opcua.endpoint import Endpoint
 from torquebench.opcua.files import Transfers
@@ -84,7 +85,11 @@ class OpcUaServer:
         self._thread.start()
         if not self._ready.wait(START_S) or self._failed is not None:
             raise InputError(
-                f"{self._endpoint.url(self._endpoint.port)}: {self._failed or 'no answer'}",
+                Message(
+                    "{url}: {failed}",
+                    self._endpoint.url(self._endpoint.port),
+                    self._failed or "no answer",
+                ),
                 "a free port of this machine",
                 "give another port, or 0 for any",
             )

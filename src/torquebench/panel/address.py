@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["ANY_ADDRESS", "Address"]
 
@@ -83,7 +84,8 @@ class Address:
         """
         if self.proxy and not _is_address(self.proxy):
             raise InputError(
-                f"--behind-proxy {self.proxy}", "the proxy's numeric address, such as 127.0.0.1"
+                Message("--behind-proxy {proxy}", self.proxy),
+                "the proxy's numeric address, such as 127.0.0.1",
             )
         if (self.tls_cert is None) != (self.tls_key is None):
             raise InputError(
@@ -94,7 +96,7 @@ class Address:
             _check_certificate(self.tls_cert, self.tls_key)
         if not (self.secure or self.insecure_network or _is_loopback(self.host)):
             raise InputError(
-                f"the panel on {self.host} without encryption",
+                Message("the panel on {host} without encryption", self.host),
                 "the loopback address 127.0.0.1, or TLS",
                 "give --tls-cert and --tls-key; --insecure-network only "
                 "in a network without other users",
@@ -125,6 +127,8 @@ def _check_certificate(certificate: Path, key: Path) -> None:
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
     except (OSError, ssl.SSLError) as error:
         raise InputError(
-            f"{certificate} and {key}: {error.strerror or error}",
+            Message(
+                "{certificate} and {key}: {strerror}", certificate, key, error.strerror or error
+            ),
             "a certificate chain and its private key in PEM, readable and without password",
         ) from error

@@ -7,6 +7,7 @@ from typing import Any
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import Comparison, compare
+from torquebench.message import Message
 from torquebench.progress import Progress
 from torquebench.records import json_text
 
@@ -22,7 +23,7 @@ def compare_points(X: Any, y: Any, range_nm: float, progress: Progress) -> dict[
     return {
         "scores": scores,
         "best": found.best,
-        "sentence": f"Least error at points left out: {model_title(found.best)}.",
+        "sentence": Message("Least error at points left out: {model}.", model_title(found.best)),
         "refused": dict(found.refused),
         "noise": None if found.noise is None else json.loads(json_text(found.noise)),
         "steps": found.steps,

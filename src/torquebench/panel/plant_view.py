@@ -25,6 +25,7 @@ from starlette.background import BackgroundTask
 from torquebench import plant as questions
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.figures import COLOURS, new_figure, svg_text
+from torquebench.message import Message
 from torquebench.panel.address import Address
 from torquebench.panel.api import Guard
 from torquebench.panel.server import listen
@@ -51,7 +52,7 @@ def _number(wanted: Wanted, name: str) -> int | None:
     if not given:
         return None
     if not given.isdecimal():
-        raise InputError(f"{name} {given!r}", "a number")
+        raise InputError(Message("{name} {given!r}", name, given), "a number")
     return int(given)
 
 
@@ -59,7 +60,7 @@ def _limit(wanted: Wanted, name: str) -> float | None:
     try:
         return float(wanted[name].replace(",", ".")) if wanted.get(name) else None
     except ValueError as error:
-        raise InputError(f"{name} {wanted[name]!r}", "a number") from error
+        raise InputError(Message("{name} {wanted!r}", name, wanted[name]), "a number") from error
 
 
 def _benches(plant: Plant, _wanted: Wanted) -> Answer:
@@ -202,7 +203,7 @@ def serve_plant_view(
     address.check()
     if not address.local and not password:
         raise InputError(
-            f"a plant view on {address.host} without a password",
+            Message("a plant view on {host} without a password", address.host),
             "a password, or the loopback address",
             "set TORQUEBENCH_VIEW_PASSWORD",
         )
@@ -308,7 +309,7 @@ def _shown(value: Any, text: Text) -> str:
         return value.isoformat()
     if isinstance(value, float):
         return f"{value:.4g}"
-    return text.core(str(value))
+    return text.core(value if isinstance(value, str) else str(value))
 
 
 def _figure(text: Text, found: Answer) -> str:

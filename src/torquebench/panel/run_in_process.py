@@ -9,6 +9,7 @@ from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
 from torquebench.errors import BenchError, TorquebenchError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 
 __all__ = ["ProcessEndedError", "run_in_process"]
@@ -101,4 +102,4 @@ def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, 
     except TorquebenchError as error:
         pipe.send(("failed", error))
     except Exception as error:
-        pipe.send(("failed", BenchError(f"{type(error).__name__}: {error}")))
+        pipe.send(("failed", BenchError(Message("{name}: {error}", type(error).__name__, error))))

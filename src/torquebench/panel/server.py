@@ -18,6 +18,7 @@ from nicegui import ui, ui_run_with
 from starlette.types import ASGIApp
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.address import Address
 from torquebench.panel.api import API_PATH, LARGEST_BODY, Guard, create_api
 from torquebench.panel.connections import PatientProtocol
@@ -64,10 +65,14 @@ def storage_secret(data_dir: Path) -> str:
         with os.fdopen(created, "w") as file:
             file.write(secrets.token_urlsafe(48))
     if path.stat().st_mode & 0o077:
-        raise InputError(f"{path} is open to others", "mode 0600", f"chmod 600 {path}")
+        raise InputError(
+            Message("{key} is open to others", path), "mode 0600", Message("chmod 600 {key}", path)
+        )
     found = path.read_text(encoding="ascii").strip()
     if len(found) < 32:
-        raise InputError(f"{path} is damaged", "a secret", "delete it; everybody signs in again")
+        raise InputError(
+            Message("{path} is damaged", path), "a secret", "delete it; everybody signs in again"
+        )
     return found
 
 
@@ -175,7 +180,9 @@ def listen(address: Address) -> socket.socket:
     except OSError as error:
         listening.close()
         raise InputError(
-            f"{address.host}:{address.port}: {error.strerror or error}",
+            Message(
+                "{host}:{port}: {strerror}", address.host, address.port, error.strerror or error
+            ),
             "a free port of this machine",
             "give another --port, or --port 0 for any",
         ) from error

@@ -15,6 +15,7 @@ from torquebench.bench.description import (
 from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 from torquebench.bench.roles import SIDES
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.station import Station
 
 __all__ = [
@@ -143,8 +144,11 @@ def read_rows(path: Path, columns: int) -> list[list[str]]:
     try:
         rows = [row for row in csv.reader(io.StringIO(path.read_text("utf-8-sig"))) if row]
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: {error}", "a CSV file in UTF-8") from error
+        raise InputError(Message("{path}: {error}", path, error), "a CSV file in UTF-8") from error
     for number, row in enumerate(rows, 1):
         if len(row) != columns:
-            raise InputError(f"{path}, row {number}: {len(row)} cells", f"{columns} cells")
+            raise InputError(
+                Message("{path}, row {number}: {count} cells", path, number, len(row)),
+                Message("{columns} cells", columns),
+            )
     return rows[1:]

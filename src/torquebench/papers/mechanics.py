@@ -26,6 +26,7 @@ from torquebench.mechanics import (
     section_torsion,
     sensitivities,
 )
+from torquebench.message import Message
 from torquebench.papers.items import Answer
 from torquebench.papers.study import Contender, errors_of, studied_chain
 from torquebench.reports.curve_figures import Panel, bodies_figure, panels_figure
@@ -110,19 +111,25 @@ def load_design(path: Path) -> Design:
     try:
         content = dict(parse_toml(path.read_text(encoding="utf-8"), str(path)))
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: {error}", "a TOML file in UTF-8") from error
+        raise InputError(Message("{path}: {error}", path, error), "a TOML file in UTF-8") from error
     name = str(content.pop("name", path.stem))
     allowed = ("range_nm", *_WORDS)
     for key in content:
         if key not in allowed:
-            raise InputError(f"{path}: key {key}", ", ".join(("name", *allowed)))
+            raise InputError(Message("{path}: key {key}", path, key), ", ".join(("name", *allowed)))
     for key in allowed:
         value = content.get(key)
         if isinstance(value, bool) or not isinstance(value, int | float):
-            raise InputError(f"{path}: {key} = {value!r}", "a number in SI units", "give all keys")
+            raise InputError(
+                Message("{path}: {key} = {value!r}", path, key, value),
+                "a number in SI units",
+                "give all keys",
+            )
     range_nm = float(content.pop("range_nm"))
     if not 0.0 < range_nm < np.inf:
-        raise InputError(f"{path}: range_nm = {range_nm:g}", "a finite range above 0 N·m")
+        raise InputError(
+            Message("{path}: range_nm = {range_nm:g}", path, range_nm), "a finite range above 0 N·m"
+        )
     return Design(name, range_nm, Chain(**{key: float(each) for key, each in content.items()}))
 
 

@@ -22,6 +22,7 @@ from torquebench.campaign.measuring import (
 )
 from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.papers.facts import (
     bench_facts,
     read_facts,
@@ -388,7 +389,7 @@ def read_tables(folder: Path) -> BenchTables:
         There is no calibration, or a table can't be used.
     """
     if not folder.is_dir():
-        raise InputError(f"no folder {folder}", "a folder of recorded tables")
+        raise InputError(Message("no folder {folder}", folder), "a folder of recorded tables")
     modules: dict[Side, ModuleTables] = {}
     names: list[str] = []
     for side in SIDES:
@@ -402,13 +403,15 @@ def read_tables(folder: Path) -> BenchTables:
             modules[side] = ModuleTables(**found, certificate=certificate)
         elif found:
             raise InputError(
-                f"{folder}: tables of the {side} module without calibration-{side}",
+                Message(
+                    "{folder}: tables of the {side} module without calibration-{side}", folder, side
+                ),
                 "the calibration that the models are fitted to",
             )
     if not modules:
         raise InputError(
-            f"{folder}: no calibration",
-            f"calibration-input or calibration-output, as {READ}",
+            Message("{folder}: no calibration", folder),
+            Message("calibration-input or calibration-output, as {read}", READ),
             "name the tables so; `torquebench papers --save FOLDER` writes such a folder",
         )
     friction = None
@@ -440,7 +443,9 @@ def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
     try:
         return [float(cell) for cell in cells]
     except ValueError as error:
-        raise InputError(f"{path}: {error}", "numbers with a decimal point") from error
+        raise InputError(
+            Message("{path}: {error}", path, error), "numbers with a decimal point"
+        ) from error
 
 
 def _read_certificate(path: Path) -> ReferenceCertificate | None:
@@ -463,7 +468,7 @@ def _read_friction(path: Path) -> tuple[FrictionTable, str]:
     table = read_table(path)
     for name in ("speed_rpm", "reading_nm", "known_nm"):
         if name not in table.header:
-            raise InputError(f"{path}: no column {name}", ", ".join(_FRICTION))
+            raise InputError(Message("{path}: no column {name}", path, name), ", ".join(_FRICTION))
     n = len(table.rows)
 
     def column(name: str, default: float) -> FloatArray:

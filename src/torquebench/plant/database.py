@@ -14,6 +14,7 @@ from sqlalchemy import Connection, bindparam, func, insert, inspect, select, tex
 from sqlalchemy.engine import URL, make_url
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.plant.folders import FolderStore
 from torquebench.plant.functions import BENCH_FUNCTIONS, functions
 from torquebench.plant.tables import (
@@ -129,7 +130,7 @@ class PlantDatabase:
         parsed = url_with_driver(url)
         if parsed.drivername == "sqlite":
             raise InputError(
-                f"a plant's registry in {parsed.render_as_string()}",
+                Message("a plant's registry in {parsed}", parsed.render_as_string()),
                 "postgresql://user:password@server/database",
                 "a plant's registry is shared by many benches and needs a server",
             )
@@ -166,7 +167,7 @@ class PlantDatabase:
             If the database fails or refuses; nothing is stored then.
         """
         with (
-            database_failures(f"the plant's registry {self.name}"),
+            database_failures(Message("the plant's registry {name}", self.name)),
             self._engine.begin() as connection,
         ):
             yield connection
@@ -203,9 +204,14 @@ class Plant(PlantDatabase):
         if version != PLANT_VERSION:
             plant.close()
             raise RecordError(
-                f"{plant.name} holds "
-                + (f"a plant's registry of version {version}" if known else "no plant's registry"),
-                f"one of version {PLANT_VERSION}",
+                Message(
+                    "{name} holds {version}",
+                    plant.name,
+                    Message("a plant's registry of version {version}", version)
+                    if known
+                    else "no plant's registry",
+                ),
+                Message("one of version {plant_version}", PLANT_VERSION),
                 "torquebench plant init makes one in an existing database",
             )
         return plant
@@ -238,10 +244,12 @@ class Plant(PlantDatabase):
     def _create(self, connection: Connection, folders_url: str) -> None:
         encoding = connection.scalar(text("SHOW server_encoding"))
         if encoding != "UTF8":
-            raise RecordError(f"{self.name} is in {encoding}", "a database in UTF8")
+            raise RecordError(
+                Message("{name} is in {encoding}", self.name, encoding), "a database in UTF8"
+            )
         if inspect(connection).has_schema(PLANT_SCHEMA):
             raise RecordError(
-                f"{self.name} has a schema {PLANT_SCHEMA!r}",
+                Message("{name} has a schema {plant_schema!r}", self.name, PLANT_SCHEMA),
                 "a database without one",
                 "use it as it is, or name another database",
             )
@@ -345,7 +353,7 @@ class Plant(PlantDatabase):
         known = connection.scalars(select(benches.c.bench_key)).all()
         if number not in known:
             raise InputError(
-                f"bench number {number}",
+                Message("bench number {number}", number),
                 ", ".join(str(each) for each in sorted(known)[:20]) or "a registered bench",
                 "torquebench plant status lists them",
             )
@@ -401,7 +409,7 @@ class Plant(PlantDatabase):
         """
         unknown = sorted(set(filters) - set(_FILTERS))
         if unknown:
-            raise InputError(f"filter {', '.join(unknown)}", ", ".join(_FILTERS))
+            raise InputError(Message("filter {unknown}", ", ".join(unknown)), ", ".join(_FILTERS))
         query = (
             select(
                 *(runs.c[name] for name in _LISTED),
@@ -439,9 +447,9 @@ class Plant(PlantDatabase):
         if len(found) != 1:
             said = ", ".join(each.bench for each in found)
             raise InputError(
-                f"run {run_id} of {len(found)} benches: {said}"
+                Message("run {run_id} of {count} benches: {said}", run_id, len(found), said)
                 if found
-                else f"run {run_id} isn't known",
+                else Message("run {run_id} isn't known", run_id),
                 "a run of one bench",
                 "name the bench by its number" if found else "torquebench plant runs lists them",
             )
@@ -466,7 +474,12 @@ class Plant(PlantDatabase):
             raise InputError("a withdrawal without name or reason", "a name and a reason")
         if run.withdrawn is not None:
             raise InputError(
-                f"run {run.run_id} was withdrawn by {run.withdrawn_by}: {run.withdrawn_reason}",
+                Message(
+                    "run {run_id} was withdrawn by {withdrawn_by}: {withdrawn_reason}",
+                    run.run_id,
+                    run.withdrawn_by,
+                    run.withdrawn_reason,
+                ),
                 "a run that counts",
             )
         with self.transaction() as connection:

@@ -19,6 +19,7 @@ from typing import Any
 from urllib.parse import urlsplit
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records.edge_archive import EDGE_ARCHIVE
 from torquebench.records.run_folder import MANIFEST
 
@@ -97,7 +98,8 @@ class FolderStore:
                 return content
         except OSError as error:
             raise RecordError(
-                f"{url} can't be read: {error}", "a file in the plant's store"
+                Message("{path} can't be read: {problem}", url, error),
+                "a file in the plant's store",
             ) from error
 
     def put(self, url: str, content: bytes) -> None:
@@ -117,8 +119,8 @@ class FolderStore:
         sealed = (folder / MANIFEST).read_bytes()
         if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
             raise RecordError(
-                f"{folder / MANIFEST} was changed after the run was registered",
-                f"SHA-256 {manifest_sha256}",
+                Message("{folder} was changed after the run was registered", folder / MANIFEST),
+                Message("SHA-256 {sha256}", manifest_sha256),
                 "torquebench records restore brings it back from a backup",
             )
         files: Mapping[str, Mapping[str, Any]] = json.loads(sealed)["files"]
@@ -179,8 +181,8 @@ class FolderStore:
             if sha256 and digest.hexdigest() != sha256:
                 self._fs.rm(there)
                 raise RecordError(
-                    f"{getattr(source, 'name', url)} was changed after sealing",
-                    f"SHA-256 {sha256}",
+                    Message("{source} was changed after sealing", getattr(source, "name", url)),
+                    Message("SHA-256 {sha256}", sha256),
                     "torquebench records restore brings it back from a backup",
                 )
             if there != target:
@@ -190,7 +192,7 @@ class FolderStore:
                 with contextlib.suppress(OSError):
                     Path(there).unlink()
             raise RecordError(
-                f"{url} can't be written: {error}",
+                Message("{url} can't be written: {error}", url, error),
                 "a store that can be reached and written",
                 "arrived folders are kept; push again later",
             ) from error
@@ -214,7 +216,8 @@ def _filesystem(url: str, protocol: str) -> Any:
         return fsspec.filesystem(protocol)
     except (ValueError, ImportError) as error:
         raise InputError(
-            f"folders in {url}: {error}", "file:///… or s3://…, or an installed fsspec library"
+            Message("folders in {url}: {error}", url, error),
+            "file:///… or s3://…, or an installed fsspec library",
         ) from error
 
 

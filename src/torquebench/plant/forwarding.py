@@ -18,6 +18,7 @@ from sqlalchemy.engine import URL
 
 from torquebench.atomic_write import atomic_write
 from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.plant.database import PlantDatabase
 from torquebench.plant.facts import facts_of, points_table
 from torquebench.plant.folders import FolderStore
@@ -100,7 +101,7 @@ class BenchLink(PlantDatabase):
             row = connection.execute(text("SELECT * FROM plant.my_bench()")).one_or_none()
         if row is None:
             raise InputError(
-                f"{self.url.username} is no bench of the plant {self.name}",
+                Message("{username} is no bench of the plant {name}", self.url.username, self.name),
                 "the URL that `torquebench plant register` printed for this bench",
                 "register the bench, or ask the administrator of the plant's registry",
             )
@@ -184,19 +185,39 @@ def _check_same(registry: Registry, mine: _Mine) -> None:
     noted = _noted(registry.root)
     if noted and (noted["plant"], noted["number"]) != (mine.plant, mine.number):
         raise InputError(
-            f"{registry.root} was sent to a plant as bench {noted['number']} {noted['name']}, "
-            f"and this URL is that of bench {mine.number} {mine.name}",
+            Message(
+                "{root} was sent to a plant as bench {number} {name}, and this URL is "
+                "that of bench {mine_number} {mine_name}",
+                registry.root,
+                noted["number"],
+                noted["name"],
+                mine.number,
+                mine.name,
+            ),
             "one bench, one data directory",
-            f"use the URL of bench {noted['number']}, or the data directory of bench {mine.number}",
+            Message(
+                "use the URL of bench {number}, or the data directory of bench {mine_number}",
+                noted["number"],
+                mine.number,
+            ),
         )
     if mine.head.sequence and not registry.passes_through(mine.head):
         last = registry.head().sequence
         raise RecordError(
-            f"the plant has {mine.head.sequence} entries of bench {mine.number} {mine.name}, and "
-            f"this registry, which ends with entry {last}, doesn't have the last of them",
+            Message(
+                "the plant has {sequence} entries of bench {number} {name}, and this "
+                "registry, which ends with entry {last}, doesn't have the last of them",
+                mine.head.sequence,
+                mine.number,
+                mine.name,
+                last,
+            ),
             "the registry that was sent so far",
-            "restore it from a backup that has that entry, or, if it was rebuilt, register "
-            f"it with `torquebench plant register --replaces {mine.number}`",
+            Message(
+                "restore it from a backup that has that entry, or, if it was rebuilt, "
+                "register it with `torquebench plant register --replaces {number}`",
+                mine.number,
+            ),
         )
 
 
@@ -219,7 +240,8 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
         done.head = link.append(entries)
         if done.head.sequence <= after:
             raise RecordError(
-                f"the plant accepted no entry after {after}", "entries that continue its chain"
+                Message("the plant accepted no entry after {after}", after),
+                "entries that continue its chain",
             )
         done.entries += len(entries)
         progress.reach(done.head.sequence - first)

@@ -13,6 +13,7 @@ from sqlalchemy import text
 
 from torquebench.calibration import individuals_chart
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.plant import statistics
 from torquebench.plant.answer import Answer
 from torquebench.plant.database import Plant
@@ -92,8 +93,10 @@ def _rows(
             known = sorted(connection.scalars(text(_QUANTITIES), given))
             asked = serial or (wanted.specimen_type if wanted else "")
             raise InputError(
-                f"no {given['quantity']} of {asked}",
-                f"one of {', '.join(known)}" if known else "a tested specimen or type",
+                Message("no {quantity} of {type}", given["quantity"], asked),
+                Message("one of {list}", ", ".join(known))
+                if known
+                else "a tested specimen or type",
                 "torquebench plant runs lists what was tested; folders must have arrived; short "
                 "tests don't count",
             )
@@ -114,7 +117,8 @@ def _columns(rows: Sequence[Any]) -> dict[str, list[Any]]:
 
 
 def _title(rows: Sequence[Any], asked: str) -> str:
-    return f"{rows[-1].title}, {rows[-1].unit}, of {asked}"
+    quantity = Message.joined((rows[-1].title, rows[-1].unit))  # wholly English if it isn't known
+    return Message("{quantity}, of {asked}", quantity, asked)
 
 
 def specimens(plant: Plant, wanted: SpecimenFilter) -> Answer:
@@ -180,7 +184,11 @@ def capability(
         lower, upper = statistics.limits_in_words(stated)
     if lower is None and upper is None:
         raise InputError(
-            f"no limit of {wanted.quantity} in the data sheet of {wanted.specimen_type}",
+            Message(
+                "no limit of {quantity} in the data sheet of {type}",
+                wanted.quantity,
+                wanted.specimen_type,
+            ),
             "a lower limit, an upper limit, or both",
             "give --lower or --upper",
         )
@@ -219,7 +227,7 @@ def capability(
         "share of measuring in the variance, at most %": 100.0 * every.measurement_share,
     }
     return Answer(
-        f"Capability: {_title(rows, wanted.specimen_type)}",
+        Message("Capability: {rows}", _title(rows, wanted.specimen_type)),
         columns,
         facts={name: value for name, value in facts.items() if value is not None},
         notes=_doubts(rows),
@@ -279,7 +287,7 @@ def charts(
     columns["remark"] = remarks
     signals = sum(bool(each) for each in remarks)
     return Answer(
-        f"Control charts: {_title(rows, wanted.specimen_type)}",
+        Message("Control charts: {rows}", _title(rows, wanted.specimen_type)),
         columns,
         facts={
             "specimens": len(rows),
@@ -329,7 +337,7 @@ def outliers(plant: Plant, wanted: SpecimenFilter, *, level: float = 0.01) -> An
         for k in sorted(single)
     ]
     return Answer(
-        f"Outliers: {_title(rows, wanted.specimen_type)}",
+        Message("Outliers: {rows}", _title(rows, wanted.specimen_type)),
         {name: [row[k] for row in found] for k, name in enumerate(names)},
         facts={"specimens": len(rows), "median": middle},
         notes=() if found else ("nothing stands out",),
@@ -387,7 +395,11 @@ def compare(plant: Plant, serial: str, quantity: str, *, reference: int | None =
     if found.p_value < 0.05:
         notes.append("the benches scatter more than their uncertainties explain (χ² test)")
     return Answer(
-        f"Benches by specimen {serial}: {rows[-1].title}, {rows[-1].unit}",
+        Message(
+            "Benches by specimen {serial}: {joined}",
+            serial,
+            Message.joined((rows[-1].title, rows[-1].unit)),
+        ),
         columns,
         facts={
             "held against": named or "the weighted mean of all others",

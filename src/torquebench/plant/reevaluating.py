@@ -16,6 +16,7 @@ from sqlalchemy import insert, text
 from torquebench import __version__
 from torquebench.calibration import RAW
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.plant.answer import Answer
 from torquebench.plant.database import Plant
 from torquebench.plant.reevaluation import Reevaluated, RunTask, SealedFolder, reevaluate_run
@@ -152,7 +153,7 @@ def reevaluate(
     """
     unknown = sorted(set(kinds) - set(KINDS))
     if unknown:
-        raise InputError(f"kinds of run {', '.join(unknown)}", ", ".join(KINDS))
+        raise InputError(Message("kinds of run {unknown}", ", ".join(unknown)), ", ".join(KINDS))
     with plant.transaction() as connection:
         given: dict[str, Any] = {"label": label, "kinds": list(kinds), "bench": bench}
         wanted = connection.scalar(text(f"SELECT count(*) {_WANTED}"), given) or 0
@@ -169,7 +170,13 @@ def reevaluate(
             done += len(found)
             problems += sum(bool(each.problem) for each in found)
             progress.reach(done)
-    progress.finish(f"{done} runs" + (f", {problems} can't be" if problems else ""))
+    progress.finish(
+        Message(
+            "{done} runs{problems}",
+            done,
+            Message(", {problems} can't be", problems) if problems else "",
+        )
+    )
     return Reevaluation(label, done, int(known or 0), problems)
 
 
@@ -320,7 +327,9 @@ class _Cluster:
                 try:
                     found = future.result()
                 except KilledWorker as error:
-                    raise _worker_lost(f"workers were killed, {error.last_worker} last") from error
+                    raise _worker_lost(
+                        Message("workers were killed, {last_worker} last", error.last_worker)
+                    ) from error
                 except FutureCancelledError as error:
                     raise _worker_lost("the scheduler has gone") from error
                 yield found
@@ -332,7 +341,7 @@ class _Cluster:
 
 def _worker_lost(found: str) -> RecordError:
     return RecordError(
-        f"{found} while runs were evaluated again",
+        Message("{found} while runs were evaluated again", found),
         "workers that live until their runs are evaluated",
         "see their log, and whether memory was enough; what is done is kept: the same command "
         "goes on from there, with fewer --workers or --scheduler serial if need be",
@@ -363,7 +372,7 @@ def _pool(scheduler: str, workers: int | None) -> Iterator[_Pool]:
         client = Client(scheduler, timeout="5s")
     except (OSError, ValueError) as error:
         raise InputError(
-            f"scheduler {scheduler!r}: {error}",
+            Message("scheduler {scheduler!r}: {error}", scheduler, error),
             "serial, processes, or the address of a Dask cluster such as tcp://server:8786",
         ) from error
     with client:
@@ -371,8 +380,8 @@ def _pool(scheduler: str, workers: int | None) -> Iterator[_Pool]:
         if versions != {__version__}:
             said = ", ".join(sorted(versions)) or "no workers"
             raise RecordError(
-                f"workers of {scheduler} have torquebench {said}",
-                f"torquebench {__version__} on every worker",
+                Message("workers of {scheduler} have torquebench {said}", scheduler, said),
+                Message("torquebench {version} on every worker", __version__),
                 "install this version there, with the extra plant",
             )
         yield _Cluster(client)
@@ -422,7 +431,7 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
             runs += 1
             if row.problem:
                 problems += 1
-                add(row, f"can't be evaluated: {row.problem}", None, None, None)
+                add(row, Message("can't be evaluated: {problem}", row.problem), None, None, None)
                 continue
             if row.remark:
                 remarks[row.remark] += 1
@@ -441,12 +450,13 @@ def differences(plant: Plant, label: str = __version__, against: str | None = No
                     add(row, what, float(before), now, now - before)
             changed += differs
     notes = [
-        f"{many} {'run' if many == 1 else 'runs'}: {said}" for said, many in sorted(remarks.items())
+        Message("{many} run: {said}" if many == 1 else "{many} runs: {said}", many, said)
+        for said, many in sorted(remarks.items())
     ]
     if not runs:
-        notes.append(f"nothing was evaluated as {label}")
+        notes.append(Message("nothing was evaluated as {label}", label))
     return Answer(
-        f"Evaluated again as {label}",
+        Message("Evaluated again as {label}", label),
         columns,
         facts={
             "runs": runs,

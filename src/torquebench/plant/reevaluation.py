@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.plant.folders import FolderStore
 from torquebench.records.run_folder import MANIFEST
 from torquebench.uncertainty import Verdict
@@ -125,15 +126,19 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
     """Return a file of a sealed folder if it still matches its seal."""
     sealed = store.read(f"{folder.url}/{MANIFEST}")
     if hashlib.sha256(sealed).hexdigest() != folder.manifest_sha256:
-        raise RecordError(f"{folder.url}/{MANIFEST} has another hash than the chain states")
+        raise RecordError(
+            Message("{url}/{manifest} has another hash than the chain states", folder.url, MANIFEST)
+        )
     if name == MANIFEST:
         return sealed
     entry = json.loads(sealed)["files"].get(name)
     if entry is None:
-        raise RecordError(f"{folder.url} contains no {name}", "a run with results")
+        raise RecordError(
+            Message("{url} contains no {name}", folder.url, name), "a run with results"
+        )
     content = store.read(f"{folder.url}/{name}")
     if hashlib.sha256(content).hexdigest() != entry["sha256"]:
-        raise RecordError(f"{folder.url}/{name} was changed after sealing")
+        raise RecordError(Message("{url}/{name} was changed after sealing", folder.url, name))
     return content
 
 

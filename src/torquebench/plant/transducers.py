@@ -11,6 +11,7 @@ from sqlalchemy import bindparam, text
 
 from torquebench.campaign.drifting import drift_of, next_due
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.plant.answer import Answer
 from torquebench.plant.database import Plant
 from torquebench.plant.folders import FolderStore
@@ -128,7 +129,7 @@ def due(plant: Plant, within_days: int = 30, *, today: date | None = None) -> An
     order = (1, 2, 3, 4, 5, 0, 6)
     counts = {state: sum(each[6] == state for each in listed) for state in urgency}
     return Answer(
-        f"Due within {within_days} days of {day.isoformat()}",
+        Message("Due within {days} days of {date}", within_days, day.isoformat()),
         {name: [each[k] for each in listed] for name, k in zip(names, order, strict=True)},
         facts={state: count for state, count in counts.items() if count},
     )
@@ -175,7 +176,7 @@ def _transducer(plant: Plant, serial: str) -> _Transducer:
         known = _transducers(connection)
         if serial not in {each.serial for each in known}:
             raise InputError(
-                f"transducer {serial!r}",
+                Message("transducer {serial!r}", serial),
                 ", ".join(each.serial for each in known[:12]) or "a registered transducer",
             )
         calibrated = [
@@ -271,17 +272,32 @@ def drift(
     for series in found:
         if series.trend is not None:
             sure = "" if series.trend.significant else " (no trend)"
-            facts[f"{series.title}, {series.unit} a year"] = f"{series.trend.per_year:+.3g}{sure}"
+            facts[Message("{title}, {unit} a year", series.title, series.unit)] = (
+                f"{series.trend.per_year:+.3g}{sure}"
+            )
         if series.prediction is not None and series.prediction.expected is not None:
             leaves = series.prediction.expected.date().isoformat()
-            facts[f"{series.title} leaves ±{tolerance_percent:g} {series.unit}"] = leaves
+            facts[
+                Message(
+                    "{title} leaves ±{tolerance_percent:g} {unit}",
+                    series.title,
+                    tolerance_percent,
+                    series.unit,
+                )
+            ] = leaves
     again = next_due(found, longest_days=longest_days)
     if again is not None:
         facts["calibrate again by"] = again.isoformat()
     names = ("quantity", "unit", "when", "bench", "value", "remark")
     many = len(set(known.benches.values()))
     return Answer(
-        f"Transducer {serial} over {many} bench{'' if many == 1 else 'es'}",
+        Message(
+            "Transducer {serial} over {count} bench"
+            if many == 1
+            else "Transducer {serial} over {count} benches",
+            serial,
+            many,
+        ),
         {name: [row[k] for row in rows] for k, name in enumerate(names)},
         facts=facts,
         notes=() if rows else ("no calibration, zero or check has arrived",),
@@ -317,8 +333,8 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
         if not serials:
             models = sorted({each.model for each in known if each.model})
             raise InputError(
-                f"transducers of the kind {model!r}",
-                ", ".join(f"{each!r}" for each in models) or "a described transducer",
+                Message("transducers of the kind {model!r}", model),
+                ", ".join(repr(each) for each in models) or "a described transducer",
             )
         query = text(_POINTS).bindparams(bindparam("serials", expanding=True))
         rows: Sequence[Any] = connection.execute(query, {"serials": serials}).all()
@@ -338,7 +354,12 @@ def drift_of_kind(plant: Plant, model: str) -> Answer:
         "span_error_percent": [error for *_, error in found],
     }
     return Answer(
-        f"Span of {len(serials)} transducers of the kind {model}, {len(known_of)} calibrations",
+        Message(
+            "Span of {count} transducers of the kind {model}, {calibrations} calibrations",
+            len(serials),
+            model,
+            len(known_of),
+        ),
         columns,
         facts=_pooled(columns),
         simulated=any(row.simulated for row in rows),

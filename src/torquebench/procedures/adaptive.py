@@ -19,6 +19,7 @@ from torquebench.calibration import (
     extension_steps,
     place_points,
 )
+from torquebench.message import Message
 from torquebench.procedures.messages import progress
 from torquebench.procedures.setup import Plan, Setup
 from torquebench.procedures.staircase import Row, load_staircase
@@ -100,7 +101,9 @@ def load_adaptively(
     while True:
         yield from load_staircase(devices, setup, more, on_row, done=done, total=total)
         done += len(more)
-        yield from progress(done, total, f"{measured} points: placing the next ones")
+        yield from progress(
+            done, total, Message("{measured} points: placing the next ones", measured)
+        )
         proposed = yield from meanwhile(lambda: place_points(data(), settings))
         count = min(settings.points_at_a_time, settings.points - measured)
         if proposed is not None:

@@ -9,6 +9,7 @@ import bluesky.preprocessors as bpp
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures.messages import progress, sleep
 from torquebench.procedures.setup import Plan
 
@@ -52,14 +53,17 @@ def record_signals(
     """
     longest_s = LONGEST_RECORDING_S if duration_s is None else duration_s
     if not 0.0 < longest_s <= LONGEST_RECORDING_S:
-        raise InputError(f"a recording of {longest_s:g} s", f"at most {LONGEST_RECORDING_S:g} s")
+        raise InputError(
+            Message("a recording of {longest_s:g} s", longest_s),
+            Message("at most {timeout_s:g} s", LONGEST_RECORDING_S),
+        )
     clock = devices.context.clock
 
     def waiting() -> Plan[None]:
         start_s = clock.now()
         while (left_s := start_s + longest_s - clock.now()) > 0.0 and not ended.is_set():
             gone_s = int(clock.now() - start_s)
-            text = f"{gone_s} s recorded"
+            text = Message("{gone_s} s recorded", gone_s)
             yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
             if clock.fast and duration_s is None:  # otherwise a day would pass at once
                 ended.wait(LOOK_S)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from torquebench.calibration import Step
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures.staircase import Row
 
 __all__ = ["Resumption", "complete_series", "preparation", "steps_again", "steps_from"]
@@ -76,7 +77,9 @@ def steps_from(steps: Sequence[Step], series: int) -> tuple[Step, ...]:
         None,
     )
     if first is None:
-        raise InputError(f"series {series} to go on with", "a series of the profile")
+        raise InputError(
+            Message("series {series} to go on with", series), "a series of the profile"
+        )
     return (*preparation(steps[:first]), *steps[first:])
 
 

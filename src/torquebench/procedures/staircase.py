@@ -9,6 +9,7 @@ from typing import Any
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.bench.drivers.base import Seating
 from torquebench.calibration import Step
+from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, sleep, take
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
 from torquebench.procedures.zeroing import zero
@@ -50,11 +51,17 @@ def describe_step(step: Step) -> str:
     'series 2, point 5: -40 N·m, down'
     """
     if step.kind == "zero":
-        return f"series {step.series}, zero" if step.series else "zero"
+        return Message("series {series}, zero", step.series) if step.series else "zero"
     if not step.recorded:
-        return f"{step.kind}: {step.target_nm:g} N·m"
+        return Message("{kind}: {target_nm:g} N·m", step.kind, step.target_nm)
     branch = "up" if step.branch > 0 else "down"
-    return f"series {step.series}, point {step.index + 1}: {step.target_nm:g} N·m, {branch}"
+    return Message(
+        "series {series}, point {point}: {torque:g} N·m, {branch}",
+        step.series,
+        step.index + 1,
+        step.target_nm,
+        branch,
+    )
 
 
 @dataclass

@@ -13,6 +13,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.durable_file import DurableFile
 
 __all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of"]
@@ -92,7 +93,8 @@ class ArrowStream:
         with self._lock:
             if self._closed or (self._file is not None and self._file.failed):
                 raise RecordError(
-                    f"{self._path} is closed", f"{self.CONTENT} before the run is sealed"
+                    Message("{name} is closed", self._path),
+                    Message("{content} before the run is sealed", self.CONTENT),
                 )
             yield
             if self._file is None:
@@ -160,7 +162,8 @@ class WholeBatches:
             except (pa.ArrowException, OSError) as error:
                 if whole == 0 and size > 0 and not _torn_start(self._path):
                     raise RecordError(
-                        f"{self._path} can't be read: {error}", "an Arrow stream"
+                        Message("{path} can't be read: {problem}", self._path, error),
+                        "an Arrow stream",
                     ) from error
         self.torn_bytes = size - whole
 

@@ -12,6 +12,7 @@ import pyarrow.compute as pc
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.columns import (
     DIRECTION_REMEDY,
     WORDS_ALLOWED,
@@ -89,12 +90,20 @@ class ArrowReadings:
         try:
             values = numbers_of(pc.cast(column, pa.float64()))
         except pa.ArrowInvalid as error:
-            raise InputError(f"{self.origin}, column {header}: {error}", "numbers") from error
+            raise InputError(
+                Message("{origin}, column {header}: {error}", self.origin, header, error), "numbers"
+            ) from error
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
             found = "no value" if not column[int(bad[0])].is_valid else str(values[bad[0]])
             raise InputError(
-                f"{self.origin}, row {before + int(bad[0]) + 1}, column {header}: {found}",
+                Message(
+                    "{origin}, row {row}, column {name}: {word}",
+                    self.origin,
+                    before + int(bad[0]) + 1,
+                    header,
+                    found,
+                ),
                 "a number in every cell",
                 "remove the row or measure the point again",
             )
@@ -121,7 +130,10 @@ class ArrowReadings:
             if word.lower() not in meaning:
                 row = before + int(np.argmax(places == number)) + 1
                 raise InputError(
-                    f"{self.origin}, row {row}, column {name}: {word!r}", WORDS_ALLOWED[name]
+                    Message(
+                        "{origin}, row {row}, column {name}: {word!r}", self.origin, row, name, word
+                    ),
+                    WORDS_ALLOWED[name],
                 )
         signs = np.array([meaning[word.lower()] for word in words], dtype=np.int8)
         return np.asarray(signs[places])
@@ -132,8 +144,12 @@ class ArrowReadings:
             return
         for row in np.flatnonzero(direction * np.sign(reading) < 0):
             raise InputError(
-                f"{self.origin}, row {before + int(row) + 1}, column direction: "
-                f"{'clockwise' if direction[row] > 0 else 'counter-clockwise'} beside "
-                f"{reading[row]:.6g} N·m",
+                Message(
+                    "{origin}, row {before}, column direction: {value} beside {reading:.6g} N·m",
+                    self.origin,
+                    before + int(row) + 1,
+                    "clockwise" if direction[row] > 0 else "counter-clockwise",
+                    reading[row],
+                ),
                 *DIRECTION_REMEDY,
             )

@@ -9,6 +9,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import aliased
 
 from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.message import Message
 from torquebench.records.database import Database, as_json, entry_of, equipment_row, row_of, run_row
 from torquebench.records.entries import (
     Activation,
@@ -84,8 +85,12 @@ class CalibrationRecords(Database):
 
         if not data.transducer_serial or not data.counter_identity:
             raise RecordError(
-                f"a calibration of transducer {data.transducer_serial!r} "
-                f"with counter {data.counter_identity!r}",
+                Message(
+                    "a calibration of transducer {transducer_serial!r} with counter "
+                    "{counter_identity!r}",
+                    data.transducer_serial,
+                    data.counter_identity,
+                ),
                 "the serial of the transducer and the identity of its counter",
                 "name both in the table or the bench description",
             )
@@ -126,7 +131,8 @@ class CalibrationRecords(Database):
             row = session.get(CalibrationRow, calibration_id)
             if row is None:
                 raise RecordError(
-                    f"calibration {calibration_id} isn't registered", "a registered calibration"
+                    Message("calibration {calibration_id} isn't registered", calibration_id),
+                    "a registered calibration",
                 )
             return _calibration_entry(row)
 
@@ -178,7 +184,7 @@ class CalibrationRecords(Database):
             Where the file is missing.
         """
         if not file.is_file():
-            raise RecordError(f"model file {file} is missing", "a model file")
+            raise RecordError(Message("model file {file} is missing", file), "a model file")
         with self.writing() as session:
             row = ModelRow(
                 calibration_key=calibration.calibration_id,
@@ -210,7 +216,9 @@ class CalibrationRecords(Database):
         with self.session() as session:
             row = session.get(ModelRow, model_id)
             if row is None:
-                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+                raise RecordError(
+                    Message("model {model_id} isn't registered", model_id), "a registered model"
+                )
             return self._model_entry(row)
 
     def models(
@@ -258,23 +266,35 @@ class CalibrationRecords(Database):
         with self.writing() as session:
             model = session.get(ModelRow, model_id)
             if model is None:
-                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+                raise RecordError(
+                    Message("model {model_id} isn't registered", model_id), "a registered model"
+                )
             contradictions = self._model_entry(model).contradictions
             if contradictions and not despite_contradictions:
                 raise RecordError(
-                    f"the calibration of model-{model_id} contradicts itself: "
-                    f"{'; '.join(each.found for each in contradictions)}",
+                    Message(
+                        "the calibration of model-{number} contradicts itself: {what}",
+                        model_id,
+                        Message.joined((each.found for each in contradictions), "; "),
+                    ),
                     "a plausible calibration",
                     "find the cause and calibrate again, or take it by name and with a reason",
                 )
             if contradictions and not (operator.strip() and reason.strip()):
                 raise InputError(
-                    f"model-{model_id}, whose calibration contradicts itself, without "
-                    f"{'a reason' if operator.strip() else 'a name'}",
+                    Message(
+                        "model-{model_id}, whose calibration contradicts itself, without a reason",
+                        model_id,
+                    )
+                    if operator.strip()
+                    else Message(
+                        "model-{model_id}, whose calibration contradicts itself, without a name",
+                        model_id,
+                    ),
                     "the name of who takes it, and the reason",
                 )
             if contradictions:
-                reason = f"although its calibration contradicts itself: {reason}"
+                reason = Message("although its calibration contradicts itself: {reason}", reason)
             session.add(
                 ActivationRow(
                     transducer_key=model.calibration.transducer_key,
@@ -326,8 +346,12 @@ class CalibrationRecords(Database):
         others = sorted(name for name, other in latest.items() if other is not None)
         if others and counter_identity not in latest:
             raise ModelMismatchError(
-                f"transducer {transducer_serial} is read by counter {counter_identity}",
-                f"counter {', '.join(others)}, which its model was made with",
+                Message(
+                    "transducer {transducer_serial} is read by counter {counter_identity}",
+                    transducer_serial,
+                    counter_identity,
+                ),
+                Message("counter {others}, which its model was made with", ", ".join(others)),
                 "calibrate again with this counter",
             )
         return None
@@ -375,7 +399,9 @@ class CalibrationRecords(Database):
         with self.writing() as session:
             model = session.get(ModelRow, model_id)
             if model is None:
-                raise RecordError(f"model {model_id} isn't registered", "a registered model")
+                raise RecordError(
+                    Message("model {model_id} isn't registered", model_id), "a registered model"
+                )
             session.add(
                 VerificationRow(
                     model=model,

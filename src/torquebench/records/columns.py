@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from torquebench.compensation import BRANCH_WORDS
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.csv_text import CsvTable
 from torquebench.units import DEGREE, TURN, UNITS, plain_unit
 
@@ -236,9 +237,9 @@ def chosen_columns(
         name, source = _mapped(text, table, wanted)
         if name in found:
             raise InputError(
-                f"two columns for {_own_name(name, wanted[name])}",
+                Message("two columns for {name}", _own_name(name, wanted[name])),
                 "one --column for each",
-                f"drop {text!r}",
+                Message("drop {text!r}", text),
             )
         found[name] = source
     free = [each for each in table.header if each not in {header for header, _ in found.values()}]
@@ -251,10 +252,18 @@ def chosen_columns(
             name, factor = known
             if name in found:
                 raise InputError(
-                    f"{table.origin}: the columns {found[name][0]} and {header} give one quantity "
-                    "twice",
-                    f"one of them, {_own_name(name, wanted[name])} by preference",
-                    f"remove one of them, or choose one by --column '{name}={header}'",
+                    Message(
+                        "{origin}: the columns {found} and {header} give one quantity twice",
+                        table.origin,
+                        found[name][0],
+                        header,
+                    ),
+                    Message("one of them, {name} by preference", _own_name(name, wanted[name])),
+                    Message(
+                        "remove one of them, or choose one by --column '{name}={header}'",
+                        name,
+                        header,
+                    ),
                 )
             found[name] = (header, factor)
     taken = {header for header, _ in found.values()}
@@ -265,9 +274,13 @@ def chosen_columns(
         if name not in found:
             names = [_own_name(each, wanted[each]) for each in required]
             raise InputError(
-                f"{table.origin} has no column {_own_name(name, wanted[name])}; "
-                f"it has {', '.join(table.header)}",
-                f"the columns {', '.join(names)}, or others with their unit",
+                Message(
+                    "{origin} has no column {name}; it has {header}",
+                    table.origin,
+                    _own_name(name, wanted[name]),
+                    ", ".join(table.header),
+                ),
+                Message("the columns {names}, or others with their unit", ", ".join(names)),
                 _remedy(table, name, wanted[name], taken - _optional(found, required, wanted)),
             )
     return found
@@ -351,7 +364,7 @@ def with_unit(name: str, unit: str, origin: str) -> str:
         return name if own == plain_unit(unit) else f"{name} [{unit}]"
     if own != plain_unit(unit) and any(plain_unit(unit) in units for units in UNITS.values()):
         raise InputError(
-            f"{origin}: channel {name} is in {unit} by its properties",
+            Message("{origin}: channel {name} is in {unit} by its properties", origin, name, unit),
             "one unit of a channel",
             "rename it, or correct its unit",
         )
@@ -428,21 +441,25 @@ def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str
         name = known[0] if known else name
     if not equals or not source or name not in wanted:
         raise InputError(
-            f"--column {text}",
-            f"NAME=Header[unit] with NAME one of {', '.join(wanted)}",
+            Message("--column {text}", text),
+            Message("NAME=Header[unit] with NAME one of {wanted}", ", ".join(wanted)),
             "as in --column 'reading=Drehmoment[Nm]'",
         )
     found = _find(source, table)
     if found is None:
         header = _HEADER_UNIT.sub("", source).removeprefix("-").strip()
         raise InputError(
-            f"--column {text}: {table.origin} has no column {header}",
-            f"one of {', '.join(table.header)}",
+            Message("--column {text}: {origin} has no column {header}", text, table.origin, header),
+            Message("one of {list}", ", ".join(table.header)),
         )
     header, unit, sign = found
     kind = wanted[name]
     if kind == WORD and sign < 0.0:
-        raise InputError(f"--column {text}", f"words for {name}, which have no sign", "drop the -")
+        raise InputError(
+            Message("--column {text}", text),
+            Message("words for {name}, which have no sign", name),
+            "drop the -",
+        )
     if kind in (LABEL, WORD):
         return name, (header, sign)
     stated = unit or unit_of(header)
@@ -454,9 +471,13 @@ def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str
         more = ", counts/N for N counts per revolution" if kind == "angle" else ""
         named = unit is not None or _HEADER_UNIT.search(header) is not None
         raise InputError(
-            f"the unit {stated} in {text}" if named else f"--column {text} names no unit",
-            f"one of {', '.join(factors)}{more} in brackets",
-            f"as in --column '{name}={header}[{_SHOWN_UNITS[kind]}]'",
+            Message("the unit {stated} in {text}", stated, text)
+            if named
+            else Message("--column {text} names no unit", text),
+            Message("one of {factors}{more} in brackets", ", ".join(factors), more),
+            Message(
+                "as in --column '{name}={header}[{shown_units}]'", name, header, _SHOWN_UNITS[kind]
+            ),
         )
     return name, (header, sign * factors[plain_unit(stated)])
 
@@ -471,14 +492,23 @@ def _refuse_foreign_unit(
         own = _own_name(name, kind)
         if kind == "torque" and unit in _FOREIGN_TORQUE:
             raise InputError(
-                f"{origin}: the unit of column {header} is {_FOREIGN_TORQUE[unit]}",
-                f"{name}_nm in N·m, {name}_knm in kN·m or {name}_mnm in mN·m",
+                Message(
+                    "{origin}: the unit of column {header} is {foreign_torque}",
+                    origin,
+                    header,
+                    _FOREIGN_TORQUE[unit],
+                ),
+                Message("{name}_nm in N·m, {name}_knm in kN·m or {name}_mnm in mN·m", name),
                 "convert the values and rename the column",
             )
         if unit in _FOREIGN_OTHER.get(kind, ()):
             raise InputError(
-                f"{origin}: column {header} has another unit than {own}",
-                f"{own}, or {name}[unit] with one of {', '.join(UNITS[kind])}",
+                Message(
+                    "{origin}: column {header} has another unit than {own}", origin, header, own
+                ),
+                Message(
+                    "{own}, or {name}[unit] with one of {units}", own, name, ", ".join(UNITS[kind])
+                ),
                 "convert the values and rename the column",
             )
 
@@ -487,20 +517,29 @@ def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
     """Return the remedy for a quantity without a header."""
     own = _own_name(name, kind)
     if kind in (LABEL, WORD):
-        return f"add it, or name it: --column '{name}=Header'"
+        return Message("add it, or name it: --column '{name}=Header'", name)
     if name in table.header:
-        return (
-            f"rename {name} to {own} if it is in that unit: a header names its unit, "
-            f"or --column '{name}={name}[{_SHOWN_UNITS[kind]}]'"
+        return Message(
+            "rename {name} to {own} if it is in that unit: a header names its unit, "
+            "or --column '{name}={name}[{shown_units}]'",
+            name,
+            own,
+            _SHOWN_UNITS[kind],
         )
     header = _fitting(table, name, kind, taken)
     if header is None:
-        return f"add it, or name it as in --column '{name}=Header[{_SHOWN_UNITS[kind]}]'"
+        return Message(
+            "add it, or name it as in --column '{name}=Header[{shown_units}]'",
+            name,
+            _SHOWN_UNITS[kind],
+        )
     unit = unit_of(header)
     known = plain_unit(unit) in UNITS[kind] and plain_unit(unit) != plain_unit(_OWN_UNITS[kind])
     shown = unit if known else _SHOWN_UNITS[kind]
     stem = _HEADER_UNIT.sub("", header)
-    return f"name the column and its unit: --column '{name}={stem}[{shown}]'"
+    return Message(
+        "name the column and its unit: --column '{name}={stem}[{shown}]'", name, stem, shown
+    )
 
 
 def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | None:
@@ -549,7 +588,9 @@ def series(table: CsvTable) -> NDArray[np.int64] | None:
     numbers = table.numbers("series")
     for row in np.flatnonzero((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)):
         raise InputError(
-            f"{table.place(int(row), 'series')}: {table.texts('series')[row]!r}",
+            Message(
+                "{place}: {texts!r}", table.place(int(row), "series"), table.texts("series")[row]
+            ),
             "the whole number of a series",
         )
     return numbers.astype(np.int64)
@@ -579,8 +620,12 @@ def check_direction(table: CsvTable, torque_nm: NDArray[np.float64]) -> None:
         return
     for row in np.flatnonzero(words * np.sign(torque_nm) < 0):
         raise InputError(
-            f"{table.place(int(row), 'direction')}: {table.texts('direction')[row]!r} "
-            f"beside {torque_nm[row]:.6g} N·m",
+            Message(
+                "{place}: {texts!r} beside {torque_nm:.6g} N·m",
+                table.place(int(row), "direction"),
+                table.texts("direction")[row],
+                torque_nm[row],
+            ),
             *DIRECTION_REMEDY,
         )
 
@@ -593,6 +638,6 @@ def _words(table: CsvTable, column: str) -> NDArray[np.int8] | None:
     for row, text in enumerate(table.texts(column)):
         if text.lower() not in meaning:
             found = f"{text!r}" if text else "an empty cell"
-            raise InputError(f"{table.place(row, column)}: {found}", allowed)
+            raise InputError(Message("{place}: {found}", table.place(row, column), found), allowed)
         values[row] = meaning[text.lower()]
     return values

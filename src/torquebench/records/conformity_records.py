@@ -8,6 +8,7 @@ from sqlalchemy import Table, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.database import Database, as_json, entry_of, row_of
 from torquebench.records.entries import Amendment, CertificateEntry, Review
 from torquebench.records.schema import (
@@ -53,19 +54,20 @@ class ConformityRecords(Database):
         with self.writing() as session:
             if _certificate(session, entry.number) is not None:
                 raise RecordError(
-                    f"certificate {entry.number} is issued",
+                    Message("certificate {number} is issued", entry.number),
                     "a new number",
                     "issue an amended certificate under its own number that supersedes it",
                 )
             if session.get(CalibrationRow, entry.calibration_id) is None:
                 raise RecordError(
-                    f"calibration {entry.calibration_id} isn't registered",
+                    Message("calibration {calibration_id} isn't registered", entry.calibration_id),
                     "a registered calibration",
                 )
             replaced = _certificate(session, entry.supersedes) if entry.supersedes else None
             if entry.supersedes and replaced is None:
                 raise RecordError(
-                    f"certificate {entry.supersedes} isn't registered", "an issued one"
+                    Message("certificate {supersedes} isn't registered", entry.supersedes),
+                    "an issued one",
                 )
             files, summary = as_json(entry.files), as_json(entry.summary)
             row = row_of(
@@ -117,8 +119,15 @@ class ConformityRecords(Database):
             own = checked_by.strip().casefold() in (each.strip().casefold() for each in doers)
             if not checked_by.strip() or own:
                 raise RecordError(
-                    f"{subject} {subject_id} checked by {checked_by.strip() or 'nobody'}",
-                    f"somebody else than {' and '.join(doers)}" if doers else "a name",
+                    Message(
+                        "{subject} {subject_id} checked by {checked_by}",
+                        subject,
+                        subject_id,
+                        checked_by.strip() or "nobody",
+                    ),
+                    Message("somebody else than {doers}", " and ".join(doers))
+                    if doers
+                    else "a name",
                     "have a second person look over it",
                 )
             session.add(
@@ -179,7 +188,12 @@ class ConformityRecords(Database):
         ):
             if not given:
                 raise RecordError(
-                    f"an amendment of {subject} {subject_id} without {what}",
+                    Message(
+                        "an amendment of {subject} {subject_id} without {what}",
+                        subject,
+                        subject_id,
+                        what,
+                    ),
                     "what it should have said, who says so, and why",
                 )
         with self.writing() as session:
@@ -187,7 +201,9 @@ class ConformityRecords(Database):
             for name in changes:
                 if name not in content or name == "id":
                     known = ", ".join(sorted(set(content) - {"id"}))
-                    raise RecordError(f"{subject} have no field {name}", known)
+                    raise RecordError(
+                        Message("{subject} have no field {name}", subject, name), known
+                    )
             session.add(
                 AmendmentRow(
                     subject=subject,
@@ -223,9 +239,14 @@ def _certificate(session: Session, number: str) -> CertificateRow | None:
 def _subject(session: Session, subject: Subject, subject_id: int) -> dict[str, Any]:
     """Return the fields of the record that a review or an amendment points to."""
     if subject not in get_args(Subject):
-        raise RecordError(f"a record of kind {subject}", ", ".join(get_args(Subject)))
+        raise RecordError(
+            Message("a record of kind {subject}", subject), ", ".join(get_args(Subject))
+        )
     table: Table = Base.metadata.tables[subject]
     found = session.execute(select(table).where(table.c.id == subject_id)).one_or_none()
     if found is None:
-        raise RecordError(f"{subject} {subject_id} isn't registered", "a registered record")
+        raise RecordError(
+            Message("{subject} {subject_id} isn't registered", subject, subject_id),
+            "a registered record",
+        )
     return dict(found._mapping)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "COMMENT",
@@ -74,7 +75,13 @@ class CsvTable:
 
     def place(self, row: int, column: str) -> str:
         """Return the position of a cell, in words, for messages."""
-        return f"{self.origin}, {self.counted} {self.lines[row]}, column {column}"
+        return Message(
+            "{origin}, {counted} {lines}, column {column}",
+            self.origin,
+            self.counted,
+            self.lines[row],
+            column,
+        )
 
     def texts(self, column: str) -> list[str]:
         """Return the cells of a column as text."""
@@ -98,15 +105,23 @@ class CsvTable:
     def _number(self, row: int, column: str, text: str) -> float:
         if not text or text.lower() in ("nan", "n/a", "na", "-"):
             raise InputError(
-                f"{self.place(row, column)}: " + (f"{text!r}" if text else "an empty cell"),
+                Message(
+                    "{place}: {text}",
+                    self.place(row, column),
+                    f"{text!r}" if text else "an empty cell",
+                ),
                 "a number in every cell",
                 "remove the line or measure the point again",
             )
         if not _NUMBER.fullmatch(text):
-            raise InputError(f"{self.place(row, column)}: {text!r}", *_what_number(text))
+            raise InputError(
+                Message("{place}: {text!r}", self.place(row, column), text), *_what_number(text)
+            )
         value = float(text.replace(",", "."))
         if not np.isfinite(value):
-            raise InputError(f"{self.place(row, column)}: {text!r}", "a finite number")
+            raise InputError(
+                Message("{place}: {text!r}", self.place(row, column), text), "a finite number"
+            )
         return value
 
     def check_decimal_marks(self, columns: list[str]) -> None:
@@ -131,7 +146,11 @@ class CsvTable:
                     if len(first) == 2:
                         other = "." if mark == "," else ","
                         raise InputError(
-                            f"decimal commas and points mixed: {first[mark]}, but {first[other]}",
+                            Message(
+                                "decimal commas and points mixed: {first}, but {other}",
+                                first[mark],
+                                first[other],
+                            ),
                             "one decimal mark throughout the file",
                             "save the file again with one number format",
                         )
@@ -146,7 +165,12 @@ class CsvTable:
         largest = max(abs(float(texts[row].replace(",", "."))) for row in marked)
         if 100 <= max(whole) < 1000 and 5.0 * largest < max(whole):
             raise InputError(
-                f"{self.place(marked[0], column)}: {texts[marked[0]]!r} beside {max(whole)}",
+                Message(
+                    "{place}: {texts!r} beside {whole}",
+                    self.place(marked[0], column),
+                    texts[marked[0]],
+                    max(whole),
+                ),
                 "numbers without thousands separators",
                 "save the file without them, or with as many decimals in every cell",
             )
@@ -165,7 +189,8 @@ def read_csv(path: Path) -> CsvTable:
         content = sys.stdin.buffer.read() if str(path) == "-" else path.read_bytes()
     except OSError as error:
         raise InputError(
-            f"can't read {path}: {error.strerror}", "a CSV file that exists and may be read"
+            Message("can't read {source}: {error}", path, error.strerror),
+            "a CSV file that exists and may be read",
         ) from error
     return parse_csv(decode_csv(content, origin), origin)
 
@@ -224,7 +249,13 @@ def csv_encoding(content: bytes, origin: str) -> str:
 def _no_text(content: bytes, error: UnicodeDecodeError, encoding: str, origin: str) -> InputError:
     line = content[: error.start].count(b"\n") + 1
     return InputError(
-        f"{origin}, line {line}: byte {content[error.start]:#04x} isn't {encoding.upper()} text",
+        Message(
+            "{origin}, line {line}: byte {byte:#04x} isn't {encoding} text",
+            origin,
+            line,
+            content[error.start],
+            encoding.upper(),
+        ),
         "a CSV file, best in UTF-8",
         "save it as CSV UTF-8",
     )
@@ -253,7 +284,10 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
     """
     if "\0" in text:
         line = text[: text.index("\0")].count("\n") + 1
-        raise InputError(f"{origin}, line {line}: a NUL character", "a CSV file, not a binary one")
+        raise InputError(
+            Message("{origin}, line {line}: a NUL character", origin, line),
+            "a CSV file, not a binary one",
+        )
     text = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
     remarks = dict(_remarks(text))
     content = _uncommented(text)
@@ -262,13 +296,17 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
         content[first] = ""  # written and removed by spreadsheets themselves
     head = next((line for line in content if line.strip()), None)
     if head is None:
-        raise InputError(f"{origin} is empty", "a header line and at least one line of values")
+        raise InputError(
+            Message("{origin} is empty", origin), "a header line and at least one line of values"
+        )
     separator = next((mark for mark in "\t;" if mark in head), ",")
     records = _records(content, separator, origin, before)
     _, names = records[0]
     header, width = _header(names, origin)
     if len(records) == 1:
-        raise InputError(f"{origin} holds a header but no values", "at least one line of values")
+        raise InputError(
+            Message("{origin} holds a header but no values", origin), "at least one line of values"
+        )
     rows = [
         _row(cells, header, width, separator, f"{origin}, line {n}") for n, cells in records[1:]
     ]
@@ -315,11 +353,13 @@ def _records(
                 records.append((before + reader.line_num, cleaned))
     except csv.Error as error:
         raise InputError(
-            f"{origin}, line {before + reader.line_num}: {error}",
+            Message("{origin}, line {before}: {error}", origin, before + reader.line_num, error),
             "cells with matching quotation marks",
         ) from error
     if not records:
-        raise InputError(f"{origin} is empty", "a header line and at least one line of values")
+        raise InputError(
+            Message("{origin} is empty", origin), "a header line and at least one line of values"
+        )
     return records
 
 
@@ -331,10 +371,15 @@ def _header(names: list[str], origin: str) -> tuple[tuple[str, ...], int]:
     seen: set[str] = set()
     for index, name in enumerate(header):
         if not name:
-            raise InputError(f"{origin}: column {index + 1} has no name", "a name for each column")
+            raise InputError(
+                Message("{origin}: column {number} has no name", origin, index + 1),
+                "a name for each column",
+            )
         if name in seen:
             raise InputError(
-                f"{origin}: two columns are called {name}", "each name once", "rename one of them"
+                Message("{origin}: two columns are called {name}", origin, name),
+                "each name once",
+                "rename one of them",
             )
         seen.add(name)
     return tuple(header), len(names)
@@ -352,9 +397,14 @@ def _row(
                 "or write decimal points"
             )
         raise InputError(
-            f"{place}: {len(cells)} values in a table of {n} columns separated by "
-            f"{_SEPARATOR_NAMES[separator]}",
-            f"{n} values in each line",
+            Message(
+                "{place}: {count} values in a table of {n} columns separated by {separator_names}",
+                place,
+                len(cells),
+                n,
+                _SEPARATOR_NAMES[separator],
+            ),
+            Message("{n} values in each line", n),
             remedy,
         )
     return tuple(cells[:n])

@@ -39,9 +39,10 @@ from sqlalchemy.orm import Session, UOWTransaction
 
 from torquebench.atomic_write import create_private, private_folder
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records.chain import START, ChainHead, canonical, seal
 from torquebench.records.entries import EquipmentKind
-from torquebench.records.files import json_text
+from torquebench.records.files import json_text, revived, with_messages
 from torquebench.records.migrating import upgrade
 from torquebench.records.read_only import is_writable, sqlite_reader
 from torquebench.records.schema import Base, EquipmentRow, LinkRow, RunRow
@@ -106,7 +107,9 @@ def lost_registry(data_dir: Path) -> str:
     if not count:
         return ""
     state = "is empty" if file.exists() else "is missing"
-    return f"{state} beside {count} run folder{'s' if count > 1 else ''}"
+    return Message(
+        "{state} beside {count} run folder{value}", state, count, "s" if count > 1 else ""
+    )
 
 
 class Database:
@@ -153,7 +156,7 @@ class Database:
         except SQLAlchemyError as error:
             self.close()
             raise _kind_of(error)(
-                f"the registry {self.name} can't be opened: {_cause(error)}",
+                Message("the registry {name} can't be opened: {error}", self.name, _cause(error)),
                 "a database that can be read and written",
                 "make room on its disk, or check whether it runs and may be written",
             ) from error
@@ -184,7 +187,9 @@ class Database:
             private_folder(data_dir)
         except OSError as error:
             raise RecordError(
-                f"can't create the data directory {data_dir}: {error.strerror}",
+                Message(
+                    "can't create the data directory {folder}: {strerror}", data_dir, error.strerror
+                ),
                 "a folder with write permission",
                 "choose another with --data",
             ) from error
@@ -192,7 +197,11 @@ class Database:
         file = data_dir.resolve() / REGISTRY_FILE
         lost = "" if given else lost_registry(data_dir)
         if lost:
-            raise RecordError(f"the registry {file} {lost}", "a registry that has them", WAY_BACK)
+            raise RecordError(
+                Message("the registry {file} {lost}", file, lost),
+                "a registry that has them",
+                WAY_BACK,
+            )
         waits_s = longest_s if given else 0.0
         deadline = time.monotonic() + waits_s
         while True:
@@ -204,7 +213,7 @@ class Database:
                     continue
                 if not waits_s:
                     raise
-                found = f"{error.found}; it was tried for {waits_s:g} s"
+                found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
                 raise UnavailableError(found, error.allowed, error.remedy) from error
 
     def __enter__(self) -> Self:
@@ -271,7 +280,7 @@ class Database:
             return
         if self.read_only:
             raise RecordError(
-                f"{self.name} can only be read",
+                Message("{name} can only be read", self.name),
                 "a data directory with write permission",
                 "copy it to where it can be written, with its runs",
             )
@@ -293,7 +302,7 @@ class Database:
     def _session(self, *, writes: bool = False) -> Iterator[Session]:
         engine = self._engine.execution_options(writes=writes)
         with (
-            database_failures(f"the registry {self.name}"),
+            database_failures(Message("the registry {name}", self.name)),
             Session(engine) as session,
             session.begin(),
         ):
@@ -370,7 +379,7 @@ def database_failures(what: str) -> Iterator[None]:
         yield
     except (SQLAlchemyError, ConnectionError) as error:
         raise _kind_of(error)(
-            f"{what} failed: {_cause(error)}",
+            Message("{name} failed: {said}", what, _cause(error)),
             "a database that can be read and written",
             _remedy(error),
         ) from error
@@ -395,7 +404,7 @@ def _refuse_changes(session: Session, _context: UOWTransaction, _instances: obje
     changed = [row for row in session.dirty if session.is_modified(row)]
     for row in [*changed, *session.deleted]:
         raise RecordError(
-            f"a change of {row.__tablename__} {row.id}",
+            Message("a change of {tablename} {id}", row.__tablename__, row.id),
             "additions: records are never overwritten",
             "amend the record instead",
         )
@@ -433,13 +442,15 @@ def url_with_driver(url: str | URL) -> URL:
         parsed = make_url(url)
     except ArgumentError as error:
         raise InputError(
-            f"registry URL {str(url)!r}",
+            Message("registry URL {url!r}", str(url)),
             "sqlite:///path/registry.sqlite or postgresql://user@server/database",
         ) from error
     if parsed.drivername == "postgresql":
         parsed = parsed.set(drivername="postgresql+pg8000")
     if parsed.drivername not in ("sqlite", "postgresql+pg8000"):
-        raise InputError(f"a registry in {parsed.drivername}", "sqlite or postgresql")
+        raise InputError(
+            Message("a registry in {drivername}", parsed.drivername), "sqlite or postgresql"
+        )
     if parsed.drivername == "postgresql+pg8000":
         try:
             importlib.import_module("pg8000")
@@ -553,7 +564,8 @@ def entry_of(kind: type[Entry], row: Base, /, **others: Any) -> Entry:
         Fields that aren't columns of the row.
     """
     names = {each.name for each in fields(kind)} & set(type(row).__table__.columns.keys())
-    entry: Entry = kind(**{name: getattr(row, name) for name in names - set(others)}, **others)
+    values = {name: revived(getattr(row, name)) for name in names - set(others)}
+    entry: Entry = kind(**values, **others)
     return entry
 
 
@@ -584,11 +596,11 @@ def run_row(session: Session, run_id: str) -> RunRow:
     """
     row = session.scalar(select(RunRow).where(RunRow.run_id == run_id))
     if row is None:
-        raise RecordError(f"run {run_id} isn't registered", "a registered run")
+        raise RecordError(Message("run {run_id} isn't registered", run_id), "a registered run")
     return row
 
 
 def as_json(value: Any) -> dict[str, Any]:
-    """Return a value as the database's JSON columns take it; see `json_text`."""
-    content: dict[str, Any] = json.loads(json_text(value))
+    """Return a value as the database's JSON columns take it; see `with_messages`."""
+    content: dict[str, Any] = json.loads(json_text(with_messages(value)))
     return content

@@ -6,6 +6,7 @@ from typing import Any
 
 from torquebench.atomic_write import create_private
 from torquebench.errors import RecordError
+from torquebench.message import Message
 
 __all__ = ["DurableFile"]
 
@@ -52,7 +53,7 @@ class DurableFile:
         except OSError as second:  # a failed disk keeps its present content
             error.add_note(f"and incomplete data couldn't be removed: {second}")
         return RecordError(
-            f"{self._path} can't be written ({error.strerror or error})",
+            Message("{path} can't be written ({strerror})", self._path, error.strerror or error),
             "room and a working disk",
             "make room on the disk or repair it; the run must stop",
         )

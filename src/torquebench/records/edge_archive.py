@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.edge_stream import RecordedEdges, stream_edges
 from torquebench.records.files import EDGE_STREAM
 from torquebench.signals import EdgeBlock
@@ -66,7 +67,11 @@ def seal_edges(folder: Path) -> None:
     try:
         _write(part, stream)
         if not _same(stream_edges(stream), _archived(part)):
-            raise RecordError(f"{part} differs from {stream}", "the same edges", "check the disk")
+            raise RecordError(
+                Message("{part} differs from {stream}", part, stream),
+                "the same edges",
+                "check the disk",
+            )
         with part.open("rb") as file:
             os.fsync(file.fileno())
         part.chmod(0o600)
@@ -130,7 +135,9 @@ def _archived(path: Path) -> Iterator[RecordedEdges]:
                 for batch in file.read_row_group(group).to_batches():
                     yield from _rows(batch)
     except (pa.ArrowException, OSError) as error:
-        raise RecordError(f"{path} can't be read: {error}", "a Parquet file of edges") from error
+        raise RecordError(
+            Message("{path} can't be read: {problem}", path, error), "a Parquet file of edges"
+        ) from error
 
 
 def _rows(batch: Any) -> Iterator[RecordedEdges]:

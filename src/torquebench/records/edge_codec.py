@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 
 __all__ = ["EncodedEdges", "decode_edges", "encode_edges"]
 
@@ -89,8 +90,15 @@ def decode_edges(encoded: EncodedEdges) -> NDArray[np.int64]:
     places = np.flatnonzero(narrow == ESCAPE)
     if narrow.size != max(count - 2, 0) or places.size != encoded.escaped.size:
         raise RecordError(
-            f"{narrow.size} differences with {places.size} escapes for {count} edges",
-            f"{max(count - 2, 0)} differences with {encoded.escaped.size} escapes",
+            Message(
+                "{size} differences with {places_size} escapes for {count} edges",
+                narrow.size,
+                places.size,
+                count,
+            ),
+            Message(
+                "{count} differences with {size} escapes", max(count - 2, 0), encoded.escaped.size
+            ),
             "restore the file from a backup",
         )
     if count == 0:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.files import sha256_of_file
 
 if TYPE_CHECKING:
@@ -333,12 +334,14 @@ class ModelEntry:
         """
         if not self.file.is_file():
             raise RecordError(
-                f"model file {self.file} is missing", "", "restore it, or calibrate again"
+                Message("model file {file} is missing", self.file),
+                "",
+                "restore it, or calibrate again",
             )
         if sha256_of_file(self.file) != self.file_sha256:
             raise RecordError(
-                f"model file {self.file} was changed after it was registered",
-                f"SHA-256 {self.file_sha256}",
+                Message("model file {file} was changed after it was registered", self.file),
+                Message("SHA-256 {sha256}", self.file_sha256),
                 "restore it, or calibrate again",
             )
         return self.file

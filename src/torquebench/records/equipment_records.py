@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.database import Database, as_json, entry_of, equipment_row, row_of, run_row
 from torquebench.records.entries import (
     Adjustment,
@@ -149,7 +150,9 @@ class EquipmentRecords(Database):
             Where its file is missing.
         """
         if report.file is not None and not report.file.is_file():
-            raise RecordError(f"certificate {report.file} is missing", "a file that can be read")
+            raise RecordError(
+                Message("certificate {file} is missing", report.file), "a file that can be read"
+            )
         with self.writing() as session:
             low, high = report.valid_nm or (None, None)
             row = row_of(

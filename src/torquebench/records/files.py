@@ -4,7 +4,7 @@ import hashlib
 import json
 import math
 import sys
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, is_dataclass
 from datetime import date, datetime
 from enum import Enum
@@ -12,8 +12,17 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 
-__all__ = ["EDGE_STREAM", "json_text", "read_json", "sha256_of_file"]
+__all__ = [
+    "EDGE_STREAM",
+    "json_text",
+    "plain_json",
+    "read_json",
+    "revived",
+    "sha256_of_file",
+    "with_messages",
+]
 
 
 EDGE_STREAM = "edges.arrow"
@@ -48,32 +57,69 @@ def json_text(value: Any, *, indent: int | None = None) -> str:
     >>> json_text({"torque_nm": np.array([1.5, np.nan]), "settled": np.True_})
     '{"torque_nm": [1.5, null], "settled": true}'
     """
-    return json.dumps(_plain(value), indent=indent, ensure_ascii=False, allow_nan=False)
+    return json.dumps(plain_json(value), indent=indent, ensure_ascii=False, allow_nan=False)
 
 
-def _plain(value: Any) -> Any:
+def with_messages(content: Any) -> Any:
+    """Return plain JSON with the template and values of each message in it, by its text.
+
+    They stand in a table ``messages``, so that everything else reads as before.
+    """
+    plain = plain_json(content)
+    found = {str(each): each.as_plain() for each in _messages(plain)}
+    return {**plain, "messages": found} if found and isinstance(plain, dict) else plain
+
+
+def _messages(plain: Any) -> Iterator[Message]:
+    if isinstance(plain, Message):
+        yield plain
+    elif isinstance(plain, dict | list):
+        for each in plain.values() if isinstance(plain, dict) else plain:
+            yield from _messages(each)
+
+
+def revived(content: Any) -> Any:
+    """Return a document with its messages in their places again; see `with_messages`."""
+    if not isinstance(content, dict) or "messages" not in content:
+        return content
+    found = {text: Message.restored(each) for text, each in content["messages"].items()}
+
+    def inside(plain: Any) -> Any:
+        if isinstance(plain, str):
+            return found.get(plain, plain)
+        if isinstance(plain, list):
+            return [inside(each) for each in plain]
+        if isinstance(plain, dict):
+            return {name: inside(each) for name, each in plain.items() if name != "messages"}
+        return plain
+
+    return inside(content)
+
+
+def plain_json(value: Any) -> Any:
+    """Return a value as JSON holds it: plain lists, mappings, numbers and text."""
     if isinstance(value, Enum):
-        return _plain(value.value)
+        return plain_json(value.value)
     if value is None or isinstance(value, str | bool | int):
         return value
     if isinstance(value, float):
         return float(value) if math.isfinite(value) else None
     if _is_of("numpy", ("generic", "ndarray"), value):
-        return _plain(value.tolist())
+        return plain_json(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
+        return {str(key): plain_json(item) for key, item in value.items()}
     if isinstance(value, list | tuple | set | frozenset):
-        return [_plain(item) for item in value]
+        return [plain_json(item) for item in value]
     if isinstance(value, datetime | date):
         return value.isoformat()
     if _is_of("pydantic", ("BaseModel",), value):
-        return _plain(value.model_dump(mode="python"))
+        return plain_json(value.model_dump(mode="python"))
     if is_dataclass(value) and not isinstance(value, type):
-        return _plain(asdict(value))
+        return plain_json(asdict(value))
     if isinstance(value, Path):
         return str(value)
     raise RecordError(
-        f"a value of type {type(value).__name__} in a record",
+        Message("a value of type {name} in a record", type(value).__name__),
         "numbers, text, dates, arrays, dataclasses, and lists and mappings of them",
     )
 
@@ -95,6 +141,8 @@ def read_json(path: Path) -> Any:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except FileNotFoundError as error:
-        raise RecordError(f"{path} is missing", "a complete run folder") from error
+        raise RecordError(Message("{place} is missing", path), "a complete run folder") from error
     except (OSError, UnicodeDecodeError, json.JSONDecodeError) as error:
-        raise RecordError(f"{path} can't be read: {error}", "a JSON file in UTF-8") from error
+        raise RecordError(
+            Message("{path} can't be read: {problem}", path, error), "a JSON file in UTF-8"
+        ) from error

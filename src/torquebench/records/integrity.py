@@ -10,6 +10,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.database import Database, content_of
 from torquebench.records.entries import archived_at
@@ -160,7 +161,9 @@ def anchor_of(text: str) -> ChainHead:
     hexadecimal = len(digest) == 64 and all(mark in "0123456789abcdef" for mark in digest)
     if not (number.isdecimal() and hexadecimal):
         raise InputError(
-            f"chain end {text!r}", "a number, a colon and 64 hexadecimal digits", "copy it whole"
+            Message("chain end {text!r}", text),
+            "a number, a colon and 64 hexadecimal digits",
+            "copy it whole",
         )
     return ChainHead(int(number), digest)
 
@@ -340,7 +343,8 @@ def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, .
         row = session.get(CalibrationRow, calibration_id)
         if row is None:
             raise RecordError(
-                f"calibration {calibration_id} isn't registered", "a registered calibration"
+                Message("calibration {calibration_id} isn't registered", calibration_id),
+                "a registered calibration",
             )
         rows: list[Any] = [row, row.run, row.transducer, row.counter, row.standard]
         for query in (

@@ -5,6 +5,7 @@ from pathlib import Path
 from sqlalchemy import Engine, inspect, text
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.schema_version import DEVELOPMENT_VERSIONS, SCHEMA_VERSION, VERSIONS_TABLE
 
 __all__ = ["SCHEMA_VERSION", "upgrade"]
@@ -32,16 +33,22 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
         return
     if found in DEVELOPMENT_VERSIONS:
         raise RecordError(
-            f"the registry {engine.url.render_as_string()} has the schema {found} of a version "
-            "before 0.2.0",
-            f"the schema {SCHEMA_VERSION}",
+            Message(
+                "the registry {url} has the schema {found} of a version before 0.2.0",
+                engine.url.render_as_string(),
+                found,
+            ),
+            Message("the schema {schema_version}", SCHEMA_VERSION),
             "move its file to another folder, then rebuild it from "
             "the runs: torquebench records rebuild",
         )
     if read_only:
         raise RecordError(
-            f"a registry with the schema {found or 'of an empty file'} that can't be written",
-            f"the schema {SCHEMA_VERSION}",
+            Message(
+                "a registry with the schema {found} that can't be written",
+                found or "of an empty file",
+            ),
+            Message("the schema {schema_version}", SCHEMA_VERSION),
             "copy the data directory to where it can be written, and open it there",
         )
     # Imported only if needed: most registries are up to date.
@@ -51,8 +58,10 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     known = {path.stem.removeprefix("version_") for path in _MIGRATIONS.glob("versions/version_*")}
     if found is not None and found not in known:
         raise RecordError(
-            f"the registry {engine.url.render_as_string()} has the schema {found}",
-            f"{SCHEMA_VERSION} or older",
+            Message(
+                "the registry {url} has the schema {found}", engine.url.render_as_string(), found
+            ),
+            Message("{schema_version} or older", SCHEMA_VERSION),
             "a newer torquebench has made it: upgrade this one",
         )
     config = Config()
@@ -74,7 +83,11 @@ def _version(engine: Engine) -> str | None:
             return None if found is None else str(found)
         if tables:
             raise RecordError(
-                f"{engine.url.render_as_string()} holds other tables: {', '.join(tables[:5])}",
+                Message(
+                    "{url} holds other tables: {tables}",
+                    engine.url.render_as_string(),
+                    ", ".join(tables[:5]),
+                ),
                 "an empty database, or a registry of this version or an older one",
                 "name another data directory or database",
             )

@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.arrow_stream import ArrowStream, WholeBatches, described_schema, numbers_of
 
 __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
@@ -53,8 +54,14 @@ class RawStream(ArrowStream):
                 self._schema = batch.schema
             elif batch.schema != self._schema:
                 raise RecordError(
-                    f"raw samples with the columns {described_schema(batch.schema)}",
-                    f"{described_schema(self._schema)}, as at the start of the run",
+                    Message(
+                        "raw samples with the columns {described_schema}",
+                        described_schema(batch.schema),
+                    ),
+                    Message(
+                        "{described_schema}, as at the start of the run",
+                        described_schema(self._schema),
+                    ),
                 )
             self._pending.append(batch)
             self._pending_size += batch.num_rows
@@ -72,7 +79,7 @@ class RawStream(ArrowStream):
         lengths = {array.size for array in arrays.values() if array.ndim == 1}
         if len(lengths) != 1 or any(array.ndim > 1 for array in arrays.values()):
             raise RecordError(
-                f"raw columns of lengths {sorted(lengths)}",
+                Message("raw columns of lengths {lengths}", sorted(lengths)),
                 "one-dimensional columns of one length, and scalars",
             )
         n = lengths.pop()
@@ -131,7 +138,9 @@ def read_raw(folder: Path) -> RawReading:
         try:
             table = pq.ParquetFile(sealed).read()
         except (pa.ArrowException, OSError) as error:
-            raise RecordError(f"{sealed} can't be read: {error}", "a Parquet file") from error
+            raise RecordError(
+                Message("{path} can't be read: {problem}", sealed, error), "a Parquet file"
+            ) from error
         return RawReading(_columns(table))
     if not stream.exists():
         return RawReading({})
@@ -168,7 +177,11 @@ def seal_raw(folder: Path) -> None:
     part = folder / ".raw.parquet.part"
     pq.write_table(table, part, compression="zstd")
     if not _same(pq.ParquetFile(part).read(), table):
-        raise RecordError(f"{part} differs from {stream}", "the same samples", "check the disk")
+        raise RecordError(
+            Message("{part} differs from {stream}", part, stream),
+            "the same samples",
+            "check the disk",
+        )
     with part.open("rb") as file:
         os.fsync(file.fileno())
     part.chmod(0o600)

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Progress
 from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
@@ -139,14 +140,14 @@ def compensate_file(
         for name in ADDED_COLUMNS:
             if name in readings.header:
                 raise InputError(
-                    f"{source} has a column {name} already",
+                    Message("{origin} has a column {name} already", source, name),
                     "readings without it",
                     "rename or remove it",
                 )
         kind = _ParquetSink if is_parquet(target) else _CsvSink
         sink = kind(opened.enter_context(atomic_file(target)), readings)
         found: list[tuple[int, float, float, float]] = []
-        progress.start(f"Compensating {source}", SHARES)
+        progress.start(Message("Compensating {source}", source), SHARES)
 
         def encoded(block: _Block, added: tuple[NDArray[np.float64], ...]) -> _Encoded:
             _, additional, expanded = added
@@ -168,7 +169,9 @@ def compensate_file(
                 found.append(result[1])
             progress.reach(int(SHARES * share))
         if not found:
-            raise InputError(f"{source} holds a header but no values", "at least one reading")
+            raise InputError(
+                Message("{origin} holds a header but no values", source), "at least one reading"
+            )
         sink.close()
     rows, lowest, highest, largest = zip(*found, strict=True)
     return CompensatedFile(sum(rows), readings.simulated, min(lowest), max(highest), max(largest))
@@ -227,7 +230,9 @@ def _open(path: Path, opened: ExitStack, mapping: Sequence[str]) -> _Source:
         )
     except (OSError, pa.ArrowInvalid) as error:
         raise InputError(
-            f"can't read {path}: {getattr(error, 'strerror', None) or error}",
+            Message(
+                "can't read {source}: {error}", path, getattr(error, "strerror", None) or error
+            ),
             "a file of readings that exists and may be read",
         ) from error
 
@@ -387,7 +392,12 @@ class _CsvSource:
         except UnicodeDecodeError as error:
             line = before + 1 + content[: error.start].count(b"\n")
             raise InputError(
-                f"{self.origin}, line {line}: byte {content[error.start]:#04x} isn't UTF-8 text",
+                Message(
+                    "{origin}, line {line}: byte {content:#04x} isn't UTF-8 text",
+                    self.origin,
+                    line,
+                    content[error.start],
+                ),
                 "one encoding throughout the file",
                 "save it as CSV UTF-8",
             ) from error
@@ -532,7 +542,11 @@ class _ParquetSink:
             table = table.cast(self._schema)
         except pa.ArrowInvalid as error:
             raise InputError(
-                f"{self._source.origin}: a column of numbers contains other values ({error})",
+                Message(
+                    "{origin}: a column of numbers contains other values ({error})",
+                    self._source.origin,
+                    error,
+                ),
                 "one kind of value in each column",
                 "correct the column, or write CSV",
             ) from error

@@ -21,6 +21,7 @@ from numpy.typing import ArrayLike
 import torquebench
 from torquebench.atomic_write import atomic_write, create_private, private_folder, sync_folder
 from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.records.event_lines import (
     Damage,
     ReadLines,
@@ -32,7 +33,9 @@ from torquebench.records.files import (
     EDGE_STREAM,
     json_text,
     read_json,
+    revived,
     sha256_of_file,
+    with_messages,
 )
 
 if TYPE_CHECKING:
@@ -81,7 +84,7 @@ def new_run_id(kind: str, started: datetime | None = None) -> str:
     '20250131T120000Z-verify-input-...'
     """
     if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9-]*", kind):
-        raise InputError(f"kind of run {kind!r}", "letters, digits and hyphens")
+        raise InputError(Message("kind of run {kind!r}", kind), "letters, digits and hyphens")
     moment = (started or datetime.now(UTC)).astimezone(UTC)
     return f"{moment:%Y%m%dT%H%M%SZ}-{kind}-{secrets.token_hex(2)}"
 
@@ -141,10 +144,12 @@ class RunWriter:
             path.mkdir(mode=0o700)
         except FileExistsError as error:
             raise RecordError(
-                f"{path} exists", "a new run", "runs are never overwritten"
+                Message("{path} exists", path), "a new run", "runs are never overwritten"
             ) from error
         except OSError as error:
-            raise RecordError(f"can't create {path}: {error.strerror}") from error
+            raise RecordError(
+                Message("can't create {path}: {strerror}", path, error.strerror)
+            ) from error
         self.path = path
         self.folder = RunFolder(path)
         self._lock = threading.Lock()
@@ -165,7 +170,9 @@ class RunWriter:
         except (OSError, TorquebenchError) as error:
             shutil.rmtree(path, ignore_errors=True)  # an incomplete folder is removed
             remedy = "make room on the disk or repair it"
-            raise RecordError(f"can't create {path} ({error})", "", remedy) from error
+            raise RecordError(
+                Message("can't create {path} ({error})", path, error), "", remedy
+            ) from error
         self._raw = RawStream(path / "raw.arrow")
         self._edges = EdgeStream(path / EDGE_STREAM)
         sync_folder(path)
@@ -204,7 +211,9 @@ class RunWriter:
                     _append(self._copies, line)
             except OSError as error:
                 raise RecordError(
-                    f"{self.path / _EVENTS}: a document can't be written ({error})",
+                    Message(
+                        "{path}: a document can't be written ({error})", self.path / _EVENTS, error
+                    ),
                     "",
                     "check the disk; the run must stop",
                 ) from error
@@ -252,7 +261,7 @@ class RunWriter:
         results : mapping, dataclass or pydantic model
             The results; arrays become lists.
         """
-        self.write_file(_RESULTS, json_text(results, indent=2) + "\n")
+        self.write_file(_RESULTS, json_text(with_messages(results), indent=2) + "\n")
 
     def write_file(self, name: str, content: str | bytes) -> Path:
         """Write another file of the run, whole or not at all, and return its path.
@@ -270,7 +279,9 @@ class RunWriter:
             "raw.arrow",
             EDGE_STREAM,
         ):
-            raise InputError(f"file name {name!r} in a run folder", "a plain name of its own")
+            raise InputError(
+                Message("file name {name!r} in a run folder", name), "a plain name of its own"
+            )
         with self._lock:
             self._require_open()
             atomic_write(self.path / name, content, private=True)
@@ -332,11 +343,13 @@ class RunWriter:
         if error is None:
             self.seal()
         else:
-            self.seal("failed", f"{type(error).__name__}: {error}")
+            self.seal("failed", Message("{name}: {error}", type(error).__name__, error))
 
     def _require_open(self) -> None:
         if not self._open:
-            raise RecordError(f"{self.path} is closed", "documents before the run is sealed")
+            raise RecordError(
+                Message("{name} is closed", self.path), "documents before the run is sealed"
+            )
 
 
 @dataclass(frozen=True)
@@ -381,7 +394,9 @@ class RunFolder:
             Where there is no run.
         """
         if not (path / _METADATA).is_file():
-            raise RecordError(f"no run in {path}", f"a folder with {_METADATA}")
+            raise RecordError(
+                Message("no run in {path}", path), Message("a folder with {metadata}", _METADATA)
+            )
         return cls(path)
 
     @property
@@ -417,7 +432,7 @@ class RunFolder:
             )
         if found is None:
             raise RecordError(
-                f"{path} is damaged, and so is its copy in {_EVENTS}",
+                Message("{path} is damaged, and so is its copy in {events}", path, _EVENTS),
                 "a file with its checksum",
                 "restore the folder from a backup, or measure again",
             )
@@ -446,14 +461,14 @@ class RunFolder:
     @property
     def manifest(self) -> dict[str, Any]:
         """Status, time of sealing, and hash and size of every file."""
-        content: dict[str, Any] = read_json(self.path / MANIFEST)
+        content: dict[str, Any] = revived(read_json(self.path / MANIFEST))
         return content
 
     @property
     def results(self) -> Any:
         """Results of the run; None if it has none."""
         path = self.path / _RESULTS
-        return read_json(path) if path.exists() else None
+        return revived(read_json(path)) if path.exists() else None
 
     def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the run's documents with their names.
@@ -488,7 +503,7 @@ class RunFolder:
                 found, document = entry["name"], entry["doc"]
             except (ValueError, KeyError, TypeError) as error:
                 raise RecordError(
-                    f"{path}, line {number} isn't a document",
+                    Message("{path}, line {number} isn't a document", path, number),
                     'lines of the form {"name": ..., "doc": ...}',
                 ) from error
             yield found, document
@@ -522,24 +537,29 @@ class RunFolder:
             Naming the first file that was changed, removed or added after sealing.
         """
         if not self.sealed:
-            raise RecordError(f"{self.path} isn't sealed", "a sealed run", "recover it first")
+            raise RecordError(
+                Message("{path} isn't sealed", self.path), "a sealed run", "recover it first"
+            )
         listed = self.manifest.get("files")
         if not isinstance(listed, dict):
-            raise RecordError(f"{self.path / MANIFEST} lists no files", "a manifest")
+            raise RecordError(Message("{path} lists no files", self.path / MANIFEST), "a manifest")
         present = _files_of(self.path)
         for name, entry in listed.items():
             if name not in present:
-                raise RecordError(f"{self.path / name} was removed after sealing", "all files")
+                raise RecordError(
+                    Message("{path} was removed after sealing", self.path / name), "all files"
+                )
             if sha256_of_file(self.path / name) != entry.get("sha256"):
                 raise RecordError(
-                    f"{self.path / name} was changed after sealing",
-                    f"SHA-256 {entry.get('sha256')}",
+                    Message("{source} was changed after sealing", self.path / name),
+                    Message("SHA-256 {sha256}", entry.get("sha256")),
                     "restore the file from a backup",
                 )
         for name in present:
             if name not in listed:
                 raise RecordError(
-                    f"{self.path / name} was added after sealing", "the files of the manifest"
+                    Message("{path} was added after sealing", self.path / name),
+                    "the files of the manifest",
                 )
 
     def recover(self) -> Recovery:
@@ -562,7 +582,7 @@ class RunFolder:
         from torquebench.records.edge_stream import damage_to
 
         if self.sealed:
-            raise RecordError(f"{self.path} is sealed", "a run that was left open")
+            raise RecordError(Message("{folder} is sealed", self.path), "a run that was left open")
         damaged = [*self._recover_metadata()]
         read = self._read_lines()
         documents = b"".join(line.text + b"\n" for line in read.lines)
@@ -666,7 +686,9 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
     from torquebench.records.raw_stream import seal_raw
 
     if (folder / MANIFEST).exists():
-        raise RecordError(f"{folder} is sealed", "one seal", "records are never overwritten")
+        raise RecordError(
+            Message("{folder} is sealed", folder), "one seal", "records are never overwritten"
+        )
     seal_raw(folder)
     seal_edges(folder)
     (folder / _COPIES).unlink(missing_ok=True)  # from here on the manifest protects everything
@@ -682,4 +704,6 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         "software_version": torquebench.__version__,
         "files": files,
     }
-    atomic_write(folder / MANIFEST, json_text(manifest, indent=2) + "\n", private=True)
+    atomic_write(
+        folder / MANIFEST, json_text(with_messages(manifest), indent=2) + "\n", private=True
+    )

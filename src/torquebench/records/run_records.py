@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from sqlalchemy import Select, func, select
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.database import Database, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
@@ -47,7 +48,9 @@ class RunRecords(Database):
         """
         with self.writing() as session:
             if session.scalar(select(RunRow.id).where(RunRow.run_id == summary.run_id)):
-                raise RecordError(f"run {summary.run_id} is registered", "a new identifier")
+                raise RecordError(
+                    Message("run {run_id} is registered", summary.run_id), "a new identifier"
+                )
             values = {name: getattr(summary, name) for name in _BEGIN}
             row = RunRow(**values, folder=self.stored(summary.folder))
             session.add(row)
@@ -78,7 +81,7 @@ class RunRecords(Database):
             row = run_row(session, folder.run_id)
             if session.scalar(select(RunEndRow.id).where(RunEndRow.run_key == row.id)):
                 raise RecordError(
-                    f"the end of run {folder.run_id} is registered",
+                    Message("the end of run {run_id} is registered", folder.run_id),
                     "one end",
                     "records are never overwritten",
                 )
@@ -185,7 +188,7 @@ class RunRecords(Database):
         """
         found = [run for run in self.runs_beginning(run_id, limit=1) if run.run_id == run_id]
         if not found:
-            raise RecordError(f"run {run_id} isn't registered", "a registered run")
+            raise RecordError(Message("run {run_id} isn't registered", run_id), "a registered run")
         return found[0]
 
     def runs_query(self, kind: str | None = None) -> Select[Any]:

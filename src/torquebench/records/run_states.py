@@ -7,6 +7,7 @@ from typing import Any
 from sqlalchemy import ColumnElement, select
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records.chain import ChainHead
 from torquebench.records.database import run_row
 from torquebench.records.entries import RunSummary
@@ -116,16 +117,20 @@ class RunStateRecords(RunRecords):
             The run isn't registered, or hasn't ended.
         """
         if not by.strip() or not reason.strip():
-            raise InputError(f"run {run_id} discarded without a reason", "a name and a reason")
+            raise InputError(
+                Message("run {run} discarded without a reason", run_id), "a name and a reason"
+            )
         with self.writing() as session:
             row = run_row(session, run_id)
             end = session.scalar(select(RunEndRow).where(RunEndRow.run_key == row.id))
             if end is None:
-                raise RecordError(f"run {run_id} has not ended", "a run that has ended")
+                raise RecordError(
+                    Message("run {run_id} has not ended", run_id), "a run that has ended"
+                )
             for kind, key in _FOLLOWS.items():
                 if row.kind.startswith(kind) and session.scalar(select(key).where(key == row.id)):
                     raise InputError(
-                        f"run {run_id} has a registered result",
+                        Message("run {run_id} has a registered result", run_id),
                         "a run without one",
                         "review the result with `torquebench records review --reject`",
                     )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.column_words import column_unit
 from torquebench.records.run_folder import RunFolder
 
@@ -60,7 +61,9 @@ def sample_columns(folder: RunFolder) -> list[Column]:
     raw = folder.raw()
     if not raw.rows:
         raise InputError(
-            f"run {folder.run_id} has no samples", "a run that was acquired", "name another run"
+            Message("run {run_id} has no samples", folder.run_id),
+            "a run that was acquired",
+            "name another run",
         )
     return [Column(name, values, *column_unit(name)) for name, values in raw.columns.items()]
 
@@ -81,7 +84,7 @@ def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
             yield EdgePiece(recorded.channel, "falling", block.timebase_hz, block.falling_ticks)
     if not found:
         raise InputError(
-            f"run {folder.run_id} has no edges",
+            Message("run {run_id} has no edges", folder.run_id),
             "a run of a bench whose bench.toml has `edges = true` in [recording]",
             "export its samples",
         )

@@ -15,6 +15,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 
 from torquebench import __version__
 from torquebench.errors import RecordError
+from torquebench.message import Message
 
 __all__ = ["RECORDING", "from_plain", "recording_content", "recording_file"]
 
@@ -99,12 +100,19 @@ def recording_content(content: bytes, origin: str) -> Any:
         header = json.loads((table.schema.metadata or {})[_HEADER])
         written, number = header["software_version"], header["format"]
     except (pa.ArrowException, KeyError, TypeError, ValueError) as error:
-        raise RecordError(f"{origin} isn't a recording: {error}", "a file as sealed") from error
+        raise RecordError(
+            Message("{origin} isn't a recording: {error}", origin, error), "a file as sealed"
+        ) from error
     if number != FORMAT:
         raise RecordError(
-            f"{origin} has format {number}, written by torquebench {written}",
-            f"format {FORMAT}",
-            f"use torquebench {written} or newer",
+            Message(
+                "{origin} has format {number}, written by torquebench {written}",
+                origin,
+                number,
+                written,
+            ),
+            Message("format {format}", FORMAT),
+            Message("use torquebench {written} or newer", written),
         )
     arrays = {}
     for row, name in enumerate(table["name"].to_pylist()):
@@ -139,7 +147,7 @@ def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
         first = error.errors(include_url=False, include_input=False)[0]
         place = ".".join(str(part) for part in first["loc"][1:])
         raise RecordError(
-            f"{origin}, {place}: {first['msg']}",
+            Message("{origin}, {place}: {msg}", origin, place, first["msg"]),
             "the values that this version evaluates",
             "evaluate it with the version that recorded it",
         ) from error
@@ -149,7 +157,9 @@ def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
 def _plain(value: Any, name: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
     if isinstance(value, np.ndarray):
         if value.dtype not in (np.float64, np.int64):
-            raise RecordError(f"an array of {value.dtype} in {name}", "float64 or int64")
+            raise RecordError(
+                Message("an array of {dtype} in {name}", value.dtype, name), "float64 or int64"
+            )
         arrays[name] = value
         return {_ARRAY: name}
     if isinstance(value, np.generic):
@@ -169,7 +179,10 @@ def _plain(value: Any, name: str, arrays: dict[str, np.ndarray[Any, Any]]) -> An
         return {str(key): _plain(each, f"{below}{key}", arrays) for key, each in value.items()}
     if isinstance(value, Sequence):
         return [_plain(each, f"{below}{place}", arrays) for place, each in enumerate(value)]
-    raise RecordError(f"a value of type {type(value).__name__} in {name}", "numbers, text, arrays")
+    raise RecordError(
+        Message("a value of type {kind} in {name}", type(value).__name__, name),
+        "numbers, text, arrays",
+    )
 
 
 def _column(arrays: Mapping[str, Any], kind: np.dtype[Any], arrow: Any) -> Any:

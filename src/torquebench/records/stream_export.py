@@ -12,6 +12,7 @@ import pyarrow.parquet as pq
 
 from torquebench.atomic_write import atomic_path
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.run_folder import RunFolder
 from torquebench.records.run_streams import (
     Attributes,
@@ -72,9 +73,9 @@ def export_streams(
     package = _PACKAGES.get(file_format)
     if package is not None and find_spec(package) is None:
         raise InputError(
-            f"the format {file_format} without the package {package}",
+            Message("the format {file_format} without the package {package}", file_format, package),
             "a format whose package is installed",
-            f'install it: pip install "torquebench[{file_format}]"',
+            Message('install it: pip install "torquebench[{file_format}]"', file_format),
         )
     write_samples, write_edges = _writers(file_format)
     attributes = {**run_attributes(folder), "stream": stream}

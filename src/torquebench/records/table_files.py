@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.columns import with_unit
 from torquebench.records.csv_text import COMMENT, CsvTable, decode_csv, read_csv
 from torquebench.records.table_formats import format_of, is_csv, split_part
@@ -94,7 +95,9 @@ def read_table(path: Path | str) -> CsvTable:
         file = open_table(path, opened)
         table = pa.Table.from_batches(file.batches(_WHOLE), file.schema)
     if table.num_rows == 0:
-        raise InputError(f"{path} holds a header but no values", "at least one line of values")
+        raise InputError(
+            Message("{origin} holds a header but no values", path), "at least one line of values"
+        )
     return cells_of(table, file.origin, file.before)
 
 
@@ -178,7 +181,9 @@ def table_text(path: Path, called: str = "") -> str:
         try:
             return decode_csv(path.read_bytes(), called or str(path))
         except OSError as error:
-            raise InputError(f"can't read {path}: {error.strerror}", "a table's file") from error
+            raise InputError(
+                Message("can't read {source}: {error}", path, error.strerror), "a table's file"
+            ) from error
     table = read_table(path)
     text = io.StringIO()
     for name, value in table.remarks.items():
@@ -199,14 +204,18 @@ def check_readable(path: Path) -> None:
         file.open("rb").close()
     except OSError as error:
         raise InputError(
-            f"can't read {file}: {error.strerror}", "a file that exists and may be read"
+            Message("can't read {source}: {error}", file, error.strerror),
+            "a file that exists and may be read",
         ) from error
     package, extra = _NEEDED.get(format_of(path), ("", ""))
     if package and find_spec(package) is None:
         raise InputError(
-            f"{file.name}: this format without the package {package}",
+            Message("{name}: this format without the package {package}", file.name, package),
             "CSV or Parquet, or a format whose package is installed",
-            f'install it: pip install "torquebench[{extra}]", or all: "torquebench[tables]"',
+            Message(
+                'install it: pip install "torquebench[{extra}]", or all: "torquebench[tables]"',
+                extra,
+            ),
         )
 
 
@@ -234,7 +243,8 @@ def open_table(path: Path, opened: ExitStack) -> ArrowFile:
         raise
     except Exception as error:  # each library raises its own errors and those of struct
         raise InputError(
-            f"can't read {file}: {error}", "a file of the kind that its ending names"
+            Message("can't read {source}: {error}", file, error),
+            "a file of the kind that its ending names",
         ) from error
 
 
@@ -497,10 +507,16 @@ def _arrow(values: NDArray[Any]) -> Any:
 def _chosen(path: Path, part: str, parts: Mapping[str, Iterable[str]], called: str) -> str:
     """Return the named sheet or group, or the only one."""
     if not parts:
-        raise InputError(f"{path}: no {called} with columns", "a table of columns of one length")
+        raise InputError(
+            Message("{path}: no {called} with columns", path, called),
+            "a table of columns of one length",
+        )
     if part:
         if part not in parts:
-            raise InputError(f"{path} has no {called} {part}", f"one of {', '.join(parts)}")
+            raise InputError(
+                Message("{path} has no {called} {part}", path, called, part),
+                Message("one of {list}", ", ".join(parts)),
+            )
         return part
     if len(parts) > 1:
         listed = "; ".join(
@@ -508,9 +524,9 @@ def _chosen(path: Path, part: str, parts: Mapping[str, Iterable[str]], called: s
             for name, each in parts.items()
         )
         raise InputError(
-            f"{path} holds {len(parts)} tables",
-            f"one {called} of {listed}",
-            f"choose one: '{path}#{next(iter(parts))}'",
+            Message("{path} holds {count} tables", path, len(parts)),
+            Message("one {called} of {listed}", called, listed),
+            Message("choose one: '{path}#{next}'", path, next(iter(parts))),
         )
     return next(iter(parts))
 
@@ -532,10 +548,13 @@ def _check_names(names: Sequence[str], path: Path) -> None:
     seen: set[str] = set()
     for number, name in enumerate(names):
         if not name.strip():
-            raise InputError(f"{path}: column {number + 1} has no name", "a name for each column")
+            raise InputError(
+                Message("{origin}: column {number} has no name", path, number + 1),
+                "a name for each column",
+            )
         if name.strip().lower() in seen:
             raise InputError(
-                f"{path}: two columns are called {name.strip().lower()}",
+                Message("{origin}: two columns are called {name}", path, name.strip().lower()),
                 "each name once",
                 "rename one of them",
             )

@@ -12,6 +12,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
 from torquebench.chain import EmptyRun, Readings, stretches
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records.columns import (
     branches,
     check_direction,
@@ -115,7 +116,15 @@ def read_calibration_csv(
     for name, value in chain.items():
         noted = table.remarks.get(name, value)
         if value and remark is not None and noted != value:
-            remark(f"{path} says {name} = {noted}; {value} was given and is taken")
+            remark(
+                Message(
+                    "{path} says {name} = {noted}; {value} was given and is taken",
+                    path,
+                    name,
+                    noted,
+                    value,
+                )
+            )
     chained = (side, transducer_serial, counter_identity)
     return calibration_of(table, range_nm, both_directions, chained, mapping)
 
@@ -170,10 +179,15 @@ def calibration_of(
         _check_range(table, columns[key][0], values, scale)
         if values.size > 2 and np.ptp(values) == 0.0:
             raise InputError(
-                f"{table.origin}: constant column {columns[key][0]}, {values[0]:.6g} N·m in all "
-                f"{values.size} lines",
+                Message(
+                    "{origin}: constant column {name}, {value:.6g} N·m in all {count} lines",
+                    table.origin,
+                    columns[key][0],
+                    values[0],
+                    values.size,
+                ),
                 "points spread over the range",
-                f"check that {columns[key][0]} is the right column",
+                Message("check that {columns} is the right column", columns[key][0]),
             )
     noted = table.remarks
     data = CalibrationData(
@@ -332,7 +346,9 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     try:
         zero_nm = None if noted is None else float(noted)
     except ValueError:
-        raise InputError(f"{path}: zero_nm = {noted}", "a number, in N·m") from None
+        raise InputError(
+            Message("{path}: zero_nm = {noted}", path, noted), "a number, in N·m"
+        ) from None
     angle = quantity(table, columns, "angle_deg")
     return EmptyRun(
         Path(path).name,
@@ -389,7 +405,7 @@ def write_torque_csv(
     for name in added:
         if name in table.header:
             raise InputError(
-                f"{table.origin} has a column {name} already",
+                Message("{origin} has a column {name} already", table.origin, name),
                 "readings without it",
                 "rename or remove it",
             )
@@ -478,7 +494,10 @@ def _line(cells: tuple[str, ...], separator: str) -> str:
 def _finite(name: str, values: ArrayLike, n: int) -> NDArray[np.float64]:
     column = np.asarray(values, dtype=np.float64)
     if column.shape != (n,) or not np.all(np.isfinite(column)):
-        raise InputError(f"{name} of shape {column.shape}", f"{n} finite values, one a reading")
+        raise InputError(
+            Message("{name} of shape {shape}", name, column.shape),
+            Message("{n} finite values, one a reading", n),
+        )
     return column
 
 
@@ -504,10 +523,13 @@ def _range(
             return float(noted)
         except ValueError as error:
             raise InputError(
-                f"{table.origin}: the comment says range_nm = {noted!r}", "a number in N·m"
+                Message("{origin}: the comment says range_nm = {range!r}", table.origin, noted),
+                "a number in N·m",
             ) from error
     if not np.any(standard):
-        raise InputError(f"{table.origin}: all standard values are 0 N·m", "a loaded chain")
+        raise InputError(
+            Message("{origin}: all standard values are 0 N·m", table.origin), "a loaded chain"
+        )
     return float(np.max(np.abs([reading, standard])))
 
 
@@ -515,8 +537,17 @@ def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_
     limit = range_nm * (1 + RANGE_MARGIN)
     for row in np.flatnonzero(np.abs(values) > limit):
         raise InputError(
-            f"{table.place(int(row), name)}: {values[row]:.6g} N·m exceeds the range",
-            f"±{limit:.6g} N·m (range {range_nm:.6g} N·m and {100 * RANGE_MARGIN:.0f} %)",
+            Message(
+                "{place}: {value:.6g} N·m exceeds the range",
+                table.place(int(row), name),
+                values[row],
+            ),
+            Message(
+                "±{limit:.6g} N·m (range {range:.6g} N·m and {percent:.0f} %)",
+                limit,
+                range_nm,
+                100 * RANGE_MARGIN,
+            ),
             "check the range that you gave, or remove the line",
         )
 
@@ -547,14 +578,25 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
             continue
         same = data.reading_nm[before] == data.reading_nm[row]
         found = (
-            f"repeats line {table.lines[before]}"
+            Message("repeats line {lines}", table.lines[before])
             if same
-            else f"reads {data.reading_nm[row]:.9g} N·m where line {table.lines[before]} reads "
-            f"{data.reading_nm[before]:.9g} N·m"
+            else Message(
+                "reads {reading_nm:.9g} N·m where line {lines} reads {data_reading_nm:.9g} N·m",
+                data.reading_nm[row],
+                table.lines[before],
+                data.reading_nm[before],
+            )
         )
         raise InputError(
-            f"{table.origin}, line {table.lines[row]} {found}, "
-            f"at {data.standard_nm[row]:.9g} N·m of series {data.series[row]} on the same branch",
+            Message(
+                "{origin}, line {lines} {found}, at {standard_nm:.9g} N·m of series "
+                "{series} on the same branch",
+                table.origin,
+                table.lines[row],
+                found,
+                data.standard_nm[row],
+                data.series[row],
+            ),
             "each step once in each series and branch",
             "remove the line, or number repeated series in a column series",
         )
@@ -564,7 +606,7 @@ def _check_both_directions(table: CsvTable, data: CalibrationData) -> None:
     for sign, missing in ((1, "clockwise (positive)"), (-1, "counter-clockwise (negative)")):
         if not np.any(data.direction == sign):
             raise InputError(
-                f"{table.origin} has no {missing} torque",
+                Message("{origin} has no {direction} torque", table.origin, missing),
                 "both directions",
                 "measure it too, or calibrate for one direction only",
             )

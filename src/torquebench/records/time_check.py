@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from sqlalchemy import select
 from sqlalchemy.orm import aliased
 
+from torquebench.message import Message
 from torquebench.records.database import Database
 from torquebench.records.entries import RunSummary
 from torquebench.records.schema import CalibrationRow, LinkRow, ReportRow, RunEndRow, RunRow
@@ -106,9 +107,11 @@ def clock_behind(registry: Database, now: datetime | None = None) -> str:
     behind_s = (recorded - moment).total_seconds()
     if behind_s <= _tolerance_s(registry):
         return ""
-    return (
-        f"this computer's clock says {moment:%Y-%m-%d %H:%M:%S} UTC, "
-        f"{_duration(behind_s)} before the newest record"
+    return Message(
+        "this computer's clock says {moment:%Y-%m-%d %H:%M:%S} UTC, {passed} "
+        "before the newest record",
+        moment,
+        _duration(behind_s),
     )
 
 
@@ -141,10 +144,13 @@ def expired_standard(
     dues = [each for each in (due, *(report.due for report in registry.reports(serial))) if each]
     if not dues or not expired_on(today or datetime.now(UTC).date(), max(dues)):
         return ""
-    return (
-        f"the certificate of the {what} {serial} expired on {max(dues)}: have it calibrated, then "
-        "enter its new certificate in the bench description or with `torquebench records "
-        "add-certificate`"
+    return Message(
+        "the certificate of the {what} {serial} expired on {dues}: have it "
+        "calibrated, then enter its new certificate in the bench description or "
+        "with `torquebench records add-certificate`",
+        what,
+        serial,
+        max(dues),
     )
 
 
@@ -156,9 +162,12 @@ def times_of_run(run: RunSummary) -> str:
 
 
 def _end_before_beginning(run_id: str, started: datetime, finished: datetime) -> str:
-    return (
-        f"run {run_id} ended ({finished:%Y-%m-%d %H:%M:%S}) before it began "
-        f"({started:%Y-%m-%d %H:%M:%S}): the clock was set back in the meantime"
+    return Message(
+        "run {run} ended ({end:%Y-%m-%d %H:%M:%S}) before it began "
+        "({beginning:%Y-%m-%d %H:%M:%S}): the clock was set back in the meantime",
+        run_id,
+        finished,
+        started,
     )
 
 
@@ -197,9 +206,13 @@ def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
 
 
 def _recorded_back(sequence: int, table: str, key: int, back_s: float) -> str:
-    return (
-        f"entry {sequence} ({table} {key}) was recorded {_duration(back_s)} before the entry "
-        "before it: the clock ran backwards"
+    return Message(
+        "entry {sequence} ({table} {key}) was recorded {back_s} before the entry "
+        "before it: the clock ran backwards",
+        sequence,
+        table,
+        key,
+        _duration(back_s),
     )
 
 
@@ -243,9 +256,14 @@ def _expired_standards(
             ]
             if known and expired_on(row.performed.date(), known[-1].due):
                 day, serial = row.performed.date(), row.standard.serial if row.standard else ""
-                said = (
-                    f"calibration-{row.id} was made on {day} against {serial}, whose certificate "
-                    f"{known[-1].number} had expired on {known[-1].due}"
+                said = Message(
+                    "calibration-{number} was made on {day} against {serial}, whose "
+                    "certificate {certificate} had expired on {due}",
+                    row.id,
+                    day,
+                    serial,
+                    known[-1].number,
+                    known[-1].due,
                 )
                 yield row.id, said
 
@@ -263,5 +281,9 @@ def _duration(seconds: float) -> str:
     ('90 s', '1.5 h', '2.3 days')
     """
     if seconds < 600.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 3600.0:.1f} h" if seconds < 172800.0 else f"{seconds / 86400.0:.1f} days"
+        return Message("{seconds:.0f} s", seconds)
+    return (
+        Message("{seconds:.1f} h", seconds / 3600.0)
+        if seconds < 172800.0
+        else Message("{count:.1f} days", seconds / 86400.0)
+    )

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records.chain import ChainHead
 from torquebench.records.entries import RunSummary
 from torquebench.records.run_folder import RunFolder
@@ -73,29 +74,38 @@ class UnfinishedRun:
         """Its state, in words."""
         match self.state:
             case RunState.LEFT_OPEN:
-                return f"run {self.run_id} was left open"
+                return Message("run {run_id} was left open", self.run_id)
             case RunState.SEALED:
-                return f"run {self.run_id} is measured and sealed, and not in the registry"
+                return Message(
+                    "run {run_id} is measured and sealed, and not in the registry", self.run_id
+                )
             case RunState.MEASURED:
                 what = self.kind.partition("-")[0].replace("calibrate", "calibration")
                 what = what.replace("verify", "verification")
-                return f"run {self.run_id} is measured, and its {what} isn't registered"
-        return f"run {self.run_id} was interrupted"
+                return Message(
+                    "run {run_id} is measured, and its {what} isn't registered", self.run_id, what
+                )
+        return Message("run {run} was interrupted", self.run_id)
 
     @property
     def remedy(self) -> str:
         """Remedy."""
         match self.state:
             case RunState.LEFT_OPEN | RunState.SEALED:
-                return f"`torquebench records finish {self.run_id}` enters it; so does any start"
-            case RunState.MEASURED:
-                return (
-                    f"`torquebench records finish {self.run_id}`: nothing is measured again; or "
-                    f"`records discard {self.run_id}`"
+                return Message(
+                    "`torquebench records finish {run_id}` enters it; so does any start",
+                    self.run_id,
                 )
-        return (
-            f"resume it with `torquebench calibrate --resume {self.run_id}`, or "
-            f"`records discard {self.run_id}`"
+            case RunState.MEASURED:
+                return Message(
+                    "`torquebench records finish {run_id}`: nothing is measured again; "
+                    "or `records discard {run_id}`",
+                    self.run_id,
+                )
+        return Message(
+            "resume it with `torquebench calibrate --resume {run_id}`, or `records "
+            "discard {run_id}`",
+            self.run_id,
         )
 
 

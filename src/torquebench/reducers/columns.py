@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["finite_columns", "labels"]
 
@@ -34,19 +35,27 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[NDArray[np.float64
     for name, row in zip(columns, rows, strict=True):
         if row.ndim != 1 or row.size != size:
             raise InputError(
-                f"{name} of shape {row.shape}",
-                f"one value for each of {size} in {next(iter(columns))}",
+                Message("{name} of shape {shape}", name, row.shape),
+                Message("one value for each of {size} in {next}", size, next(iter(columns))),
             )
         bad = np.flatnonzero(~np.isfinite(row))
         if bad.size:
             raise InputError(
-                f"{name} is {row[bad[0]]} in row {bad[0] + 1}"
-                + (f" and {bad.size - 1} others" if bad.size > 1 else ""),
+                Message(
+                    "{name} is {row} in row {bad}{size}",
+                    name,
+                    row[bad[0]],
+                    bad[0] + 1,
+                    Message(" and {size} others", bad.size - 1) if bad.size > 1 else "",
+                ),
                 "finite numbers",
                 "remove these rows, or measure them again",
             )
     if size < least:
-        raise InputError(f"{size} values of {next(iter(columns))}", f"at least {least}")
+        raise InputError(
+            Message("{size} values of {next}", size, next(iter(columns))),
+            Message("at least {limit}", least),
+        )
     return rows
 
 
@@ -62,7 +71,9 @@ def labels(values: ArrayLike | None, size: int, default: float, name: str) -> ND
         return np.full(size, default)
     row = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if row.shape != (size,):
-        raise InputError(f"{name} of shape {row.shape}", f"{size} labels")
+        raise InputError(
+            Message("{name} of shape {shape}", name, row.shape), Message("{size} labels", size)
+        )
     if not np.all(np.isfinite(row)):
-        raise InputError(f"a {name} that isn't finite", "a finite label in each row")
+        raise InputError(Message("a {name} that isn't finite", name), "a finite label in each row")
     return row

@@ -7,6 +7,7 @@ from math import inf
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.quantities import Contribution, budget
 from torquebench.uncertainty import Budget
 
@@ -119,7 +120,9 @@ def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool 
     True
     """
     if before.unit != after.unit:
-        raise InputError(f"{key} in {before.unit} and in {after.unit}", "one unit")
+        raise InputError(
+            Message("{key} in {unit} and in {after_unit}", key, before.unit, after.unit), "one unit"
+        )
     parts: list[Contribution] = []
     shared = COMMON_CONTRIBUTIONS if same_bench else frozenset()
     for name in sorted({line.name for line in (*before.lines, *after.lines)}):
@@ -160,10 +163,12 @@ def compare_specimens(key: str, specimens: Mapping[str, Budget]) -> SpecimenComp
     ('D',)
     """
     if len(specimens) < 2:
-        raise InputError(f"{len(specimens)} specimens", "at least two to compare")
+        raise InputError(Message("{count} specimens", len(specimens)), "at least two to compare")
     units = {each.unit for each in specimens.values()}
     if len(units) > 1:
-        raise InputError(f"{key} in {' and in '.join(sorted(units))}", "one unit")
+        raise InputError(
+            Message("{cell} in {place}", key, " and in ".join(sorted(units))), "one unit"
+        )
     values = np.array([each.value for each in specimens.values()])
     spread = float(np.std(values, ddof=1))
     parts = [Contribution("specimens", spread / values.size**0.5, values.size - 1.0)]

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
@@ -225,12 +226,15 @@ def load_reducer(name_or_path: str | Path) -> ReducerDescription:
         content = Path(name_or_path).read_bytes()
     else:
         raise InputError(
-            f"no reducer {name!r}",
-            f"the path of a .toml file, or one of {', '.join(available_reducers())}",
+            Message("no reducer {name!r}", name),
+            Message(
+                "the path of a .toml file, or one of {available_reducers}",
+                ", ".join(available_reducers()),
+            ),
             "check the path",
         )
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"{name}: {error}", "a TOML file in UTF-8") from error
+        raise InputError(Message("{name}: {error}", name, error), "a TOML file in UTF-8") from error
     return validated(ReducerDescription, parse_toml(text, name), name)

@@ -8,6 +8,7 @@ from math import inf, sqrt
 from typing import TYPE_CHECKING, Protocol
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, welch_satterthwaite
 
 if TYPE_CHECKING:
@@ -194,8 +195,14 @@ def refuse(estimate: Budget, share: float, what: str) -> None:
     if not expanded <= share * abs(estimate.value):
         relative = 100.0 * expanded / abs(estimate.value) if estimate.value else inf
         raise InputError(
-            f"{what} of {estimate.value:.4g} {estimate.unit} with U = {expanded:.3g} "
-            f"{estimate.unit} ({relative:.3g} %)",
-            f"an expanded uncertainty of at most {100.0 * share:.3g} % of the value",
+            Message(
+                "{what} of {value:.4g} {unit} with U = {expanded:.3g} {unit} ({relative:.3g} %)",
+                what,
+                estimate.value,
+                estimate.unit,
+                expanded,
+                relative,
+            ),
+            Message("an expanded uncertainty of at most {share:.3g} % of the value", 100.0 * share),
             "zero just before the test, repeat it more often, or use a smaller transducer",
         )

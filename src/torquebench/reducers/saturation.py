@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.reducers.quantities import Finding
 
 __all__ = ["missed_speed", "torque_saturation"]
@@ -24,7 +25,7 @@ def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
         high = np.abs(demanded) > 0.5 * wanted
         missed = high & (np.abs(torque) < (1.0 - MISSED) * np.abs(demanded))
         if wanted > (1.0 + 2.0 * MISSED) * largest and missed.sum() > 0.05 * high.sum():
-            return [_saturated(largest, f"{wanted:.4g} N·m were requested", missed)]
+            return [_saturated(largest, Message("{wanted:.4g} N·m were requested", wanted), missed)]
         return []
     plateau = np.abs(torque) > 0.95 * largest
     if np.mean(plateau) > PLATEAU:
@@ -35,8 +36,12 @@ def torque_saturation(torque: Floats, demanded: Floats | None) -> list[Finding]:
 def _saturated(largest: float, asked: str, rows: NDArray[np.bool_]) -> Finding:
     return Finding(
         "drive saturation",
-        f"the torque stops near ±{largest:.3g} N·m, {asked} ({100 * np.mean(rows):.0f} % of the "
-        "samples)",
+        Message(
+            "the torque stops near ±{largest:.3g} N·m, {asked} ({mean:.0f} % of the samples)",
+            largest,
+            asked,
+            100 * np.mean(rows),
+        ),
         "only measured torques are used: lower the demanded torque, or use a larger drive",
     )
 
@@ -61,8 +66,14 @@ def missed_speed(speed_rpm: Floats, demanded_rpm: Floats) -> tuple[Finding, ...]
     return (
         Finding(
             "drive saturation",
-            f"{demanded_rpm[worst]:.4g} rpm were requested and {speed_rpm[worst]:.4g} rpm reached "
-            f"({np.count_nonzero(missed)} of {missed.size} points)",
+            Message(
+                "{demanded_rpm:.4g} rpm were requested and {speed_rpm:.4g} rpm reached "
+                "({count} of {size} points)",
+                demanded_rpm[worst],
+                speed_rpm[worst],
+                np.count_nonzero(missed),
+                missed.size,
+            ),
             "points count at the speed that was reached: lower the speed, or use a larger drive",
         ),
     )

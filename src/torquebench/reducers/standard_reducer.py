@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.description import CertifiedFriction
 
 __all__ = ["FrictionCheck", "FrictionCheckPoint", "check_friction"]
@@ -132,8 +133,8 @@ def check_friction(
     outside = amount[(amount < low * (1 - 1e-9)) | (amount > high * (1 + 1e-9))]
     if outside.size:
         raise InputError(
-            f"a speed of {outside[0]:g} rpm",
-            f"{low:g} to {high:g} rpm, as the certificate has them",
+            Message("a speed of {outside:g} rpm", outside[0]),
+            Message("{low:g} to {high:g} rpm, as the certificate has them", low, high),
             "choose speeds within it",
         )
     points = []

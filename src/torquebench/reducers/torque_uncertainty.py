@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["KnownTorque", "TorqueUncertainty", "over"]
 
@@ -44,7 +45,10 @@ class TorqueUncertainty:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not (isfinite(value) and value >= 0.0):
-                raise InputError(f"standard uncertainty {name} = {value}", "finite, 0 or more")
+                raise InputError(
+                    Message("standard uncertainty {name} = {value}", name, value),
+                    "finite, 0 or more",
+                )
 
 
 KnownTorque = TorqueUncertainty | Sequence[TorqueUncertainty]

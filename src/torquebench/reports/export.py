@@ -13,6 +13,7 @@ from typing import Any
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write
 from torquebench.errors import InputError, RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.records import (
     CalibrationEntry,
     Registry,
@@ -104,10 +105,14 @@ def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun
     source = RunFolder.open(run.folder)
     if not source.sealed:
         raise RecordError(
-            f"run {run.run_id} isn't sealed", "a sealed run", "let it end, or recover it"
+            Message("run {run_id} isn't sealed", run.run_id),
+            "a sealed run",
+            "let it end, or recover it",
         )
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise InputError(f"{folder} isn't empty", "a new folder", "give another --out")
+        raise InputError(
+            Message("{folder} isn't empty", folder), "a new folder", "give another --out"
+        )
     folder.mkdir(parents=True, exist_ok=True)
     export = _Export(folder)
     if run.simulated:

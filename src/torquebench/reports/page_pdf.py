@@ -14,6 +14,7 @@ from typing import Any
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write, is_standard_output
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reports.page import Facts, Figure, Page, Table, write_page
 
 __all__ = ["check_suffix", "page_pdf", "write_report"]
@@ -75,7 +76,8 @@ def page_pdf(page: Page) -> bytes:
             document = compiler.compile(format="pdf")
         except typst.TypstError as error:
             raise InputError(
-                f"the report can't be set: {error}", remedy="write it as .html instead"
+                Message("the report can't be set: {error}", error),
+                remedy="write it as .html instead",
             ) from error
     assert isinstance(document, bytes)
     return document
@@ -186,6 +188,6 @@ def check_suffix(path: Path) -> None:
     InputError
     """
     if path.suffix.lower() not in SUFFIXES and not is_standard_output(path):
-        raise InputError(str(path), f"a file that ends in {' or '.join(SUFFIXES)}")
+        raise InputError(str(path), Message("a file that ends in {endings}", " or ".join(SUFFIXES)))
     if path.suffix.lower() == ".pdf":
         import typst  # noqa: F401 - where it isn't installed, its extra is named

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["AllanDeviation", "allan_deviation"]
 
@@ -67,11 +68,14 @@ def allan_deviation(value: ArrayLike, interval_s: float) -> AllanDeviation:
     """
     samples = np.asarray(value, dtype=np.float64)
     if samples.ndim != 1 or samples.size < 2 * _FEWEST_AVERAGES:
-        raise InputError(f"{samples.shape} samples", f"a row of {2 * _FEWEST_AVERAGES} or more")
+        raise InputError(
+            Message("{shape} samples", samples.shape),
+            Message("a row of {fewest_averages} or more", 2 * _FEWEST_AVERAGES),
+        )
     if not np.all(np.isfinite(samples)):
         raise InputError("samples that aren't finite", "finite samples", "cut the faults out")
     if not (interval_s > 0 and np.isfinite(interval_s)):
-        raise InputError(f"interval {interval_s} s", "a time above 0 s")
+        raise InputError(Message("interval {interval_s} s", interval_s), "a time above 0 s")
     longest = samples.size // _FEWEST_AVERAGES
     points = int(_POINTS_PER_DECADE * np.log10(longest)) + 2
     factors = np.unique(np.rint(np.geomspace(1, longest, points)).astype(np.int64))

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["AnalogueInput", "Threshold", "edges_of_wave"]
@@ -35,7 +36,9 @@ class Threshold:
     def __post_init__(self) -> None:
         if not (np.isfinite(self.level) and np.isfinite(self.hysteresis) and self.hysteresis >= 0):
             raise InputError(
-                f"threshold {self.level} with hysteresis {self.hysteresis}",
+                Message(
+                    "threshold {level} with hysteresis {hysteresis}", self.level, self.hysteresis
+                ),
                 "finite numbers, hysteresis 0 or more",
             )
 
@@ -66,7 +69,9 @@ class Threshold:
         low, high = (float(level) for level in (values.min(), values.max()))
         if high - low <= _LEAST_SWING * max(abs(low), abs(high)):
             raise InputError(
-                f"a wave that stays at {low:.6g}", "a wave that swings", "check the wiring"
+                Message("a wave that stays at {low:.6g}", low),
+                "a wave that swings",
+                "check the wiring",
             )
         return cls((low + high) / 2, hysteresis_part * (high - low))
 
@@ -96,7 +101,9 @@ class AnalogueInput:
 
     def __init__(self, sample_rate_hz: float, threshold: Threshold) -> None:
         if not (np.isfinite(sample_rate_hz) and sample_rate_hz > 0):
-            raise InputError(f"sample rate {sample_rate_hz} Hz", "a frequency above 0 Hz")
+            raise InputError(
+                Message("sample rate {sample_rate_hz} Hz", sample_rate_hz), "a frequency above 0 Hz"
+            )
         self.sample_rate_hz = float(sample_rate_hz)
         self.threshold = threshold
         self._samples = 0

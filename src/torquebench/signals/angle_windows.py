@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.counters import StreamOptions, WindowStream
 from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
@@ -76,7 +77,7 @@ class AngleCounter:
     ) -> None:
         for name, value in (("window", marks_per_window), ("revolution", marks_per_revolution)):
             if value < 1:
-                raise InputError(f"{value} marks per {name}", "1 or more")
+                raise InputError(Message("{value} marks per {name}", value, name), "1 or more")
         self.marks_per_window = marks_per_window
         self.window_rad = 2 * np.pi * marks_per_window / marks_per_revolution
         self._stream = WindowStream(method, timebase_hz, **options)
@@ -108,7 +109,7 @@ class AngleCounter:
         if last is not None and block.start_tick > last:
             raise PulseTrainFault(
                 SignalFaultKind.LOST_DATA,
-                f"no block from tick {last} to {block.start_tick}",
+                Message("no block from tick {last} to {start_tick}", last, block.start_tick),
                 "a stream without gaps, since the angle is counted from its marks",
             )
         self._stream.accept(block)

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.faults import SignalFaultKind
 from torquebench.signals.samples import TorqueSamples
 
@@ -91,7 +92,8 @@ def synchronous(
     unknown = sorted(set(delays) - set(channels))
     if not channels or unknown:
         raise InputError(
-            f"delay of {unknown[0]!r}" if unknown else "no channels", "channels with their delays"
+            Message("delay of {unknown!r}", unknown[0]) if unknown else "no channels",
+            "channels with their delays",
         )
     step = _step(channels)
     rows = {}
@@ -197,15 +199,22 @@ def _step(channels: Mapping[str, TorqueSamples]) -> float:
     steps = {}
     for name, samples in channels.items():
         if len(samples) < 2:
-            raise InputError(f"{len(samples)} samples of {name}", "two or more")
+            raise InputError(
+                Message("{count} samples of {name}", len(samples), name), "two or more"
+            )
         between = np.diff(samples.time_s)
         steps[name] = float((samples.time_s[-1] - samples.time_s[0]) / (len(samples) - 1))
         if np.any(np.abs(between - steps[name]) > _SAME * steps[name] + 1e-12):
-            raise InputError(f"windows of {name} at uneven distances", "one grid of windows")
+            raise InputError(
+                Message("windows of {name} at uneven distances", name), "one grid of windows"
+            )
     first = next(iter(steps.values()))
     for name, step in steps.items():
         if abs(step - first) > _SAME * first:
-            raise InputError(f"windows of {name} every {step} s", f"every {first} s, as the others")
+            raise InputError(
+                Message("windows of {name} every {step} s", name, step),
+                Message("every {first} s, as the others", first),
+            )
     return first
 
 
@@ -213,7 +222,11 @@ def _grid_index(difference: float, name: str) -> int:
     index = round(difference)
     if abs(difference - index) > 1e-3:
         raise InputError(
-            f"windows of {name} that lie {difference - index:.3g} windows beside the others'",
+            Message(
+                "windows of {name} that lie {difference:.3g} windows beside the others'",
+                name,
+                difference - index,
+            ),
             "one grid of windows",
         )
     return index

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals._kernels import mark_repeats
 from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import SignalFaultKind
@@ -102,7 +103,9 @@ class WindowStream:
         stuck_windows: int | None = 25,
     ) -> None:
         if stuck_windows is not None and stuck_windows < 2:
-            raise InputError(f"stuck_windows = {stuck_windows}", "2 or more, or None")
+            raise InputError(
+                Message("stuck_windows = {stuck_windows}", stuck_windows), "2 or more, or None"
+            )
         self._counter = WindowCounter(
             method, timebase_hz, edge_jitter_s=edge_jitter_s, check_train=check_train
         )
@@ -133,14 +136,19 @@ class WindowStream:
         """Check that a block continues the stream, and note a gap before it."""
         if block.timebase_hz != self.timebase_hz:
             raise InputError(
-                f"block with a timebase of {block.timebase_hz} Hz", f"{self.timebase_hz} Hz"
+                Message("block with a timebase of {timebase_hz} Hz", block.timebase_hz),
+                Message("{timebase_hz} Hz", self.timebase_hz),
             )
         if len(self._trains) > 1 and block.falling_ticks is None:
             raise InputError("block without falling edges", "rising and falling edges")
         if self._stop_tick is not None and block.start_tick != self._stop_tick:
             if block.start_tick < self._stop_tick:
                 raise InputError(
-                    f"block from tick {block.start_tick} after one up to {self._stop_tick}",
+                    Message(
+                        "block from tick {start_tick} after one up to {stop_tick}",
+                        block.start_tick,
+                        self._stop_tick,
+                    ),
                     "blocks in order, without overlap",
                 )
             self._lost_until = block.start_tick
@@ -402,5 +410,8 @@ def _count(
 def _whole_ticks(duration_s: float, timebase_hz: float, name: str) -> int:
     ticks = duration_s * timebase_hz
     if not (np.isfinite(ticks) and ticks >= 1):
-        raise InputError(f"{name} = {duration_s} s", f"at least one tick, {1 / timebase_hz:.3g} s")
+        raise InputError(
+            Message("{name} = {duration_s} s", name, duration_s),
+            Message("at least one tick, {timebase_hz:.3g} s", 1 / timebase_hz),
+        )
     return round(ticks)

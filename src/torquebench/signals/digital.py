@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["BitOrder", "DigitalInput", "edges_of_bits", "edges_of_bytes"]
@@ -41,9 +42,13 @@ class DigitalInput:
 
     def __init__(self, sample_rate_hz: float, bit_order: BitOrder = "lowest first") -> None:
         if not (np.isfinite(sample_rate_hz) and sample_rate_hz > 0):
-            raise InputError(f"sample rate {sample_rate_hz} Hz", "a frequency above 0 Hz")
+            raise InputError(
+                Message("sample rate {sample_rate_hz} Hz", sample_rate_hz), "a frequency above 0 Hz"
+            )
         if bit_order not in ("lowest first", "highest first"):
-            raise InputError(f"bit order {bit_order!r}", "'lowest first' or 'highest first'")
+            raise InputError(
+                Message("bit order {bit_order!r}", bit_order), "'lowest first' or 'highest first'"
+            )
         self.sample_rate_hz = float(sample_rate_hz)
         self._order: _BitOrder = "big" if bit_order == "highest first" else "little"
         self._samples = 0
@@ -80,7 +85,7 @@ class DigitalInput:
             When the array isn't a row of bytes, or the channel isn't a bit of one.
         """
         if channel not in range(8):
-            raise InputError(f"channel {channel}", "a bit of the byte, 0 to 7")
+            raise InputError(Message("channel {channel}", channel), "a bit of the byte, 0 to 7")
         level = _row_of_bytes(samples) & np.uint8(1 << channel)
         packed = np.packbits(level, bitorder="little")
         return self._push(packed, "little", samples=level.size)
@@ -132,13 +137,13 @@ def _row_of_bytes(samples: ArrayLike) -> NDArray[np.uint8]:
         return np.frombuffer(samples, dtype=np.uint8)
     array = np.asarray(samples)
     if array.ndim != 1:
-        raise InputError(f"samples with {array.ndim} dimensions", "one row")
+        raise InputError(Message("samples with {ndim} dimensions", array.ndim), "one row")
     if array.dtype == np.bool_ or not array.size:
         return array.astype(np.uint8)
     if not np.issubdtype(array.dtype, np.integer) or (
         array.dtype != np.uint8 and (array.min() < 0 or array.max() > 255)
     ):
-        raise InputError(f"samples of type {array.dtype}", "bytes, 0 to 255")
+        raise InputError(Message("samples of type {dtype}", array.dtype), "bytes, 0 to 255")
     return np.ascontiguousarray(array, dtype=np.uint8)
 
 

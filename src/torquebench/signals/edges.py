@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["EdgeBlock", "as_ticks"]
 
@@ -29,12 +30,16 @@ def as_ticks(values: ArrayLike, name: str = "ticks") -> NDArray[np.int64]:
     if array.dtype == np.int64 and array.ndim == 1 and array.flags.c_contiguous:
         return array
     if array.ndim != 1:
-        raise InputError(f"{name} with {array.ndim} dimensions", "one dimension")
+        raise InputError(
+            Message("{name} with {ndim} dimensions", name, array.ndim), "one dimension"
+        )
     if array.size == 0:
         return np.empty(0, dtype=np.int64)
     if not np.issubdtype(array.dtype, np.integer):
         raise InputError(
-            f"{name} of type {array.dtype}", "integer ticks", "convert times by the timebase"
+            Message("{name} of type {dtype}", name, array.dtype),
+            "integer ticks",
+            "convert times by the timebase",
         )
     return np.ascontiguousarray(array, dtype=np.int64)
 
@@ -78,10 +83,15 @@ class EdgeBlock:
         object.__setattr__(self, "start_tick", int(self.start_tick))
         object.__setattr__(self, "stop_tick", int(self.stop_tick))
         if not (np.isfinite(self.timebase_hz) and self.timebase_hz > 0):
-            raise InputError(f"timebase {self.timebase_hz} Hz", "a frequency above 0 Hz")
+            raise InputError(
+                Message("timebase {timebase_hz} Hz", self.timebase_hz), "a frequency above 0 Hz"
+            )
         if self.stop_tick < self.start_tick:
             raise InputError(
-                f"block from tick {self.start_tick} to {self.stop_tick}", "stop at or after start"
+                Message(
+                    "block from tick {start_tick} to {stop_tick}", self.start_tick, self.stop_tick
+                ),
+                "stop at or after start",
             )
         object.__setattr__(self, "ticks", self._inside(self.ticks, "ticks"))
         if self.falling_ticks is not None:
@@ -93,8 +103,8 @@ class EdgeBlock:
         ticks = as_ticks(values, name)
         if ticks.size and not (self.start_tick <= ticks[0] and ticks[-1] < self.stop_tick):
             raise InputError(
-                f"{name} from {ticks[0]} to {ticks[-1]}",
-                f"inside [{self.start_tick}, {self.stop_tick})",
+                Message("{name} from {ticks} to {ticks_2}", name, ticks[0], ticks[-1]),
+                Message("inside [{start_tick}, {stop_tick})", self.start_tick, self.stop_tick),
             )
         return ticks
 
@@ -121,7 +131,13 @@ class EdgeBlock:
             if wrong.size:
                 at = int(wrong[0])
                 raise InputError(
-                    f"{name}[{at + 1}] = {ticks[at + 1]} after {ticks[at]}",
+                    Message(
+                        "{name}[{at}] = {ticks} after {ticks_2}",
+                        name,
+                        at + 1,
+                        ticks[at + 1],
+                        ticks[at],
+                    ),
                     "strictly increasing edges",
                 )
         return self

@@ -5,6 +5,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import butter, firwin, sosfiltfilt
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LiveFilter", "zero_phase"]
 
@@ -44,13 +45,15 @@ def zero_phase(
     samples = _row(value)
     _check_cutoff(sample_rate_hz, cutoff_hz)
     if not 1 <= order <= 12:
-        raise InputError(f"order {order}", "1 to 12")
+        raise InputError(Message("order {order}", order), "1 to 12")
     # |H|⁴ = 1/2 where (f/f_c)^(2·order) = √2 − 1, on the axis that the bilinear transform warps.
     corner = np.tan(np.pi * cutoff_hz / sample_rate_hz) / (np.sqrt(2) - 1) ** (1 / (2 * order))
     sections = butter(order, 2 / np.pi * np.arctan(corner), output="sos")
     padding = min(samples.size - 1, int(3 * sample_rate_hz / cutoff_hz))
     if samples.size < 3 * order:
-        raise InputError(f"{samples.size} samples", f"at least {3 * order}")
+        raise InputError(
+            Message("{shape} samples", samples.size), Message("at least {limit}", 3 * order)
+        )
     return np.asarray(sosfiltfilt(sections, samples, padlen=padding))
 
 
@@ -88,7 +91,7 @@ class LiveFilter:
         # A Hamming window's transition band is 3.3 sample rates wide over its length.
         length = int(3.3 * sample_rate_hz / cutoff_hz) // 2 * 2 + 1 if taps is None else taps
         if length < 3 or length % 2 == 0:
-            raise InputError(f"{length} taps", "an odd number, 3 or more")
+            raise InputError(Message("{length} taps", length), "an odd number, 3 or more")
         self.taps = length
         self.delay_s = (length - 1) / 2 / sample_rate_hz
         self._weights = firwin(length, cutoff_hz, fs=sample_rate_hz)
@@ -134,6 +137,10 @@ def _row(value: ArrayLike) -> NDArray[np.float64]:
 def _check_cutoff(sample_rate_hz: float, cutoff_hz: float) -> None:
     if not 0 < cutoff_hz < sample_rate_hz / 2:
         raise InputError(
-            f"cut-off {cutoff_hz} Hz at {sample_rate_hz} samples per second",
-            f"between 0 and {sample_rate_hz / 2} Hz",
+            Message(
+                "cut-off {cutoff_hz} Hz at {sample_rate_hz} samples per second",
+                cutoff_hz,
+                sample_rate_hz,
+            ),
+            Message("between 0 and {sample_rate_hz} Hz", sample_rate_hz / 2),
         )

@@ -5,6 +5,7 @@ from numba import int64, njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["GlitchFilter"]
@@ -65,7 +66,10 @@ class GlitchFilter:
     def __init__(self, least_s: float, timebase_hz: float, *, both_edges: bool = False) -> None:
         ticks = least_s * timebase_hz
         if not (np.isfinite(ticks) and ticks >= 1):
-            raise InputError(f"least time {least_s} s", f"one tick or more, {1 / timebase_hz} s")
+            raise InputError(
+                Message("least time {least_s} s", least_s),
+                Message("one tick or more, {timebase_hz} s", 1 / timebase_hz),
+            )
         self.least_ticks = round(ticks)
         self.timebase_hz = float(timebase_hz)
         self.both_edges = both_edges
@@ -89,7 +93,10 @@ class GlitchFilter:
             continue the stream, or its edges don't alternate.
         """
         if block.timebase_hz != self.timebase_hz:
-            raise InputError(f"timebase {block.timebase_hz} Hz", f"{self.timebase_hz} Hz")
+            raise InputError(
+                Message("timebase {timebase_hz} Hz", block.timebase_hz),
+                Message("{timebase_hz} Hz", self.timebase_hz),
+            )
         if self.both_edges:
             return self._push_both(block)
         kept = np.empty_like(block.ticks)
@@ -104,7 +111,8 @@ class GlitchFilter:
             raise InputError("block without falling edges", "rising and falling edges")
         if self._stop_tick is not None and block.start_tick != self._stop_tick:
             raise InputError(
-                f"block from tick {block.start_tick}", f"the next from tick {self._stop_tick}"
+                Message("block from tick {start_tick}", block.start_tick),
+                Message("the next from tick {stop_tick}", self._stop_tick),
             )
         if self._stop_tick is None:
             self._decided_until = block.start_tick

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import savgol_coeffs, savgol_filter
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Motion", "inertia_torque", "motion_of_angle", "without_inertia"]
 
@@ -73,10 +74,15 @@ def motion_of_angle(
     if angle.ndim != 1 or not np.all(np.isfinite(angle)):
         raise InputError("an angle that isn't a finite row", "finite angles at even times")
     if not (interval_s > 0 and np.isfinite(interval_s)):
-        raise InputError(f"interval {interval_s} s", "a time above 0 s")
+        raise InputError(Message("interval {interval_s} s", interval_s), "a time above 0 s")
     if window % 2 == 0 or not degree < window <= angle.size or degree < 2:
         raise InputError(
-            f"a window of {window} samples with degree {degree} on {angle.size} samples",
+            Message(
+                "a window of {window} samples with degree {degree} on {size} samples",
+                window,
+                degree,
+                angle.size,
+            ),
             "an odd window above the degree, no longer than the record; degree 2 or more",
         )
     derivatives = []
@@ -121,7 +127,12 @@ def inertia_torque(
     """
     if not (inertia_kgm2 >= 0 and inertia_uncertainty_kgm2 >= 0):
         raise InputError(
-            f"inertia {inertia_kgm2} ± {inertia_uncertainty_kgm2} kg·m²", "0 kg·m² or more"
+            Message(
+                "inertia {inertia_kgm2} ± {inertia_uncertainty_kgm2} kg·m²",
+                inertia_kgm2,
+                inertia_uncertainty_kgm2,
+            ),
+            "0 kg·m² or more",
         )
     acceleration = motion.acceleration_rad_s2
     by_inertia = acceleration * inertia_uncertainty_kgm2
@@ -160,7 +171,11 @@ def without_inertia(
     torque = np.asarray(torque_nm, dtype=np.float64)
     if torque.shape != motion.acceleration_rad_s2.shape:
         raise InputError(
-            f"{torque.size} torques and {motion.acceleration_rad_s2.size} accelerations",
+            Message(
+                "{size} torques and {acceleration_rad_s2_size} accelerations",
+                torque.size,
+                motion.acceleration_rad_s2.size,
+            ),
             "as many of each, at the same times",
         )
     inertial, uncertainty = inertia_torque(motion, inertia_kgm2, inertia_uncertainty_kgm2)

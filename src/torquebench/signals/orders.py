@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline, PchipInterpolator
 from scipy.signal import get_window
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "AngleRecord",
@@ -78,7 +79,10 @@ def resample_in_angle(
     times, values = _rows(time_s, value, "value")
     angle_times, angles = _rows(angle_time_s, angle_rad, "angle")
     if samples_per_revolution < 2:
-        raise InputError(f"{samples_per_revolution} samples per revolution", "2 or more")
+        raise InputError(
+            Message("{samples_per_revolution} samples per revolution", samples_per_revolution),
+            "2 or more",
+        )
     turns = np.diff(angles)
     if not (np.all(turns > 0) or np.all(turns < 0)):
         raise InputError(
@@ -148,7 +152,8 @@ def order_spectrum(record: AngleRecord, window: str = "hann") -> OrderSpectrum:
     revolutions = record.value.size // per_turn
     if revolutions < 1:
         raise InputError(
-            f"{record.value.size / per_turn:.3g} revolutions", "at least one whole revolution"
+            Message("{size:.3g} revolutions", record.value.size / per_turn),
+            "at least one whole revolution",
         )
     values = record.value[: revolutions * per_turn]
     weights = get_window(window, values.size)
@@ -214,11 +219,14 @@ def fit_ripple(
     values = np.asarray(value, dtype=np.float64)
     chosen = np.asarray(orders, dtype=np.float64)
     if angles.ndim != 1 or angles.shape != values.shape:
-        raise InputError(f"angles {angles.shape} and values {values.shape}", "two equal rows")
+        raise InputError(
+            Message("angles {shape} and values {values_shape}", angles.shape, values.shape),
+            "two equal rows",
+        )
     if not (np.all(np.isfinite(angles)) and np.all(np.isfinite(values))):
         raise InputError("angles or values that aren't finite", "finite samples")
     if not chosen.size or np.any(chosen <= 0) or np.unique(chosen).size < chosen.size:
-        raise InputError(f"orders {chosen.tolist()}", "different orders above 0")
+        raise InputError(Message("orders {orders}", chosen.tolist()), "different orders above 0")
     centred = angles - angles.mean()
     phase = np.multiply.outer(angles, chosen)
     matrix = np.column_stack((np.ones_like(angles), centred, np.cos(phase), np.sin(phase)))
@@ -227,7 +235,11 @@ def fit_ripple(
     coefficients, _, rank, singular = np.linalg.lstsq(matrix / scale, values, rcond=None)
     if rank < matrix.shape[1] or singular[-1] < 1e-3 * singular[0]:
         raise InputError(
-            f"{np.ptp(angles) / (2 * np.pi):.3g} revolutions for orders {chosen.tolist()}",
+            Message(
+                "{ptp:.3g} revolutions for orders {chosen}",
+                np.ptp(angles) / (2 * np.pi),
+                chosen.tolist(),
+            ),
             "a record that tells the orders apart",
             "record a whole revolution of the lowest order or more",
         )
@@ -250,12 +262,15 @@ def _rows(
     values = np.asarray(value, dtype=np.float64)
     if times.ndim != 1 or times.shape != values.shape or times.size < 4:
         raise InputError(
-            f"times {times.shape} and {name} {values.shape}", "two equal rows of 4 or more"
+            Message("times {shape} and {name} {values_shape}", times.shape, name, values.shape),
+            "two equal rows of 4 or more",
         )
     if not (np.all(np.isfinite(times)) and np.all(np.isfinite(values))):
-        raise InputError(f"a {name} that isn't finite", "finite samples")
+        raise InputError(Message("a {name} that isn't finite", name), "finite samples")
     if np.any(np.diff(times) <= 0):
-        raise InputError(f"times of the {name} that don't increase", "increasing times")
+        raise InputError(
+            Message("times of the {name} that don't increase", name), "increasing times"
+        )
     return times, values
 
 

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals._kernels import mark_repeats
 from torquebench.signals.edges import EdgeBlock, as_ticks
 from torquebench.signals.faults import SignalFaultKind
@@ -45,7 +46,7 @@ def edges_of_periods(period_ticks: ArrayLike, timebase_hz: float, start_tick: in
     wrong = np.flatnonzero(periods < 1)
     if wrong.size:
         raise InputError(
-            f"period_ticks[{wrong[0]}] = {periods[wrong[0]]}",
+            Message("period_ticks[{wrong}] = {periods}", wrong[0], periods[wrong[0]]),
             "1 tick or more",
             "an overflowed or missing period is a fault of the counter",
         )
@@ -74,7 +75,10 @@ class FrequencyInput:
 
     def __init__(self, standard_uncertainty_hz: float, *, stuck_windows: int | None = 25) -> None:
         if not standard_uncertainty_hz >= 0:
-            raise InputError(f"uncertainty {standard_uncertainty_hz} Hz", "0 Hz or more")
+            raise InputError(
+                Message("uncertainty {standard_uncertainty_hz} Hz", standard_uncertainty_hz),
+                "0 Hz or more",
+            )
         self.standard_uncertainty_hz = float(standard_uncertainty_hz)
         self._stuck_windows = stuck_windows
         self._last = np.nan
@@ -99,7 +103,10 @@ class FrequencyInput:
         frequency = np.array(frequency_hz, dtype=np.float64)
         if time.ndim != 1 or time.shape != frequency.shape:
             raise InputError(
-                f"times {time.shape} and frequencies {frequency.shape}", "two equal rows"
+                Message(
+                    "times {shape} and frequencies {frequency_shape}", time.shape, frequency.shape
+                ),
+                "two equal rows",
             )
         silent = ~(np.isfinite(frequency) & (frequency > 0))
         fault = np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0))

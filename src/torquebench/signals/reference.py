@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.edges import as_ticks
 from torquebench.signals.windows import CounterMethod
 
@@ -45,7 +46,7 @@ def reference_frequency(
     array([10000000.])
     """
     if method not in _PERIODS:
-        raise InputError(f"counter {method!r}", ", ".join(_PERIODS))
+        raise InputError(Message("counter {method!r}", method), ", ".join(_PERIODS))
     edges = as_ticks(ticks)
     borders = zip(as_ticks(starts).tolist(), as_ticks(stops).tolist(), strict=True)
     fewest = 1 if method == "gated" else 2

@@ -7,6 +7,7 @@ from typing import Self, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 
 __all__ = ["FrequencySamples", "TorqueSamples"]
@@ -48,8 +49,14 @@ class _Samples:
             kind = SignalFaultKind(int(self.fault[first]))
             raise PulseTrainFault(
                 kind,
-                f"{channel}: {kind.description} at {self.time_s[first]:.6g} s "
-                f"({faulty.size} of {len(self)} windows faulty)",
+                Message(
+                    "{channel}: {description} at {time_s:.6g} s ({size} of {count} windows faulty)",
+                    channel,
+                    kind.description,
+                    self.time_s[first],
+                    faulty.size,
+                    len(self),
+                ),
             )
         return self
 

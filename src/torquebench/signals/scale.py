@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 from torquebench.signals.samples import FrequencySamples, TorqueSamples
 
@@ -85,14 +86,16 @@ class FrequencyScale:
         ):
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):
-                raise InputError(f"{name} = {value}", "a finite value above 0")
+                raise InputError(Message("{name} = {value}", name, value), "a finite value above 0")
         low, high = self.modulation_hz
         if not (0 < low < high < np.inf):
-            raise InputError(f"modulation_hz = {self.modulation_hz}", "0 < low < high")
+            raise InputError(
+                Message("modulation_hz = {modulation_hz}", self.modulation_hz), "0 < low < high"
+            )
         if not low <= self.zero <= high:
             raise InputError(
-                f"zero {self.zero} Hz",
-                f"{low} to {high} Hz",
+                Message("zero {zero} Hz", self.zero),
+                Message("{modulation_hz} to {modulation_hz_2} Hz", low, high),
                 "check the transducer's option and unload it before zeroing",
             )
 
@@ -159,8 +162,12 @@ class FrequencyScale:
         if outside.any():
             raise PulseTrainFault(
                 SignalFaultKind.OUT_OF_MODULATION,
-                f"frequency {frequency[outside].flat[0]:.9g} Hz",
-                f"{self.modulation_hz[0]:g} to {self.modulation_hz[1]:g} Hz",
+                Message("frequency {flat:.9g} Hz", frequency[outside].flat[0]),
+                Message(
+                    "{modulation_hz:g} to {modulation_hz_2:g} Hz",
+                    self.modulation_hz[0],
+                    self.modulation_hz[1],
+                ),
             )
         return self._torque(frequency)
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals.digital import edges_of_bytes
 from torquebench.signals.edges import EdgeBlock
 
@@ -47,7 +48,10 @@ class LogicRecording:
         if isinstance(channel, str) and channel in self.channels:
             channel = self.channels.index(channel)
         if not isinstance(channel, int) or not 0 <= channel < 8 * self.samples.shape[1]:
-            raise InputError(f"channel {channel!r}", f"one of {', '.join(self.channels)}")
+            raise InputError(
+                Message("channel {channel!r}", channel),
+                Message("one of {list}", ", ".join(self.channels)),
+            )
         column = np.ascontiguousarray(self.samples[:, channel // 8])
         return edges_of_bytes(column, self.sample_rate_hz, channel % 8)
 
@@ -77,12 +81,16 @@ def parse_sigrok(content: bytes) -> LogicRecording:
             raw = b"".join(archive.read(name) for name in _captures(names, capture))
     except (zipfile.BadZipFile, KeyError, UnicodeDecodeError, configparser.Error) as error:
         raise InputError(
-            f"no sigrok session ({error})", "a zip archive with metadata and logic samples"
+            Message("no sigrok session ({error})", error),
+            "a zip archive with metadata and logic samples",
         ) from error
     width = int(device.get("unitsize", "1"))
     channels = _channels(device)
     if not raw or len(raw) % width:
-        raise InputError(f"{len(raw)} bytes of samples", f"whole samples of {width} bytes")
+        raise InputError(
+            Message("{count} bytes of samples", len(raw)),
+            Message("whole samples of {width} bytes", width),
+        )
     samples = np.frombuffer(raw, dtype=np.uint8).reshape(-1, width)
     return LogicRecording(_rate(device.get("samplerate", "")), channels, samples)
 
@@ -111,5 +119,5 @@ def _channels(device: dict[str, str]) -> tuple[str, ...]:
 def _rate(text: str) -> float:
     match = re.fullmatch(r"([\d.]+)\s*(\w*)", text.strip())
     if match is None or match[2] not in _RATE_UNITS:
-        raise InputError(f"sample rate {text!r}", "a rate in Hz, kHz, MHz or GHz")
+        raise InputError(Message("sample rate {text!r}", text), "a rate in Hz, kHz, MHz or GHz")
     return float(match[1]) * _RATE_UNITS[match[2]]

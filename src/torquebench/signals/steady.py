@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals._kernels import settled_from
 from torquebench.signals.autocorrelation import correlation_length
 from torquebench.signals.outliers import isolated, median, outliers
@@ -207,23 +208,34 @@ def _checked(
     times = np.asarray(time_s, dtype=np.float64)
     samples = np.asarray(value, dtype=np.float64)
     if times.ndim != 1 or times.shape != samples.shape:
-        raise InputError(f"times {times.shape} and values {samples.shape}", "two equal rows")
+        raise InputError(
+            Message("times {shape} and values {samples_shape}", times.shape, samples.shape),
+            "two equal rows",
+        )
     fewest = max(minimum_samples, 4)
     if times.size < fewest:
-        raise InputError(f"{times.size} samples", f"at least {fewest}", "record the step longer")
+        raise InputError(
+            Message("{shape} samples", times.size),
+            Message("at least {limit}", fewest),
+            "record the step longer",
+        )
     bad = np.flatnonzero(~(np.isfinite(times) & np.isfinite(samples)))
     if bad.size:
         raise InputError(
-            f"sample {bad[0]} is {samples[bad[0]]} at {times[bad[0]]} s",
+            Message(
+                "sample {bad} is {samples} at {times} s", bad[0], samples[bad[0]], times[bad[0]]
+            ),
             "finite samples",
             "handle the fault before asking for a steady value",
         )
     if np.any(np.diff(times) <= 0):
         raise InputError("times that don't increase", "increasing times")
     if period_s is not None and not (np.isfinite(period_s) and period_s > 0):
-        raise InputError(f"period {period_s} s", "a time above 0 s")
+        raise InputError(Message("period {period_s} s", period_s), "a time above 0 s")
     if not 0 <= settling_limit < 1:
-        raise InputError(f"settling_limit {settling_limit}", "0 or more, below 1")
+        raise InputError(
+            Message("settling_limit {settling_limit}", settling_limit), "0 or more, below 1"
+        )
     return times, samples
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals import _kernels
 from torquebench.signals.edges import as_ticks
 from torquebench.signals.faults import SignalFaultKind
@@ -69,11 +70,13 @@ class WindowCounter:
         check_train: bool = True,
     ) -> None:
         if method not in _NUMBERS:
-            raise InputError(f"counter {method!r}", ", ".join(_NUMBERS))
+            raise InputError(Message("counter {method!r}", method), ", ".join(_NUMBERS))
         if not (timebase_hz > 0 and np.isfinite(timebase_hz)):
-            raise InputError(f"timebase {timebase_hz} Hz", "a frequency above 0 Hz")
+            raise InputError(
+                Message("timebase {timebase_hz} Hz", timebase_hz), "a frequency above 0 Hz"
+            )
         if not (edge_jitter_s >= 0 and np.isfinite(edge_jitter_s)):
-            raise InputError(f"edge jitter {edge_jitter_s} s", "0 s or more")
+            raise InputError(Message("edge jitter {edge_jitter_s} s", edge_jitter_s), "0 s or more")
         self.method: CounterMethod = method
         self.timebase_hz = float(timebase_hz)
         self.check_train = check_train
@@ -164,13 +167,15 @@ class WindowCounter:
         if wrong >= 0:
             ticks = trains[-1] if falls else trains[0]
             raise InputError(
-                f"edge at tick {ticks[wrong]} after one at {ticks[wrong - 1]}",
+                Message(
+                    "edge at tick {ticks} after one at {ticks_2}", ticks[wrong], ticks[wrong - 1]
+                ),
                 "strictly increasing edges",
             )
         if self.method == "regression" and largest >= _LARGEST_SUM:
             raise InputError(
-                f"regression whose edges² x ticks are {largest:.3g}",
-                f"below {_LARGEST_SUM:.3g}",
+                Message("regression whose edges² x ticks are {largest:.3g}", largest),
+                Message("below {high:.3g}", _LARGEST_SUM),
                 "use shorter windows and average them",
             )
         return int(suspects)
@@ -224,7 +229,9 @@ def count_windows(
     first = as_ticks(starts, "starts")
     last = as_ticks(stops, "stops")
     if first.shape != last.shape:
-        raise InputError(f"{first.size} starts and {last.size} stops", "as many of each")
+        raise InputError(
+            Message("{size} starts and {last_size} stops", first.size, last.size), "as many of each"
+        )
     if np.any(np.diff(first) < 0) or np.any(np.diff(last) < 0) or np.any(last <= first):
         raise InputError("windows that decrease or are empty", "ordered windows, start < stop")
     counter = WindowCounter(
@@ -259,7 +266,9 @@ def windows_of_angle(mark_ticks: ArrayLike, marks_per_window: int) -> tuple[Tick
     (array([ 0, 20]), array([20, 40]))
     """
     if marks_per_window < 1:
-        raise InputError(f"{marks_per_window} marks per window", "1 or more")
+        raise InputError(
+            Message("{marks_per_window} marks per window", marks_per_window), "1 or more"
+        )
     borders = as_ticks(mark_ticks, "mark_ticks")[::marks_per_window]
     return borders[:-1].copy(), borders[1:].copy()
 

@@ -8,6 +8,7 @@ import threading
 from abc import ABC, abstractmethod
 
 from torquebench.errors import BenchError
+from torquebench.message import Message
 from torquebench.simulators.misbehaviour import WireFaults
 
 __all__ = ["LineServer"]
@@ -33,7 +34,13 @@ class LineServer(ABC):
             self._listener = socket.create_server((host, port))
         except OSError as error:
             raise BenchError(
-                f"{faults.name} can't be served on {host}:{port} ({error.strerror})",
+                Message(
+                    "{name} can't be served on {host}:{port} ({strerror})",
+                    faults.name,
+                    host,
+                    port,
+                    error.strerror,
+                ),
                 "a free port",
                 "end what uses it, or name another one",
             ) from error

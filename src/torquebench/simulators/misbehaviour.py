@@ -34,6 +34,7 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["KINDS", "Misbehaviour", "MisbehaviourKind", "WireFaults"]
 
@@ -270,17 +271,25 @@ class Misbehaviour:
             There is no such endpoint or kind, or a value is out of range.
         """
         if endpoint not in self._endpoints:
-            raise InputError(f"endpoint {endpoint!r}", "one of " + ", ".join(self._endpoints))
+            raise InputError(
+                Message("endpoint {endpoint!r}", endpoint),
+                Message("one of {list}", ", ".join(self._endpoints)),
+            )
         if kind not in KINDS:
-            raise InputError(f"misbehaviour {kind!r}", "one of " + ", ".join(KINDS))
+            raise InputError(
+                Message("misbehaviour {kind!r}", kind), Message("one of {list}", ", ".join(KINDS))
+            )
         default, lowest, highest = AMOUNTS.get(kind, (0.0, 0.0, 60.0))
         amount = default if amount is None else amount
         if not lowest <= amount <= highest:
-            raise InputError(f"amount {amount:g} of {kind}", f"{lowest:g} to {highest:g}")
+            raise InputError(
+                Message("amount {amount:g} of {kind}", amount, kind),
+                Message("{low:g} to {high:g}", lowest, highest),
+            )
         if replies is not None and replies < 1:
-            raise InputError(f"{replies} replies", "at least 1")
+            raise InputError(Message("{replies} replies", replies), "at least 1")
         if duration_s is not None and not 0.0 <= duration_s < float("inf"):
-            raise InputError(f"duration {duration_s:g} s", "0 s or longer")
+            raise InputError(Message("duration {duration_s:g} s", duration_s), "0 s or longer")
         self._endpoints[endpoint].start(kind, amount, replies, duration_s)
 
     def heal(self, endpoint: str | None = None) -> None:

@@ -13,6 +13,7 @@ from torquebench.bench.drivers.instruments import InstrumentsOptions
 from torquebench.bench.drivers.links import split_address
 from torquebench.bench.drivers.plugins import require_library
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.simulators.control import ControlServer
 from torquebench.simulators.misbehaviour import Misbehaviour, WireFaults
 from torquebench.simulators.plant import Plant
@@ -71,7 +72,7 @@ class Simulators:
     def __init__(self, description: BenchDescription) -> None:
         if "simulation" not in description.driver:
             raise InputError(
-                f"{description.name} has no instruments to simulate",
+                Message("{name} has no instruments to simulate", description.name),
                 "a bench with a section [driver.simulation]",
                 "see examples/networked.toml",
             )
@@ -107,8 +108,8 @@ class Simulators:
         build = _BUILDERS.get(protocol)
         if build is None:
             raise InputError(
-                f"driver.{role}.protocol = {protocol!r} has no simulator",
-                "one of " + ", ".join(_BUILDERS),
+                Message("driver.{role}.protocol = {protocol!r} has no simulator", role, protocol),
+                Message("one of {list}", ", ".join(_BUILDERS)),
                 "simulate this instrument by one of these",
             )
         return build(self, role, section)
@@ -246,7 +247,9 @@ def _canopen(simulators: Simulators, role: str, section: dict[str, Any]) -> dict
     bus = dict(section["bus"])
     if bus.get("interface") != "socketcand":
         raise InputError(
-            f"driver.{role}.bus.interface = {bus.get('interface')!r} has no simulator",
+            Message(
+                "driver.{role}.bus.interface = {bus!r} has no simulator", role, bus.get("interface")
+            ),
             '"socketcand" with host and port',
             "simulate the drive on a bus over TCP",
         )
@@ -272,7 +275,7 @@ def _daqmx(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[s
 
     if section.get("address") is None:
         raise InputError(
-            f"driver.{role} is a card in this computer",
+            Message("driver.{role} is a card in this computer", role),
             "an address host:port of an NI gRPC Device Server",
             "simulate the card behind an address",
         )

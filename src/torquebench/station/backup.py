@@ -22,6 +22,7 @@ from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import ChainHead, Registry, RunFolder, anchor_of, sha256_of_file
 from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
@@ -105,7 +106,9 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
         damage = damage_of_file(copy)
         if damage:
             raise RecordError(
-                f"the registry {data / REGISTRY_FILE} is damaged: {damage[0]}",
+                Message(
+                    "the registry {data} is damaged: {damage}", data / REGISTRY_FILE, damage[0]
+                ),
                 "a sound one; an earlier backup stays as it is",
                 WAY_BACK,
             )
@@ -131,7 +134,7 @@ def require_file_registry(what: str) -> None:
     """Refuse file operations for a registry on a server."""
     if os.environ.get(REGISTRY_URL):
         raise InputError(
-            f"{what} of a registry on a server",
+            Message("{what} of a registry on a server", what),
             "a registry in its data directory",
             "use the server's own tool (`pg_dump`), and copy the data directory beside it",
         )
@@ -141,13 +144,17 @@ def _require_target(data: Path, target: Path) -> None:
     here, there = data.resolve(), target.resolve()
     if there.is_relative_to(here) or here.is_relative_to(there):
         raise InputError(
-            f"{target} and {data} lie in each other", "two folders apart", "name another folder"
+            Message("{target} and {data} lie in each other", target, data),
+            "two folders apart",
+            "name another folder",
         )
     if target.is_dir() and any(target.iterdir()) and not (target / BACKUP_FILE).exists():
         begun = {path.name for path in target.iterdir()} <= {"runs", f".{REGISTRY_FILE}.part"}
         if not begun:  # otherwise an interrupted first backup
             raise InputError(
-                f"{target} holds something else", "a new folder, or a backup", "name another folder"
+                Message("{target} holds something else", target),
+                "a new folder, or a backup",
+                "name another folder",
             )
 
 
@@ -157,8 +164,12 @@ def _require_same_records(registry: Registry, target: Path) -> None:
     before = _noted_head(target)
     if before.sequence and not registry.passes_through(before):
         raise InputError(
-            f"the registry doesn't pass through the end of the chain in {target}, entry "
-            f"{before.sequence}",
+            Message(
+                "the registry doesn't pass through the end of the chain in {target}, "
+                "entry {sequence}",
+                target,
+                before.sequence,
+            ),
             "an earlier backup of the same records",
             "look with `torquebench records verify` whether the registry was replaced; or name "
             "another folder, and keep this backup",
@@ -183,7 +194,7 @@ def _copy_database(source: Path, target: Path) -> None:
             copy.execute("PRAGMA journal_mode=DELETE")  # one file, readable anywhere
         except sqlite3.DatabaseError as error:
             raise RecordError(
-                f"{source} can't be read: {error}", "a sound file", WAY_BACK
+                Message("{path} can't be read: {problem}", source, error), "a sound file", WAY_BACK
             ) from error
 
 
@@ -250,12 +261,12 @@ def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
         if (part / "manifest.json").exists():
             RunFolder.open(part).verify()
         if registered is not None and _manifest_sha256(part) != registered:
-            return f"run {folder.name}: its manifest isn't the one that is registered"
+            return Message("run {name}: its manifest isn't the one that is registered", folder.name)
         if copied.exists():
             shutil.rmtree(copied)  # of a run that was open at the last backup, or was changed
         part.replace(copied)
     except RecordError as error:
-        return f"run {folder.name}: {error.found}"
+        return Message("run {label}: {found}", folder.name, error.found)
     finally:
         shutil.rmtree(part, ignore_errors=True)
     return ""
@@ -360,10 +371,15 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
     """
     require_file_registry("restoring")
     if not (backup / BACKUP_FILE).is_file():
-        raise InputError(f"{backup} is no backup", f"a folder with {BACKUP_FILE}")
+        raise InputError(
+            Message("{backup} is no backup", backup),
+            Message("a folder with {metadata}", BACKUP_FILE),
+        )
     damage = damage_of_file(backup / REGISTRY_FILE)
     if damage:
-        raise RecordError(f"the backup's own registry is damaged: {damage[0]}", "", "take another")
+        raise RecordError(
+            Message("the backup's own registry is damaged: {damage}", damage[0]), "", "take another"
+        )
     done = Restored()
     private_folder(data)
     with BenchLock(None, data):
@@ -371,7 +387,9 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
         if differing and not replace:
             shown = ", ".join(differing[:8]) + (", …" if len(differing) > 8 else "")
             raise InputError(
-                f"{len(differing)} in {data} differ from the backup: {shown}",
+                Message(
+                    "{count} in {data} differ from the backup: {shown}", len(differing), data, shown
+                ),
                 "what is missing or as in the backup; nothing was changed",
                 "--replace puts them aside into a folder of their own and restores them",
             )

@@ -23,6 +23,7 @@ from typing import Any, Self
 from torquebench.atomic_write import private_folder
 from torquebench.bench.description import BenchDescription
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LOCK_FILE", "BenchLock"]
 
@@ -79,12 +80,12 @@ class BenchLock:
             os.close(file)
             if error.errno not in (errno.EWOULDBLOCK, errno.EACCES, errno.EDEADLK):
                 raise InputError(
-                    f"{path} can't be locked: {error.strerror}",
+                    Message("{path} can't be locked: {strerror}", path, error.strerror),
                     "a data directory on a file system with locks",
                     "choose a local one with --data",
                 ) from error
             raise InputError(
-                f"{what} are in use by {_told(text)}",
+                Message("{what} are in use by {text}", what, _told(text)),
                 "one process that has a bench open",
                 "wait until it ends, or end it; records can be listed and exported meanwhile",
             ) from None
@@ -123,9 +124,12 @@ def _told(text: bytes) -> str:
     """Describe the process named in a lock file."""
     try:
         owner = {key: _plain(str(value)) for key, value in json.loads(text).items()}
-        return (
-            f"`{owner['command']}` (process {owner['pid']} on {owner['host']}, "
-            f"since {owner['since']})"
+        return Message(
+            "`{command}` (process {pid} on {host}, since {since})",
+            owner["command"],
+            owner["pid"],
+            owner["host"],
+            owner["since"],
         )
     except (ValueError, KeyError, AttributeError):  # locked a moment ago, or by another version
         return "another process"
@@ -145,7 +149,11 @@ def _drives(description: BenchDescription) -> Iterator[tuple[Path, str]]:
         told = {name: value for name, value in dict(section).items() if name != "timeout_s"}
         text = json.dumps(told, sort_keys=True, default=str)
         digest = hashlib.sha256(text.encode()).hexdigest()[:16]
-        what = f"the instruments of {key}" if not sections else f"the commands of {key}"
+        what = (
+            Message("the instruments of {key}", key)
+            if not sections
+            else Message("the commands of {key}", key)
+        )
         yield Path(tempfile.gettempdir(), f"torquebench-{digest}.lock"), what
 
 

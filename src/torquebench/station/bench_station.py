@@ -30,6 +30,7 @@ from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.chain import Timebase
 from torquebench.errors import BenchError, RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder
 from torquebench.records.time_check import clock_behind
@@ -453,7 +454,7 @@ class Station:
     def _audit_alarm(self, entry: StandingAlarm) -> None:
         """Write changes of an alarm into the audit log."""
         alarm = entry.alarm
-        event = f"{alarm.level.name.lower()} alarm"
+        event = alarm.level.name.lower() + " alarm"
         if entry.acknowledged is not None:
             event += " acknowledged"
         elif entry.cleared is not None:
@@ -473,17 +474,21 @@ class Station:
         self.supervisor.warn(
             AlarmKind.AUDIT,
             "audit log",
-            f"a line can't be written: {failure}",
+            Message("a line can't be written: {failure}", failure),
             "every command in the audit log",
             "make room on the disk or repair it",
         )
 
     def _warn_of_registry(self, failure: str, waiting: int) -> None:
-        runs = "1 run waits" if waiting == 1 else f"{waiting} runs wait"
+        runs = "1 run waits" if waiting == 1 else Message("{count} runs wait", waiting)
         alarm = self.supervisor.warn(
             AlarmKind.REGISTRY,
             "registry",
-            f"it can't store measured runs: {failure}; {runs} in the data directory",
+            Message(
+                "it can't store measured runs: {failure}; {runs} in the data directory",
+                failure,
+                runs,
+            ),
             "a registry that answers",
             "check whether its server runs and has room; it catches up by itself",
         )

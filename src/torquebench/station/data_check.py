@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.bench.audit_chain import AuditEnd, audit_end, check_audit
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import Finding, IntegrityReport, Registry, RunFolder, check_records
 from torquebench.records.chain import START, ChainHead
 from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK, lost_registry
@@ -86,7 +87,7 @@ def _file_damage(file: Path) -> Iterator[Finding]:
     damage = damage_of_file(file) if file.exists() else ()
     if not damage:
         return
-    more = f" (and {len(damage) - 1} more)" if len(damage) > 1 else ""
+    more = Message(" (and {count} more)", len(damage) - 1) if len(damage) > 1 else ""
     remedy = WAY_BACK
     if index_damage_only(damage):
         remedy = OF_AN_INDEX
@@ -125,8 +126,14 @@ def _check(
 def _rebuilt(registry: Registry) -> Iterator[str]:
     for when, by, how, runs in registry.rebuilt():
         yield (
-            f"the registry was {how} by {by or 'somebody'} on {when:%Y-%m-%d %H:%M:%S} UTC "
-            f"({len(runs)} runs); ends of the chain noted before may not be in it"
+            Message(
+                "the registry was {how} by {by} on {when:%Y-%m-%d %H:%M:%S} UTC ({count} "
+                "runs); ends of the chain noted before may not be in it",
+                how,
+                by or "somebody",
+                when,
+                len(runs),
+            )
         )
 
 
@@ -138,7 +145,7 @@ def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:
     """Yield folders that aren't in the registry."""
     strange = [path for path in run_folders(registry.root) if path.name not in known]
     if strange and not known:
-        count = f"{len(strange)} run folder{'s' if len(strange) > 1 else ''}"
+        count = Message("{count} run folder{value}", len(strange), "s" if len(strange) > 1 else "")
         yield Finding("registry", registry.name, "", f"holds no run beside {count}", "", WAY_BACK)
         return
     own = {run.run_id for run in unentered_folders(registry)} if strange else set()
@@ -172,7 +179,7 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
     if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
         return
     state = "a sealed run" if folder.sealed else "a run that was left open"
-    command = f"finish {path.name}" if own else "rebuild"
+    command = Message("finish {name}", path.name) if own else "rebuild"
     yield Finding(
         "orphan",
         str(path),
@@ -198,6 +205,6 @@ def _noted(
         if run.finished is not None and run.folder.is_relative_to(registry.root):
             end = audit_end(run.folder / AUDIT_FILE)
             if end.line:
-                yield end, f"run {run.run_id}"
+                yield end, Message("run {run_id}", run.run_id)
     for line, sha256 in registry.audit_ends(log):
         yield AuditEnd(line, sha256), "the registry"

@@ -15,6 +15,7 @@ from torquebench.bench.roles import Side
 from torquebench.chain import MeasuringChain, Timebase
 from torquebench.compensation import load_model
 from torquebench.errors import ModelMismatchError
+from torquebench.message import Message
 from torquebench.records import Registry
 
 __all__ = ["compensation_for"]
@@ -61,9 +62,13 @@ def compensation_for(
         accepted = None
     if entry is None:
         raise ModelMismatchError(
-            f"no active model of transducer {transducer.serial} with counter {counter}",
+            Message(
+                "no active model of transducer {serial} with counter {counter}",
+                transducer.serial,
+                counter,
+            ),
             "a model that was made with both",
-            f"calibrate the {side} module or activate one of its models",
+            Message("calibrate the {side} module or activate one of its models", side),
         )
     stored = load_model(entry.check_file())
     stored.check_fits(transducer.serial, counter, module.range_nm)

@@ -8,6 +8,7 @@ import threading
 from torquebench.bench.acquisition import JournalSink
 from torquebench.bench.samples import Stretch
 from torquebench.errors import RecordError
+from torquebench.message import Message
 
 __all__ = ["WAITING_BLOCKS", "QueuedJournal"]
 
@@ -67,7 +68,7 @@ class QueuedJournal:
             raise self._failure  # the error already states a remedy
         if self._failure is not None:
             raise RecordError(
-                f"blocks since the failure aren't kept: {self._failure}",
+                Message("blocks since the failure aren't kept: {failure}", self._failure),
                 "every block kept",
                 "make room on the disk or repair it, then repeat the run",
             ) from self._failure

@@ -20,6 +20,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.calibration import CalibrationData, Contradiction, Profile, propose_due_date
 from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     MANIFEST,
@@ -184,7 +185,7 @@ def _enter(registry: Registry, path: Path, done: Rebuilt) -> None:
             folder.verify()
             bench = folder.metadata.get("bench")
             if bench:
-                source = f"the bench in the record of {path.name}"
+                source = Message("the bench in the record of {name}", path.name)
                 register_equipment(registry, validated(BenchDescription, bench, source))
             enter_run(registry, folder)
             done.runs.append(path.name)

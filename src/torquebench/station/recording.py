@@ -11,6 +11,7 @@ from torquebench.bench.audit import AuditLog
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
 from torquebench.station.journal import RunJournal
 from torquebench.station.queued_journal import WAITING_BLOCKS, QueuedJournal
@@ -84,7 +85,7 @@ class Recording:
             self._context.supervisor.trip(
                 AlarmKind.JOURNAL,
                 "documents",
-                str(error),
+                Message.of(error),
                 "every document kept",
                 "make room on the disk or repair it, then repeat the run",
             )
@@ -103,7 +104,7 @@ class Recording:
         try:
             lost = self._flush()
             if lost is not None and status != "failed":
-                status, reason = "failed", str(lost)
+                status, reason = "failed", Message.of(lost)
             else:
                 lost = None
             self._audit.write("run ends", status=status, reason=reason)
@@ -124,7 +125,7 @@ class Recording:
         except (OSError, InputError) as error:
             what = getattr(error, "strerror", None) or error
             raise RecordError(
-                f"{self.writer.path} can't be sealed ({what})",
+                Message("{run} can't be sealed ({error})", self.writer.path, what),
                 "room and a working disk",
                 "make room on the disk; everything measured is kept, and is sealed at the next "
                 "start",
@@ -146,6 +147,6 @@ class Recording:
     def end_failed(self, end: Callable[[RunEnd, str], None], error: BaseException) -> None:
         """End a failed run; a folder that can't even be sealed doesn't hide why it failed."""
         try:
-            end("failed", str(error) or "the program was interrupted")
+            end("failed", Message.of(error) or "the program was interrupted")
         except (RecordError, OSError) as unsealed:
             error.add_note(f"{self.writer.path} stays open to be recovered: {unsealed}")

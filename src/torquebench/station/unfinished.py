@@ -6,6 +6,7 @@ import logging
 from dataclasses import dataclass
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records import (
     Recovery,
     Registry,
@@ -53,7 +54,9 @@ class RecoveredRun:
     def advice(self) -> str:
         """Remedy; empty for `unfinished_runs`, which have their own."""
         if self.problem:
-            return f"it can't be entered yet ({self.problem}); make room or repair the disk"
+            return Message(
+                "it can't be entered yet ({problem}); make room or repair the disk", self.problem
+            )
         return "start again; what was recorded stays"
 
 
@@ -68,7 +71,7 @@ def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
     runs = registry.root / "runs"
     for run in registry.unfinished_runs():
         if run.folder.parent == runs and not run.folder.is_dir():
-            gone = f"{run.folder} is missing"
+            gone = Message("{place} is missing", run.folder)
             found.append(RecoveredRun(run.run_id, run.kind, run.side, 0, problem=gone))
     return tuple(each for each in found if each is not None)
 
@@ -79,7 +82,7 @@ def _recovered(registry: Registry, run: UnfinishedRun) -> RecoveredRun | None:
         side = str(folder.metadata.get("side", ""))
         hold = RunLock(folder.path)
     except (RecordError, OSError) as error:
-        return RecoveredRun(run.run_id, run.kind, side, 0, problem=str(error))
+        return RecoveredRun(run.run_id, run.kind, side, 0, problem=Message.of(error))
     if not hold.held:
         return None
     torn_bytes, damaged = 0, ""
@@ -93,7 +96,7 @@ def _recovered(registry: Registry, run: UnfinishedRun) -> RecoveredRun | None:
         return RecoveredRun(run.run_id, run.kind, side, points, torn_bytes, damaged, status)
     except (RecordError, InputError, OSError) as error:
         logger.warning("run %s can't be recovered: %s", run.run_id, error)
-        return RecoveredRun(run.run_id, run.kind, side, 0, problem=str(error))
+        return RecoveredRun(run.run_id, run.kind, side, 0, problem=Message.of(error))
     finally:
         hold.release()
 

@@ -9,6 +9,7 @@ from datetime import date, timedelta
 from typing import Any
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "BitReader",
@@ -61,8 +62,8 @@ class BitReader:
         """
         if width > self.left:
             raise InputError(
-                f"the data sheet ends at bit {self._length}, within {name!r}",
-                f"{self.position + width} bits up to there",
+                Message("the data sheet ends at bit {length}, within {name!r}", self._length, name),
+                Message("{position} bits up to there", self.position + width),
                 "read the whole memory; it may be damaged or cut off",
             )
         value = (self._bits >> self.position) & ((1 << width) - 1)
@@ -88,7 +89,7 @@ class BitWriter:
 
 
 def _refuse(name: str, found: object, allowed: str) -> InputError:
-    return InputError(f"{name}: {found!r}", allowed, "correct the sheet")
+    return InputError(Message("{name}: {found!r}", name, found), allowed, "correct the sheet")
 
 
 @dataclass(frozen=True)
@@ -107,7 +108,9 @@ class Whole:
         """Return the code of a number."""
         high = (1 << self.width) - 1 if self.high is None else self.high
         if isinstance(value, bool) or not isinstance(value, int) or not self.low <= value <= high:
-            raise _refuse(name, value, f"a whole number from {self.low} to {high}")
+            raise _refuse(
+                name, value, Message("a whole number from {low} to {high}", self.low, high)
+            )
         return value
 
 
@@ -153,7 +156,7 @@ class Letters:
         codes = [0 if letter == " " else ord(letter) - 64 for letter in text]
         fits = isinstance(value, str) and len(text) <= self.count and text == text.rstrip()
         if not fits or not all(0 <= code <= 31 for code in codes) or "@" in text:
-            raise _refuse(name, value, f"up to {self.count} capital letters A to Z")
+            raise _refuse(name, value, Message("up to {count} capital letters A to Z", self.count))
         return sum(code << (5 * place) for place, code in enumerate(codes))
 
 
@@ -177,7 +180,9 @@ class Day:
         except (TypeError, ValueError):
             days = 0
         if not 0 < days < 1 << self.width:
-            raise _refuse(name, value, f"a date like 2026-11-23, 1998-01-02 to {last}")
+            raise _refuse(
+                name, value, Message("a date like 2026-11-23, 1998-01-02 to {last}", last)
+            )
         return days
 
 
@@ -232,7 +237,11 @@ class Constant:
             code = round((value - self.start) / self.step)
             if 0 <= code < last:
                 return code
-        raise _refuse(name, value, f"{self.start:g} to {self.end:g} in steps of {self.step:.4g}")
+        raise _refuse(
+            name,
+            value,
+            Message("{start:g} to {end:g} in steps of {step:.4g}", self.start, self.end, self.step),
+        )
 
 
 @dataclass(frozen=True)
@@ -259,7 +268,7 @@ class Logarithmic:
             if 0 <= code < last:
                 return code
         end = self.decode(last - 1)
-        raise _refuse(name, value, f"{self.start:g} to {end:.3g}")
+        raise _refuse(name, value, Message("{low:g} to {high:.3g}", self.start, end))
 
 
 Number = Whole | Enumeration | Letters | Day | Single | Constant | Logarithmic

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.teds.bits import Constant, Single
 from torquebench.teds.templates import BRIDGE, CALIBRATION_CURVE, TEMPLATES, TORQUE, Array, Field
 
@@ -111,14 +112,26 @@ def fit_curve(
     low, high = span_nm
     if not low < high or low < table.reading_low_nm or high > table.reading_high_nm:
         raise InputError(
-            f"span {low:g} to {high:g} N·m of the sheet",
-            f"within the calibrated {table.reading_low_nm:g} to {table.reading_high_nm:g} N·m",
+            Message("span {low:g} to {high:g} N·m of the sheet", low, high),
+            Message(
+                "within the calibrated {reading_low_nm:g} to {reading_high_nm:g} N·m",
+                table.reading_low_nm,
+                table.reading_high_nm,
+            ),
             "set min_physical and max_physical, or calibrate over the whole span",
         )
     if not 1 <= segments <= _MOST_SEGMENTS:
-        raise InputError(f"{segments} segments", f"1 to {_MOST_SEGMENTS}", "give other --segments")
+        raise InputError(
+            Message("{segments} segments", segments),
+            Message("1 to {most}", _MOST_SEGMENTS),
+            "give other --segments",
+        )
     if power is not None and not 1 <= power <= LARGEST_POWER:
-        raise InputError(f"power {power}", f"1 to {LARGEST_POWER}", "give another --power")
+        raise InputError(
+            Message("power {power}", power),
+            Message("1 to {most}", LARGEST_POWER),
+            "give another --power",
+        )
     powers = range(1, LARGEST_POWER + 1) if power is None else (power,)
     fits = [_fitted(table, span_nm, segments, each) for each in powers]
     enough = min(each.residual_nm for each in fits) / _ENOUGH
@@ -223,14 +236,20 @@ def torque_span(bridge: Section) -> tuple[float, float]:
     low, high = bridge.values["min_physical"], bridge.values["max_physical"]
     electrical = (bridge.values["min_electrical"], bridge.values["max_electrical"])
     if unit != TORQUE:
-        raise InputError(f"a bridge sensor in {unit}", TORQUE, "set measurand to N·m")
+        raise InputError(Message("a bridge sensor in {unit}", unit), TORQUE, "set measurand to N·m")
     if low is None or high is None or not low < high:
         raise InputError(
-            f"span {low} to {high} N·m", "a lowest below a highest torque", "correct the sheet"
+            Message("span {low} to {high} N·m", low, high),
+            "a lowest below a highest torque",
+            "correct the sheet",
         )
     if None in electrical or electrical[0] == electrical[1]:
         raise InputError(
-            f"electrical values {electrical[0]} and {electrical[1]} V/V",
+            Message(
+                "electrical values {electrical} and {electrical_2} V/V",
+                electrical[0],
+                electrical[1],
+            ),
             "two different ones",
             "correct min_electrical and max_electrical",
         )

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["PAGE_BYTES", "SIZES", "read_file", "read_memory", "write_memory"]
 
@@ -49,8 +50,8 @@ def read_memory(content: bytes, *, checksums: bool = True) -> bytes:
         return data
     if not data or len(data) % PAGE_BYTES:
         raise InputError(
-            f"a memory of {len(data)} bytes",
-            f"pages of {PAGE_BYTES} bytes with a checksum each",
+            Message("a memory of {size} bytes", len(data)),
+            Message("pages of {page_bytes} bytes with a checksum each", PAGE_BYTES),
             "read the whole memory, or give --no-checksums for a sheet without them",
         )
     pages = [data[start : start + PAGE_BYTES] for start in range(0, len(data), PAGE_BYTES)]
@@ -59,8 +60,8 @@ def read_memory(content: bytes, *, checksums: bool = True) -> bytes:
         if sum(page) % 256 and not blank:
             right = -sum(page[1:]) % 256
             raise InputError(
-                f"page {number}: checksum 0x{page[0]:02X}",
-                f"0x{right:02X} for these {PAGE_BYTES - 1} bytes",
+                Message("page {number}: checksum 0x{page:02X}", number, page[0]),
+                Message("0x{right:02X} for these {page_bytes} bytes", right, PAGE_BYTES - 1),
                 "read the memory again; give --no-checksums for a sheet without checksums",
             )
     written = [page for page in pages if page.strip(b"\xff")]
@@ -92,12 +93,15 @@ def write_memory(data: bytes, size: int, *, checksums: bool = True) -> bytes:
     if not checksums:
         return data
     if size <= 0 or size % PAGE_BYTES:
-        raise InputError(f"a memory of {size} bytes", f"whole pages of {PAGE_BYTES} bytes")
+        raise InputError(
+            Message("a memory of {size} bytes", size),
+            Message("whole pages of {page_bytes} bytes", PAGE_BYTES),
+        )
     room = size // PAGE_BYTES * (PAGE_BYTES - 1)
     if len(data) > room:
         raise InputError(
-            f"a data sheet of {len(data)} bytes",
-            f"{room} bytes in a memory of {size}",
+            Message("a data sheet of {count} bytes", len(data)),
+            Message("{room} bytes in a memory of {size}", room, size),
             "use a larger memory, or fewer segments and powers",
         )
     padded = data.ljust(room, b"\0")
@@ -110,7 +114,9 @@ def _binary(content: bytes) -> bytes:
         return content
     digits = re.sub(rb"0x|[\s,:-]", b"", content)
     if len(digits) % 2:
-        raise InputError(f"{len(digits)} hexadecimal digits", "two a byte", "copy all of them")
+        raise InputError(
+            Message("{count} hexadecimal digits", len(digits)), "two a byte", "copy all of them"
+        )
     return bytes.fromhex(digits.decode("ascii"))
 
 
@@ -120,6 +126,7 @@ def read_file(path: Path, *, checksums: bool = True) -> bytes:
         content = path.read_bytes()
     except OSError as problem:
         raise InputError(
-            f"{path}: {problem.strerror or problem}", "a file that can be read"
+            Message("{path}: {strerror}", path, problem.strerror or problem),
+            "a file that can be read",
         ) from problem
     return read_memory(content, checksums=checksums)

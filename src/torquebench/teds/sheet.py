@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.teds.bits import BitReader, BitWriter
 from torquebench.teds.templates import BASIC, TEMPLATES, Array, Field
 
@@ -105,7 +106,9 @@ def decode(data: bytes) -> Sheet:
     """
     if not data.strip(b"\0") or not data.strip(b"\xff"):
         raise InputError(
-            f"a blank memory of {len(data)} bytes", "a data sheet", "check the connection, or write"
+            Message("a blank memory of {count} bytes", len(data)),
+            "a data sheet",
+            "check the connection, or write",
         )
     reader = BitReader(data)
     basic = _read_fields(reader, BASIC)
@@ -205,7 +208,9 @@ def encode(sheet: Sheet) -> bytes:
         template = TEMPLATES.get(section.template)
         if template is None:
             raise InputError(
-                f"template {section.template}", ", ".join(map(str, TEMPLATES)), "correct the sheet"
+                Message("template {template}", section.template),
+                ", ".join(map(str, TEMPLATES)),
+                "correct the sheet",
             )
         writer.put(_STANDARD, 2)
         writer.put(template.number, 8)
@@ -218,7 +223,9 @@ def encode(sheet: Sheet) -> bytes:
     if sheet.text and sheet.free:
         raise InputError("text and free bits", "one of both", "leave one of them out")
     if any(not 0 < ord(letter) < 127 for letter in sheet.text):
-        raise InputError(f"text {sheet.text!r}", "ASCII characters", "write N.m for N·m")
+        raise InputError(
+            Message("text {text!r}", sheet.text), "ASCII characters", "write N.m for N·m"
+        )
     for letter in sheet.text:
         writer.put(ord(letter), 7)
     if sheet.text:
@@ -229,7 +236,7 @@ def encode(sheet: Sheet) -> bytes:
 
 def _write_bits(writer: BitWriter, bits: str) -> None:
     if bits.strip("01"):
-        raise InputError(f"bits {bits[:20]!r}", "zeros and ones", "correct the sheet")
+        raise InputError(Message("bits {bits!r}", bits[:20]), "zeros and ones", "correct the sheet")
     for bit in bits:
         writer.put(int(bit), 1)
 
@@ -238,13 +245,21 @@ def _write_fields(
     writer: BitWriter, fields: Sequence[Field | Array], values: Any, where: str
 ) -> None:
     if not isinstance(values, Mapping):
-        raise InputError(f"{where}: {values!r}", "names with values", "correct the sheet")
+        raise InputError(
+            Message("{where}: {values!r}", where, values), "names with values", "correct the sheet"
+        )
     names = [each.name for each in fields]
     missing = [name for name in names if name not in values]
     strange = [str(name) for name in values if name not in names]
     if missing or strange:
-        found = f"without {', '.join(missing)}" if missing else f"with {', '.join(strange)}"
-        raise InputError(f"{where} {found}", ", ".join(names), "correct the sheet")
+        found = (
+            Message("without {missing}", ", ".join(missing))
+            if missing
+            else Message("with {strange}", ", ".join(strange))
+        )
+        raise InputError(
+            Message("{where} {found}", where, found), ", ".join(names), "correct the sheet"
+        )
     for each in fields:
         value, name = values[each.name], f"{where}, {each.name}"
         if isinstance(each, Field):
@@ -252,7 +267,7 @@ def _write_fields(
             continue
         most = (1 << each.width) - 1
         if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > most:
-            raise InputError(name, f"a list of at most {most}", "correct the sheet")
+            raise InputError(name, Message("a list of at most {most}", most), "correct the sheet")
         writer.put(len(value), each.width)
         for number, item in enumerate(value, 1):
             _write_fields(writer, each.fields, item, f"{name} {number}")
@@ -283,10 +298,14 @@ def sheet_from_json(content: Any) -> Sheet:
     """
     allowed = ("basic", "templates", "text", "free_bits", "unread")
     if not isinstance(content, Mapping) or "basic" not in content:
-        raise InputError("no sheet", f"a JSON object with {', '.join(allowed)}", "see `teds read`")
+        raise InputError(
+            "no sheet",
+            Message("a JSON object with {allowed}", ", ".join(allowed)),
+            "see `teds read`",
+        )
     strange = [str(name) for name in content if name not in allowed]
     if strange:
-        raise InputError(f"a sheet with {', '.join(strange)}", ", ".join(allowed))
+        raise InputError(Message("a sheet with {strange}", ", ".join(strange)), ", ".join(allowed))
     templates, unread = content.get("templates", []), content.get("unread")
     if not isinstance(templates, list) or not all(
         isinstance(each, dict) and isinstance(each.get("template"), int) for each in templates

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.twin import mechanism, readout, simulation
 from torquebench.twin import reducer as red
 from torquebench.twin import thermal as heat
@@ -83,7 +84,9 @@ class BenchTwin:
     ) -> None:
         step_ticks = timebase_hz * simulation.STEP_S
         if step_ticks != round(step_ticks) or step_ticks < 1.0:
-            raise InputError(f"timebase {timebase_hz} Hz", "a whole multiple of 1000 Hz")
+            raise InputError(
+                Message("timebase {timebase_hz} Hz", timebase_hz), "a whole multiple of 1000 Hz"
+            )
         self._parameters = parameters
         self._sides = (parameters.input, parameters.output)
         self._timebase_hz = timebase_hz
@@ -156,7 +159,10 @@ class BenchTwin:
         """Make edges only of these channels from now on."""
         unknown = set(channels) - set(CHANNELS)
         if unknown:
-            raise InputError(f"channels {sorted(unknown)}", f"some of {', '.join(CHANNELS)}")
+            raise InputError(
+                Message("channels {unknown}", sorted(unknown)),
+                Message("some of {channels}", ", ".join(CHANNELS)),
+            )
         for channel in set(channels) - set(self._active):
             self._sources[channel].forget()
         self._active = tuple(channel for channel in CHANNELS if channel in channels)
@@ -168,7 +174,9 @@ class BenchTwin:
         """
         index = _index(side)
         if mode not in MODES:
-            raise InputError(f"mode {mode!r}", f"one of {', '.join(MODES)}")
+            raise InputError(
+                Message("mode {mode!r}", mode), Message("one of {list}", ", ".join(MODES))
+            )
         conversion = _CONVERSION[mode]
         if self._orders.conversion[index] == conversion:
             return
@@ -189,7 +197,9 @@ class BenchTwin:
     def mount(self, what: Mounting) -> None:
         """Mount the calibrator, the verification standard, the reducer or nothing."""
         if what not in MOUNTINGS:
-            raise InputError(f"mounting {what!r}", f"one of {', '.join(MOUNTINGS)}")
+            raise InputError(
+                Message("mounting {what!r}", what), Message("one of {list}", ", ".join(MOUNTINGS))
+            )
         if what == self._mounting:
             return
         self._catch_up()
@@ -270,8 +280,15 @@ class BenchTwin:
         _finite(mean_c, "temperature", "°C")
         if not (swing_k >= 0.0 and drop_k >= 0.0 and min(period_h, drop_every_h, drop_min) > 0.0):
             raise InputError(
-                f"a climate with a swing of {swing_k} K in {period_h} h and drops of {drop_k} K "
-                f"for {drop_min} min every {drop_every_h} h",
+                Message(
+                    "a climate with a swing of {swing_k} K in {period_h} h and drops of "
+                    "{drop_k} K for {drop_min} min every {drop_every_h} h",
+                    swing_k,
+                    period_h,
+                    drop_k,
+                    drop_min,
+                    drop_every_h,
+                ),
                 "sizes of at least 0 K, times above 0",
             )
         self._catch_up()
@@ -367,7 +384,7 @@ class BenchTwin:
             time until its next call. Several shorter blocks give the same result, with more work.
         """
         if not duration_s > 0.0:
-            raise InputError(f"duration {duration_s} s", "a duration above 0 s")
+            raise InputError(Message("duration {duration_s} s", duration_s), "a duration above 0 s")
         start_tick = self._tick
         stop_tick = start_tick + max(1, round(duration_s * self._timebase_hz))
         first = self._steps
@@ -597,7 +614,7 @@ class BenchTwin:
 
 def _index(side: str) -> int:
     if side not in SIDES:
-        raise InputError(f"side {side!r}", f"one of {', '.join(SIDES)}")
+        raise InputError(Message("side {side!r}", side), Message("one of {list}", ", ".join(SIDES)))
     return SIDES.index(side)
 
 
@@ -626,5 +643,5 @@ def _climate(
 
 def _finite(value: float, name: str, unit: str) -> float:
     if not np.isfinite(value):
-        raise InputError(f"{name} {value} {unit}", "a finite number")
+        raise InputError(Message("{name} {value} {unit}", name, value, unit), "a finite number")
     return float(value)

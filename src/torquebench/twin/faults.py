@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.twin.blocks import (
     CHANNELS,
     FAULT_KINDS,
@@ -52,15 +53,22 @@ def make_fault(
 ) -> Fault:
     """Check and build a fault; ``amount`` None takes the kind's default."""
     if kind not in FAULT_KINDS:
-        raise InputError(f"fault {kind!r}", f"one of {', '.join(FAULT_KINDS)}")
+        raise InputError(
+            Message("fault {kind!r}", kind), Message("one of {list}", ", ".join(FAULT_KINDS))
+        )
     allowed: tuple[str, ...] = SIDES if kind == "encoder_slip" else CHANNELS
     if channel not in allowed:
-        raise InputError(f"fault {kind!r} on {channel!r}", f"on one of {', '.join(allowed)}")
+        raise InputError(
+            Message("fault {kind!r} on {channel!r}", kind, channel),
+            Message("on one of {allowed}", ", ".join(allowed)),
+        )
     if stop_tick <= start_tick:
         raise InputError("a fault of no duration", "a duration above 0 s")
     amount = _DEFAULT_AMOUNT[kind] if amount is None else amount
     if kind in ("missing_pulses", "doubled_pulses") and amount < 1.0:
-        raise InputError(f"every {amount:g}-th pulse", "a whole number of at least 1")
+        raise InputError(
+            Message("every {amount:g}-th pulse", amount), "a whole number of at least 1"
+        )
     return Fault(channel, kind, start_tick, stop_tick, amount)
 
 

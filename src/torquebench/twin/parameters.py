@@ -7,6 +7,7 @@ import numpy as np
 
 from torquebench.errors import InputError
 from torquebench.mechanics import Chain
+from torquebench.message import Message
 from torquebench.twin import presets
 from torquebench.twin.blocks import SIDES, Side
 from torquebench.twin.calibrator import ReferenceParameters
@@ -144,11 +145,15 @@ class TwinParameters:
             If a name is unknown or the seed is negative.
         """
         if preset not in WEAR:
-            raise InputError(f"preset {preset!r}", f"one of {', '.join(WEAR)}")
+            raise InputError(
+                Message("preset {preset!r}", preset), Message("one of {list}", ", ".join(WEAR))
+            )
         if seed < 0:
-            raise InputError(f"seed {seed}", "a whole number of at least 0")
+            raise InputError(Message("seed {seed}", seed), "a whole number of at least 0")
         if carrier_hz not in BANDWIDTH:
-            raise InputError(f"carrier {carrier_hz} Hz", "60000 Hz or 240000 Hz")
+            raise InputError(
+                Message("carrier {carrier_hz} Hz", carrier_hz), "60000 Hz or 240000 Hz"
+            )
         wear = WEAR[preset]
         generators = np.random.default_rng(seed).spawn(5)
         sides = [

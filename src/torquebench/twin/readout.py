@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.twin import simulation
 from torquebench.twin.blocks import (
     CHANNELS,
@@ -34,7 +35,9 @@ __all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_swe
 def side_of(channel: str) -> Side:
     """Side to which a channel belongs."""
     if channel not in CHANNELS:
-        raise InputError(f"channel {channel!r}", f"one of {', '.join(CHANNELS)}")
+        raise InputError(
+            Message("channel {channel!r}", channel), Message("one of {list}", ", ".join(CHANNELS))
+        )
     return "input" if channel.startswith("input") else "output"
 
 
@@ -119,7 +122,8 @@ def static_sweep(
     path = np.ascontiguousarray(path_nm, dtype=np.float64)
     if path.ndim != 1 or path.size == 0 or not np.isfinite(path).all():
         raise InputError(
-            f"a path of shape {path.shape}", "one dimension, at least one point, all finite"
+            Message("a path of shape {shape}", path.shape),
+            "one dimension, at least one point, all finite",
         )
     frequency, reference_hz = np.empty(path.size), np.empty(path.size)
     state, table = fresh_transducer_state(), reference.error_table()

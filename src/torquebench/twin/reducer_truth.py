@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.twin import reducer as red
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.units import ARCMIN, RAD_S_PER_RPM
@@ -44,7 +45,10 @@ def true_loop(
         rising branch first.
     """
     if not torque_nm > 0.0 or points < 3:
-        raise InputError(f"a loop to {torque_nm} N·m with {points} points", "above 0, at least 3")
+        raise InputError(
+            Message("a loop to {torque_nm} N·m with {points} points", torque_nm, points),
+            "above 0, at least 3",
+        )
     state = np.zeros(red.REDUCER_STATES)
     reach = torque_nm / min(reducer.stiffness_nm_rad) + reducer.backlash_rad
     step = 2.0 * reach / (10 * points)

@@ -5,6 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.units import ARCMIN, ARCSEC
 
@@ -75,7 +76,9 @@ def draw_reducer(
         If the name is unknown.
     """
     if name not in REDUCERS:
-        raise InputError(f"reducer {name!r}", f"one of {', '.join(REDUCERS)}")
+        raise InputError(
+            Message("reducer {name!r}", name), Message("one of {list}", ", ".join(REDUCERS))
+        )
     design = REDUCERS[name]
 
     def vary(value: float, spread: float = 0.1) -> float:

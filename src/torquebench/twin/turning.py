@@ -11,6 +11,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
@@ -150,11 +151,18 @@ def fresh_lubrication(
         An unknown lubricant, or an amount or hours out of range.
     """
     if lubricant not in LUBRICANTS:
-        raise InputError(f"lubricant {lubricant!r}", f"one of {', '.join(LUBRICANTS)}")
+        raise InputError(
+            Message("lubricant {lubricant!r}", lubricant),
+            Message("one of {list}", ", ".join(LUBRICANTS)),
+        )
     if not 0.1 <= amount <= 3.0:
-        raise InputError(f"{amount:g} of the lubricant", "0.1 to 3 of what is specified")
+        raise InputError(
+            Message("{amount:g} of the lubricant", amount), "0.1 to 3 of what is specified"
+        )
     if not 0.0 <= hours <= 1e6:
-        raise InputError(f"{hours:g} h since the lubricant was filled", "0 to 1000000 h")
+        raise InputError(
+            Message("{hours:g} h since the lubricant was filled", hours), "0 to 1000000 h"
+        )
     return np.array([*LUBRICANTS[lubricant], amount, hours])
 
 

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import special
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.distributions import Distribution
 
 __all__ = [
@@ -53,7 +54,10 @@ def coverage_factor(
     2.0
     """
     if not 0.0 < coverage_probability < 1.0:
-        raise InputError(f"coverage probability {coverage_probability:g}", "between 0 and 1")
+        raise InputError(
+            Message("coverage probability {coverage_probability:g}", coverage_probability),
+            "between 0 and 1",
+        )
     freedom = np.asarray(degrees_of_freedom, dtype=np.float64)
     if not np.all(freedom > 0):
         raise InputError("degrees of freedom that are not above 0", "above 0")

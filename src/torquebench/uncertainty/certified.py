@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["CertifiedUncertainty"]
 
@@ -53,12 +54,18 @@ class CertifiedUncertainty:
         known = torque.size == expanded.size > 0 and np.isfinite([*torque, *expanded]).all()
         if not (known and (np.diff(torque) > 0).all() and (torque != 0).all()):
             raise InputError(
-                f"U {_listed(self.expanded_nm)} N·m at torques {_listed(self.torque_nm)} N·m",
+                Message(
+                    "U {expanded_nm} N·m at torques {torque_nm} N·m",
+                    _listed(self.expanded_nm),
+                    _listed(self.torque_nm),
+                ),
                 "one U for each torque; torques increasing, other than 0",
                 "enter the table as the standard's certificate has it",
             )
         if (expanded < 0).any():
-            raise InputError(f"U of a standard of {expanded.min():g} N·m", "0 or more")
+            raise InputError(
+                Message("U of a standard of {expanded:g} N·m", expanded.min()), "0 or more"
+            )
 
     @classmethod
     def flat(cls, expanded_nm: float, from_nm: float, to_nm: float) -> CertifiedUncertainty:

@@ -11,6 +11,7 @@ from typing import Literal
 from scipy import special
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, coverage_factor
 
 __all__ = ["Decision", "Tolerance", "Verdict", "conformance_probability", "decide"]
@@ -81,10 +82,14 @@ class Tolerance:
     def __post_init__(self) -> None:
         limits = [limit for limit in (self.lower, self.upper) if limit is not None]
         if not limits or not all(isfinite(limit) for limit in limits):
-            raise InputError(f"tolerance {self.lower} to {self.upper}", "one or two finite limits")
+            raise InputError(
+                Message("tolerance {lower} to {upper}", self.lower, self.upper),
+                "one or two finite limits",
+            )
         if len(limits) == 2 and limits[0] >= limits[1]:
             raise InputError(
-                f"tolerance {self.lower} to {self.upper}", "a lower limit below the upper one"
+                Message("tolerance {lower} to {upper}", self.lower, self.upper),
+                "a lower limit below the upper one",
             )
 
     def limits(
@@ -102,8 +107,10 @@ class Tolerance:
         base = reading if self.reference == "reading" else full_scale
         if base is None or not isfinite(base):
             raise InputError(
-                f"a tolerance in % of {self.reference} with no {self.reference} given",
-                f"the {self.reference} in the value's unit",
+                Message(
+                    "a tolerance in % of {reference} with no {reference} given", self.reference
+                ),
+                Message("the {reference} in the value's unit", self.reference),
             )
         scale = abs(base) / 100.0
         return (
@@ -221,7 +228,11 @@ def decide(
     """
     if not isfinite(value) or not isfinite(expanded_uncertainty) or expanded_uncertainty < 0:
         raise InputError(
-            f"value {value} with expanded uncertainty {expanded_uncertainty}",
+            Message(
+                "value {value} with expanded uncertainty {expanded_uncertainty}",
+                value,
+                expanded_uncertainty,
+            ),
             "finite numbers, the uncertainty not negative",
         )
     lower, upper = tolerance.limits(reading, full_scale)

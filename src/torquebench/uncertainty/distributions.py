@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["HALF_WIDTH_FACTOR", "Distribution", "sample"]
 
@@ -91,7 +92,10 @@ def sample(
 def _require_separate_limits(degrees_of_freedom: float) -> None:
     if degrees_of_freedom < 1.0:
         raise InputError(
-            f"a rectangular quantity with {degrees_of_freedom:g} degrees of freedom",
+            Message(
+                "a rectangular quantity with {degrees_of_freedom:g} degrees of freedom",
+                degrees_of_freedom,
+            ),
             "at least 1, so that its limits stay on their own sides",
             "state the limits better or give the quantity as normal",
         )

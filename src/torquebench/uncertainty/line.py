@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.propagation import propagate
 from torquebench.uncertainty.quantity import Quantity
 
@@ -88,7 +89,9 @@ def fit_line(x: ArrayLike, y: ArrayLike, reference: float = 0.0) -> LineFit:
     ordinate = np.asarray(y, dtype=np.float64)
     if abscissa.ndim != 1 or abscissa.shape != ordinate.shape or abscissa.size < 3:
         raise InputError(
-            f"points of shapes {abscissa.shape} and {ordinate.shape}",
+            Message(
+                "points of shapes {shape} and {ordinate_shape}", abscissa.shape, ordinate.shape
+            ),
             "two columns of equal length, at least 3",
         )
     _require_finite(abscissa, ordinate)
@@ -96,7 +99,9 @@ def fit_line(x: ArrayLike, y: ArrayLike, reference: float = 0.0) -> LineFit:
     offset = abscissa - centre
     squares = float(offset @ offset)
     if squares == 0.0:
-        raise InputError(f"all points lie at x = {centre:g}", "at least two different x")
+        raise InputError(
+            Message("all points lie at x = {centre:g}", centre), "at least two different x"
+        )
     mean = float(np.mean(ordinate))
     slope = float(offset @ (ordinate - mean)) / squares
     residuals = ordinate - mean - slope * offset

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.budget import COVERAGE_PROBABILITY, Budget
 from torquebench.uncertainty.distributions import Distribution, sample
 from torquebench.uncertainty.propagation import (
@@ -118,7 +119,9 @@ def numerical_tolerance(standard_uncertainty: float, significant_digits: int = 2
     0.5
     """
     if significant_digits < 1:
-        raise InputError(f"{significant_digits} significant digits", "1 or 2")
+        raise InputError(
+            Message("{significant_digits} significant digits", significant_digits), "1 or 2"
+        )
     if standard_uncertainty <= 0.0:
         return 0.0
     mantissa_digits = significant_digits - 1
@@ -160,7 +163,7 @@ def coverage_interval(
     count = ordered.size
     inside = min(floor(coverage_probability * count + 0.5), count - 1)
     if inside < 1:
-        raise InputError(f"{count} draws", "at least 2 for a coverage interval")
+        raise InputError(Message("{count} draws", count), "at least 2 for a coverage interval")
     if kind == "shortest":
         width = ordered[inside:] - ordered[: count - inside]
         first = int(np.argmin(width))
@@ -199,7 +202,10 @@ def draw_inputs(
         odd = [m.name for m in members if m.distribution is not Distribution.NORMAL]
         if odd:
             raise InputError(
-                f"correlated quantities with another distribution than normal: {', '.join(odd)}",
+                Message(
+                    "correlated quantities with another distribution than normal: {odd}",
+                    ", ".join(odd),
+                ),
                 "normal distributions within a correlated group",
                 "split the shared cause into a quantity of its own",
             )
@@ -316,8 +322,10 @@ def _evaluate(
     outcome = np.asarray(function(*draws), dtype=np.float64)
     if outcome.shape not in {(), (size,)}:
         raise InputError(
-            f"the measurement function gives shape {outcome.shape} for {size} draws",
-            f"shape ({size},)",
+            Message(
+                "the measurement function gives shape {shape} for {size} draws", outcome.shape, size
+            ),
+            Message("shape ({size},)", size),
             "write it with NumPy functions so that it takes arrays",
         )
     if not np.all(np.isfinite(outcome)):

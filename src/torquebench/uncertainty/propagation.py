@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.budget import Budget, BudgetLine, welch_satterthwaite
 from torquebench.uncertainty.quantity import Quantity
 from torquebench.uncertainty.sensitivity import (
@@ -90,14 +91,19 @@ def propagate(
     freedom = np.array([quantity.degrees_of_freedom for quantity in quantities])
     value = float(function(*values))
     if not np.isfinite(value):
-        raise InputError(f"the measurement function gives {value}", "a finite result")
+        raise InputError(
+            Message("the measurement function gives {value}", value), "a finite result"
+        )
     slope = (
         sensitivities(function, values, spread.tolist(), method)
         if derivatives is None
         else np.asarray(derivatives, dtype=np.float64)
     )
     if slope.shape != spread.shape:
-        raise InputError(f"{slope.size} derivatives for {spread.size} quantities", "one for each")
+        raise InputError(
+            Message("{size} derivatives for {spread_size} quantities", slope.size, spread.size),
+            "one for each",
+        )
     signed = slope * spread
     partial = signed * (matrix @ signed)
     variance = max(float(np.sum(partial)), 0.0)
@@ -139,17 +145,25 @@ def correlation_matrix(
     names = [quantity.name for quantity in quantities]
     if len(set(names)) < len(names):
         repeated = sorted({name for name in names if names.count(name) > 1})
-        raise InputError(f"the quantities {repeated} appear twice", "unique names")
+        raise InputError(
+            Message("the quantities {repeated} appear twice", repeated), "unique names"
+        )
     matrix = np.eye(len(names))
     for (first, second), coefficient in (correlations or {}).items():
         if first not in names or second not in names or first == second:
             raise InputError(
-                f"a correlation between {first!r} and {second!r}",
-                f"two different quantities of {', '.join(names)}",
+                Message("a correlation between {first!r} and {second!r}", first, second),
+                Message("two different quantities of {names}", ", ".join(names)),
             )
         if not -1.0 <= coefficient <= 1.0:
             raise InputError(
-                f"correlation of {first!r} and {second!r} = {coefficient:g}", "between -1 and 1"
+                Message(
+                    "correlation of {first!r} and {second!r} = {coefficient:g}",
+                    first,
+                    second,
+                    coefficient,
+                ),
+                "between -1 and 1",
             )
         row, column = names.index(first), names.index(second)
         matrix[row, column] = matrix[column, row] = coefficient
@@ -213,7 +227,10 @@ def shared_indices(
     names = [quantity.name for quantity in quantities]
     unknown = sorted({name for group in shared_freedom for name in group} - set(names))
     if unknown:
-        raise InputError(f"shared degrees of freedom of {unknown}", f"names of {names}")
+        raise InputError(
+            Message("shared degrees of freedom of {unknown}", unknown),
+            Message("names of {names}", names),
+        )
     return [[names.index(name) for name in group] for group in shared_freedom]
 
 

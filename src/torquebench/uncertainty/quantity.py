@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty.distributions import HALF_WIDTH_FACTOR, Distribution
 
 __all__ = ["Quantity"]
@@ -54,15 +55,23 @@ class Quantity:
 
     def __post_init__(self) -> None:
         if not isfinite(self.value):
-            raise InputError(f"{self.name} = {self.value}", "a finite value")
+            raise InputError(Message("{name} = {value}", self.name, self.value), "a finite value")
         if not isfinite(self.standard_uncertainty) or self.standard_uncertainty < 0:
             raise InputError(
-                f"standard uncertainty of {self.name} = {self.standard_uncertainty}",
+                Message(
+                    "standard uncertainty of {name} = {standard_uncertainty}",
+                    self.name,
+                    self.standard_uncertainty,
+                ),
                 "a finite value, 0 or more",
             )
         if isnan(self.degrees_of_freedom) or self.degrees_of_freedom <= 0:
             raise InputError(
-                f"degrees of freedom of {self.name} = {self.degrees_of_freedom}",
+                Message(
+                    "degrees of freedom of {name} = {degrees_of_freedom}",
+                    self.name,
+                    self.degrees_of_freedom,
+                ),
                 "above 0, inf when the uncertainty is exactly known",
             )
 
@@ -131,7 +140,10 @@ class Quantity:
     ) -> "Quantity":
         """From a certificate's expanded uncertainty U = k·u."""
         if not coverage_factor > 0:
-            raise InputError(f"coverage factor of {name} = {coverage_factor}", "above 0")
+            raise InputError(
+                Message("coverage factor of {name} = {coverage_factor}", name, coverage_factor),
+                "above 0",
+            )
         return cls(
             name, value, expanded_uncertainty / coverage_factor, degrees_of_freedom, unit=unit
         )
@@ -147,9 +159,9 @@ class Quantity:
         """
         values = np.asarray(readings, dtype=np.float64).ravel()
         if values.size < 2:
-            raise InputError(f"{values.size} readings of {name}", "at least 2")
+            raise InputError(Message("{size} readings of {name}", values.size, name), "at least 2")
         if not np.all(np.isfinite(values)):
-            raise InputError(f"a reading of {name} is not finite", "finite readings")
+            raise InputError(Message("a reading of {name} is not finite", name), "finite readings")
         deviation = float(np.std(values, ddof=1))
         return cls(
             name,

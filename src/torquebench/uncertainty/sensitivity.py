@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["DerivativeMethod", "MeasurementFunction", "sensitivities"]
 
@@ -67,7 +68,10 @@ def sensitivities(
         if method == "complex-step":
             if exact is None:
                 raise InputError(
-                    f"the measurement function takes no complex number as input {index + 1}",
+                    Message(
+                        "the measurement function takes no complex number as input {index}",
+                        index + 1,
+                    ),
                     "a function of analytic NumPy operations",
                     'use method="differences"',
                 )
@@ -76,7 +80,11 @@ def sensitivities(
         extrapolated, error = _differences(function, point, index, abs(scale) or abs(value) or 1.0)
         if exact is None and not np.isfinite(extrapolated):
             raise InputError(
-                f"the measurement function is not finite around input {index + 1} = {value:g}",
+                Message(
+                    "the measurement function is not finite around input {index} = {value:g}",
+                    index + 1,
+                    value,
+                ),
                 "finite results within the input's uncertainty",
             )
         # near a pole the differences fail, the complex step doesn't

@@ -500,8 +500,10 @@ def test_a_revoked_program_commands_no_longer(service: BenchService) -> None:
 def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
     watching = Watching()
     assert run_in_process(doubled, 21.0, progress=watching) == 42.0
-    assert watching.reached == [(50, "half")]
-    with pytest.raises(InputError, match="remedy"):
+    ((done, detail),) = watching.reached
+    assert (done, detail, detail.template) == (50, "50 %", "{share} %")
+    with pytest.raises(InputError, match="remedy") as refused:
         run_in_process(refusing)
+    assert refused.value.found.template == "{what} found"
     with pytest.raises(ProcessEndedError):
         run_in_process(endless, cancelled=lambda: True)

@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from sqlalchemy import make_url
 
-from torquebench.calibration import CalibrationData, verify
+from torquebench.calibration import CalibrationData, Contradiction, verify
 from torquebench.errors import ModelMismatchError, RecordError
+from torquebench.message import Message
 from torquebench.records import Equipment, Registry, RunFolder, RunSummary, UnavailableError
 from torquebench.records.database import database_failures, engine_of
 
@@ -164,6 +165,18 @@ def test_a_model_file_that_was_changed_or_lost_is_refused(registry, tmp_path):
     model.file.unlink()
     with pytest.raises(RecordError, match="is missing"):
         model.check_file()
+
+
+def test_contradictions_of_a_model_keep_their_messages(registry, tmp_path):
+    calibration = registry.add_calibration(data(), performed=START)
+    file = tmp_path / "model.json"
+    file.write_text("{}", encoding="utf-8")
+    said = Message("{percent:.1f} % off", 2.0)
+    found = Contradiction("span", "plausibility.span_percent", said, "1 %", "A load.")
+    model = registry.add_model(calibration, kind="hybrid", file=file, contradictions=[found])
+    (kept,) = registry.model(model.model_id).contradictions
+    assert kept == found
+    assert (kept.found.template, kept.found.values) == ("{percent} % off", {"percent": "2.0"})
 
 
 def test_unknown_models_are_named(registry, tmp_path):

@@ -16,6 +16,7 @@ from torquebench.bench.roles import Side
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError
+from torquebench.message import Message
 
 __all__ = ["BenchContext"]
 
@@ -73,7 +74,9 @@ class BenchContext:
             await self.call(order, *args, **kwargs)
         except BenchError as failure:
             if self.supervisor.alarm is None:  # it may just have been switched off for that
-                found = f"{side} drive, commanded to {what}: {failure.found}"
+                found = Message(
+                    "{side} drive, commanded to {what}: {found}", side, what, failure.found
+                )
                 trip, kind = self.supervisor.trip, AlarmKind.DRIVE_FAULT
                 await self.call(trip, kind, side, found, failure.allowed, failure.remedy)
             raise

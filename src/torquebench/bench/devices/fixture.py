@@ -19,6 +19,7 @@ from torquebench.bench.interlocks import (
 )
 from torquebench.bench.roles import Mode, Mounting, RailPosition, Seating, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["ClampDevice", "GuideRailDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
 
@@ -76,7 +77,7 @@ class GuideRailDevice(StandardReadable):
         rail = context.drivers.rail
         if rail is None:
             raise InputError(
-                f"the guide rail of {context.description.name}",
+                Message("the guide rail of {name}", context.description.name),
                 "a bench with a section [driver.guide_rail]",
                 "move it by hand",
             )

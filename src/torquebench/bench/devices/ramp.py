@@ -18,6 +18,7 @@ from torquebench.bench.interlocks import check_speed, check_torque
 from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["DriveRamp", "RampTo", "go_to"]
 
@@ -66,7 +67,9 @@ async def go_to(
     rate = min(rate, fastest)
     commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
-        await context.tell_drive(side, f"go to {target:g} {unit}", tell, target, rate)
+        await context.tell_drive(
+            side, Message("go to {target:g} {unit}", target, unit), tell, target, rate
+        )
     told_s = context.clock.present()  # the samples so far end before the ramp
     commands.told(quantity, target, told_s)
     await context.clock.sleep_until(told_s + abs(target - before) / rate)
@@ -94,7 +97,7 @@ class RampTo:
 
     def __post_init__(self) -> None:
         if not self.rate > 0.0:
-            raise InputError(f"a ramp at a rate of {self.rate:g}", "a rate above 0")
+            raise InputError(Message("a ramp at a rate of {rate:g}", self.rate), "a rate above 0")
 
 
 class DriveRamp(Device, Movable[RampTo]):

@@ -20,6 +20,7 @@ from torquebench.bench.roles import SIDES, Side, reference_channel, torque_chann
 from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.chain.effects.static_curve import StaticCurve
 from torquebench.errors import InputError, SignalFault
+from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["FastRecording", "ModuleRecording", "Recorder", "SynchronousRecording"]
@@ -206,9 +207,16 @@ class Recorder(Device, AsyncReadable, Triggerable):
             found = channel.fine_window(start_s - FAST_WINDOW_S, stop_s - FAST_WINDOW_S)
             if found is None or found.time_s.size < expected:
                 raise SignalFault(
-                    f"{name}: {0 if found is None else found.time_s.size} windows of "
-                    f"{1e3 * FAST_WINDOW_S:g} ms from {start_s:.2f} to {stop_s:.2f} s",
-                    f"{expected}, from edges on the counter card",
+                    Message(
+                        "{name}: {size} windows of {fast_window_s:g} ms from {start_s:.2f} "
+                        "to {stop_s:.2f} s",
+                        name,
+                        0 if found is None else found.time_s.size,
+                        1000.0 * FAST_WINDOW_S,
+                        start_s,
+                        stop_s,
+                    ),
+                    Message("{expected}, from edges on the counter card", expected),
                     "wire transducer and standard to the counter card",
                 )
             found.raise_on_fault(name)
@@ -217,7 +225,9 @@ class Recorder(Device, AsyncReadable, Triggerable):
         first_s, reading, second_s, standard = (each[:count] for each in columns)
         if count and np.max(np.abs(first_s - second_s)) > 0.01 * FAST_WINDOW_S:
             raise SignalFault(
-                f"windows of the {side} module and of the standard at different times",
+                Message(
+                    "windows of the {side} module and of the standard at different times", side
+                ),
                 "the same windows",
                 "repeat the run",
             )
@@ -281,16 +291,26 @@ class Recorder(Device, AsyncReadable, Triggerable):
         expected = int((stop_s - start_s) / self._window_s) - 2
         if samples.time_s.size < max(expected, 1):
             raise SignalFault(
-                f"{samples.channel}: {samples.time_s.size} windows from {start_s:.2f} to "
-                f"{stop_s:.2f} s",
-                f"at least {max(expected, 1)}",
+                Message(
+                    "{channel}: {count} windows from {start:.2f} to {stop:.2f} s",
+                    samples.channel,
+                    samples.time_s.size,
+                    start_s,
+                    stop_s,
+                ),
+                Message("at least {limit}", max(expected, 1)),
                 "record shorter intervals: acquisition keeps the last two minutes",
             )
         active = self._context.acquisition.compensation(side)
         found = None if active is None else active.window(start_s, stop_s)
         if active is not None and found is None:
             raise SignalFault(
-                f"no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
+                Message(
+                    "no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
+                    side,
+                    start_s,
+                    stop_s,
+                ),
                 "an active model from the start of the interval",
                 "activate the compensation before the test",
             )
@@ -356,9 +376,17 @@ def refuse_outside(side: Side, curve: StaticCurve, reading_nm: FloatArray) -> No
         return
     farthest = float(beyond[np.argmax(np.abs(beyond))])
     raise InputError(
-        f"{side} module: a reading of {farthest:.4g} N·m outside the calibrated range",
-        f"{curve.low_nm:.4g} to {curve.high_nm:.4g} N·m, margin included",
-        f"calibrate the {side} over all that the test needs, or put another calibration into use",
+        Message(
+            "{side} module: a reading of {farthest:.4g} N·m outside the calibrated range",
+            side,
+            farthest,
+        ),
+        Message("{low_nm:.4g} to {high_nm:.4g} N·m, margin included", curve.low_nm, curve.high_nm),
+        Message(
+            "calibrate the {side} over all that the test needs, or put another "
+            "calibration into use",
+            side,
+        ),
     )
 
 
@@ -399,8 +427,12 @@ def _check_jumps(side: Side, samples: AngleSamples) -> None:
     if jump[worst] > limit:
         degrees = np.degrees(jump[worst])
         raise SignalFault(
-            f"the {side} encoder slips: {degrees:.4g}° within one sample at "
-            f"{samples.time_s[worst + 1]:.3f} s",
-            f"at most {np.degrees(limit):.3g}° beyond the present speed",
+            Message(
+                "the {side} encoder slips: {degrees:.4g}° within one sample at {time:.3f} s",
+                side,
+                degrees,
+                samples.time_s[worst + 1],
+            ),
+            Message("at most {limit:.3g}° beyond the present speed", np.degrees(limit)),
             "check the encoder's coupling, its cable and the counts per revolution",
         )

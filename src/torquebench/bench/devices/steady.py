@@ -16,6 +16,7 @@ from torquebench.bench.roles import Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples
 from torquebench.chain import Torque
 from torquebench.errors import InputError, SignalFault
+from torquebench.message import Message
 from torquebench.signals import SteadyValue, steady_value
 from torquebench.units import RPM_PER_RAD_S
 
@@ -81,7 +82,12 @@ class SteadySettings:
     def __post_init__(self) -> None:
         if not (self.settle_s >= 0.0 and self.limit_s >= 0.0 and 0.0 < self.window_s < 3600.0):
             raise InputError(
-                f"settle {self.settle_s} s, window {self.window_s} s, limit {self.limit_s} s",
+                Message(
+                    "settle {settle_s} s, window {window_s} s, limit {limit_s} s",
+                    self.settle_s,
+                    self.window_s,
+                    self.limit_s,
+                ),
                 "times of at least 0 s and a window above 0 s",
             )
 
@@ -256,9 +262,14 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         expected = int((stop_s - start_s) / window_s) - 1
         if samples.time_s.size < max(expected, 2):
             raise SignalFault(
-                f"{samples.channel}: {samples.time_s.size} windows from {start_s:.3f} to "
-                f"{stop_s:.3f} s",
-                f"at least {max(expected, 2)}",
+                Message(
+                    "{channel}: {count} windows from {start:.3f} to {stop:.3f} s",
+                    samples.channel,
+                    samples.time_s.size,
+                    start_s,
+                    stop_s,
+                ),
+                Message("at least {limit}", max(expected, 2)),
                 "check that the counter delivers without gaps, or use a longer window",
             )
 
@@ -273,7 +284,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             Nothing was triggered since the last `prepare`.
         """
         if not self._values:
-            raise SignalFault(f"{self.name} was read before it was triggered", "trigger first")
+            raise SignalFault(
+                Message("{name} was read before it was triggered", self.name), "trigger first"
+            )
         return {
             self.key(field): Reading(value=value, timestamp=self._taken)
             for field, value in self._values.items()
@@ -348,16 +361,25 @@ def _steady_torque(active: ActiveChain, reading: _Evaluated) -> Torque:
     found = active.window(steady.start_s, np.nextafter(steady.stop_s, np.inf))
     if found is None or found.time_s.size != reading.windows:
         raise SignalFault(
-            f"{reading.windows} windows, of which "
-            f"{0 if found is None else found.time_s.size} were compensated",
+            Message(
+                "{windows} windows, of which {size} were compensated",
+                reading.windows,
+                0 if found is None else found.time_s.size,
+            ),
             "all of them",
             "repeat the measurement: the model has just been activated",
         )
     if not np.isfinite(found.torque.value_nm).all():
         curve = active.chain.curve
         raise InputError(
-            f"{curve.title}: a reading about {steady.value:.6g} N·m outside the calibrated range",
-            f"{curve.low_nm:.6g} to {curve.high_nm:.6g} N·m, margin included",
+            Message(
+                "{title}: a reading about {value:.6g} N·m outside the calibrated range",
+                curve.title,
+                steady.value,
+            ),
+            Message(
+                "{low_nm:.6g} to {high_nm:.6g} N·m, margin included", curve.low_nm, curve.high_nm
+            ),
             "calibrate over the whole range that is measured",
         )
     return found.torque.mean().steady(steady.value - reading.mean_nm, steady.standard_error)

@@ -13,6 +13,7 @@ from collections.abc import Callable
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["DRIVERS", "open_drivers"]
 
@@ -50,8 +51,8 @@ def open_drivers(description: BenchDescription) -> DriverSet:
     opener = DRIVERS.get(name) or _whole_bench(name)
     if opener is None:
         raise InputError(
-            f"bench.driver = {name!r}",
-            "one of " + ", ".join(DRIVERS),
+            Message("bench.driver = {name!r}", name),
+            Message("one of {list}", ", ".join(DRIVERS)),
             "correct the bench description or install the driver",
         )
     return opener(description)

@@ -31,6 +31,7 @@ from torquebench.bench.drivers.plugins import (
     require_library,
 )
 from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["PLUGIN", "CanopenLink", "Cia402Drive", "load_dictionary"]
@@ -159,7 +160,7 @@ class CanopenLink(Link[Any]):
                 if error.code == 0x05040000:  # time-out
                     raise WireError(str(error)) from error
                 raise BenchError(
-                    f"{self.name} at {self.address} refuses: {error}",
+                    Message("{name} at {address} refuses: {error}", self.name, self.address, error),
                     "an object and a value that the drive supports",
                     "compare its object dictionary with cia402.eds",
                 ) from error
@@ -228,7 +229,7 @@ class Cia402Drive:
         self._rated_nm = link.read(RATED_TORQUE) / 1e3
         if self._rated_nm <= 0.0:
             raise BenchError(
-                f"{link.name}: rated torque {self._rated_nm:g} N·m",
+                Message("{name}: rated torque {rated_nm:g} N·m", link.name, self._rated_nm),
                 "above 0 N·m",
                 "set object 0x6076 of the drive",
             )
@@ -265,8 +266,17 @@ class Cia402Drive:
         while not reached(status := self._status()):
             if time.monotonic() > deadline or (refuses and status == "fault"):
                 raise BenchError(
-                    f"{self._link.name} is in the state {status!r}{self._reason(status)}",
-                    f"the state {wanted!r} within {self._options.switching_s:g} s",
+                    Message(
+                        "{name} is in the state {status!r}{reason}",
+                        self._link.name,
+                        status,
+                        self._reason(status),
+                    ),
+                    Message(
+                        "the state {wanted!r} within {switching_s:g} s",
+                        wanted,
+                        self._options.switching_s,
+                    ),
                     "read the drive's error code and check its supply and safety circuit",
                 )
             self._link.beat()
@@ -278,8 +288,12 @@ class Cia402Drive:
             return ""
         code = self._link.read(ERROR_CODE)
         if code in HEARTBEAT_ERRORS:
-            return f": error 0x{code:04X}, watchdog not fed for {self._watchdog_s:g} s"
-        return f": error 0x{code:04X}"
+            return Message(
+                ": error 0x{code:04X}, watchdog not fed for {watchdog_s:g} s",
+                code,
+                self._watchdog_s,
+            )
+        return Message(": error 0x{code:04X}", code)
 
     def enable(self) -> None:
         """Reset a fault, arm the heartbeat consumer, go to operation enabled at zero torque."""
@@ -315,8 +329,8 @@ class Cia402Drive:
         while (shown := self._link.read(MODE_DISPLAY)) != mode:
             if time.monotonic() > deadline:
                 raise BenchError(
-                    f"{self._link.name} stays in mode {shown}",
-                    f"mode {mode}",
+                    Message("{name} stays in mode {shown}", self._link.name, shown),
+                    Message("mode {mode}", mode),
                     "check that the drive supports profile torque and profile velocity",
                 )
             time.sleep(POLL_S)
@@ -325,7 +339,12 @@ class Cia402Drive:
         status = self._status()
         if status != "operation enabled":
             raise BenchError(
-                f"{self._link.name} is in the state {status!r}{self._reason(status)}",
+                Message(
+                    "{name} is in the state {status!r}{reason}",
+                    self._link.name,
+                    status,
+                    self._reason(status),
+                ),
                 "commands to an enabled drive",
                 "enable it first",
             )
@@ -414,15 +433,15 @@ class Cia402Drive:
 def _check_within(name: str, value: float, maximum: float, unit: str) -> None:
     if not abs(value) <= maximum * (1.0 + 1e-6):
         raise LimitError(
-            f"{value:g} {unit} requested from {name}",
-            f"±{maximum:g} {unit}, the drive's own limit",
+            Message("{value:g} {unit} requested from {name}", value, unit, name),
+            Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
             "stay within the drive's limits",
         )
 
 
 def _check_rate(rate: float, unit: str) -> None:
     if not (rate > 0.0 and math.isfinite(rate)):
-        raise InputError(f"rate {rate:g} {unit}", "a rate above 0")
+        raise InputError(Message("rate {rate:g} {unit}", rate, unit), "a rate above 0")
 
 
 def _drive(request: InstrumentRequest) -> Cia402Drive:

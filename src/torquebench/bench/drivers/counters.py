@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from torquebench.bench.description import CounterDescription
 from torquebench.bench.roles import SIDES, torque_channel
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.signals import FrequencySamples, SignalFaultKind
 
 __all__ = ["DescribedCounter", "LibraryCounter", "counted"]
@@ -41,7 +42,9 @@ class DescribedCounter:
         for side in SIDES:
             if torque_channel(side) not in self._served:
                 raise InputError(
-                    f"driver.counter.channels without {torque_channel(side)}",
+                    Message(
+                        "driver.counter.channels without {torque_channel}", torque_channel(side)
+                    ),
                     "the torque of each module",
                     "add it",
                 )
@@ -60,7 +63,7 @@ class DescribedCounter:
         unknown = sorted(channels - set(self._served))
         if unknown:
             raise InputError(
-                f"no counter for {unknown[0]}",
+                Message("no counter for {unknown}", unknown[0]),
                 "one for every channel in use",
                 "add it to driver.counter.channels or give the standard a read-out",
             )
@@ -110,7 +113,9 @@ class LibraryCounter(DescribedCounter):
         except self._failures as error:
             said = f"{what}: {self._said(error)}" if what else self._said(error)
             raise BenchError(
-                f"{self._place}: {said}", "a device that executes its commands", self._remedy
+                Message("{place}: {said}", self._place, said),
+                "a device that executes its commands",
+                self._remedy,
             ) from error
 
     def _said(self, error: Exception) -> str:

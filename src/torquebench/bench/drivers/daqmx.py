@@ -31,6 +31,7 @@ from torquebench.bench.drivers.plugins import (
 )
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.signals import EdgeBlock
 
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
@@ -131,8 +132,10 @@ class DaqmxCounter(LibraryCounter):
         rate = self._counting.timebase_hz / options.sample_rate_hz
         if rate != round(rate):
             raise InputError(
-                f"sample_rate_hz = {options.sample_rate_hz:g}",
-                f"a whole part of the timebase {self._counting.timebase_hz:g} Hz",
+                Message("sample_rate_hz = {sample_rate_hz:g}", options.sample_rate_hz),
+                Message(
+                    "a whole part of the timebase {timebase_hz:g} Hz", self._counting.timebase_hz
+                ),
             )
         self._ticks_a_sample = round(rate)
         self._channel = self._connect()
@@ -169,7 +172,7 @@ class DaqmxCounter(LibraryCounter):
     def _said(self, error: Exception) -> str:
         text = super()._said(error)
         if "DEADLINE_EXCEEDED" in text:
-            return f"no answer in {self._options.timeout_s:g} s"
+            return Message("no answer in {timeout_s:g} s", self._options.timeout_s)
         if "UNAVAILABLE" in text:
             return "no NI gRPC Device Server answers there"
         if isinstance(error, self._nidaqmx.errors.DaqNotFoundError):
@@ -248,8 +251,8 @@ class DaqmxCounter(LibraryCounter):
         rate_hz = float(channel.ci_ctr_timebase_rate)
         if rate_hz != self._counting.timebase_hz:
             raise BenchError(
-                f"{terminal} counts with {rate_hz:g} Hz",
-                f"{self._counting.timebase_hz:g} Hz, as described",
+                Message("{terminal} counts with {rate_hz:g} Hz", terminal, rate_hz),
+                Message("{timebase_hz:g} Hz, as described", self._counting.timebase_hz),
                 "correct counter.timebase_hz or the device",
             )
 
@@ -300,7 +303,11 @@ class DaqmxCounter(LibraryCounter):
                 continue
             if ticks.size and ticks[0] < start_tick:
                 raise BenchError(
-                    f"counter of {name}: an edge came {self._options.latency_s:g} s late",
+                    Message(
+                        "counter of {name}: an edge came {latency_s:g} s late",
+                        name,
+                        self._options.latency_s,
+                    ),
                     "edges in the buffer when the sample clock has passed them",
                     "raise driver.counter.latency_s",
                 )
@@ -321,12 +328,13 @@ class DaqmxCounter(LibraryCounter):
             timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
             reader = self._reader[f"{side}_encoder"]
             read = self._ask(
-                lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s), f"{side} encoder"
+                lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s),
+                Message("{side} encoder", side),
             )
             if read != wanted:
                 raise BenchError(
-                    f"counter of the {side} encoder sends {read} samples",
-                    f"the {wanted} that were requested",
+                    Message("counter of the {side} encoder sends {read} samples", side, read),
+                    Message("the {wanted} that were requested", wanted),
                     "check that no other program reads it",
                 )
         counts = self._unwrapped(side, raw)
@@ -360,7 +368,7 @@ class DaqmxCounter(LibraryCounter):
                 self._reader[name].read_many_sample_uint32(raw, present, self._options.timeout_s)
             return raw
 
-        return self._ask(question, f"edges of {name}")
+        return self._ask(question, Message("edges of {name}", name))
 
     def close(self) -> None:
         """End all tasks and release the device. A second call does nothing."""

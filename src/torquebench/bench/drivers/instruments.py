@@ -37,6 +37,7 @@ from torquebench.bench.drivers.simulation_control import (
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.validation import validated
 
 __all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments", "open_role"]
@@ -162,7 +163,11 @@ def _running(control: SimulationControl, bench: str) -> dict[str, Any]:
         return control.ask("status")
     except BenchError as error:
         raise BenchError(
-            f"the instruments of {bench} are simulated, and no simulators answer ({error.found})",
+            Message(
+                "the instruments of {bench} are simulated, and no simulators answer ({found})",
+                bench,
+                error.found,
+            ),
             "running simulators",
             "start them in another terminal with `torquebench simulate --bench FILE`, the same "
             "file, and leave it open",
@@ -184,11 +189,11 @@ def open_role(description: BenchDescription, key: str) -> Any:
     InputError, BenchError
         Like `open_instruments`.
     """
-    source = f"{description.name}: driver"
+    source = Message("{name}: driver", description.name)
     options: InstrumentsOptions = validated(InstrumentsOptions, description.driver, source)
     section = getattr(options, key)
     if section is None:
-        raise InputError(f"{source}.{key} is missing", "a section", "add it")
+        raise InputError(Message("{source}.{key} is missing", source, key), "a section", "add it")
     return _open(description, key, section)
 
 
@@ -198,18 +203,27 @@ def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -
     name = values.pop("protocol", None)
     if not isinstance(name, str):
         raise InputError(
-            f"{description.name}: driver.{key}.protocol is missing", "a protocol", "add the key"
+            Message("{name}: driver.{key}.protocol is missing", description.name, key),
+            "a protocol",
+            "add the key",
         )
     plugin = find_plugin(name, f"driver.{key}.protocol")
     opener = plugin.openers.get(role)
     if opener is None:
         raise InputError(
-            f"driver.{key}.protocol = {name!r}",
-            f"a protocol that serves as {role}; {name} serves as " + ", ".join(plugin.openers),
+            Message("driver.{key}.protocol = {name!r}", key, name),
+            Message(
+                "a protocol that serves as {role}; {name} serves as {openers}",
+                role,
+                name,
+                ", ".join(plugin.openers),
+            ),
             "choose another protocol for this role",
         )
     request = InstrumentRequest(role, f"driver.{key}", values, description, side)
     try:
         return opener(request)
     except BenchError as error:
-        raise BenchError(f"driver.{key}: {error.found}", error.allowed, error.remedy) from error
+        raise BenchError(
+            Message("driver.{key}: {found}", key, error.found), error.allowed, error.remedy
+        ) from error

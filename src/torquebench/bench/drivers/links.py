@@ -11,6 +11,7 @@ from typing import Annotated, Generic, Self, TypeVar
 from pydantic import Field, StringConstraints
 
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 
 __all__ = [
     "LONGEST_TIME_OUT_S",
@@ -57,8 +58,8 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
         return max(0.02, min(LONGEST_TIME_OUT_S, watchdog_s / TRIES_A_WATCHDOG))
     if described_s >= watchdog_s / 2.0:
         raise InputError(
-            f"{section}.timeout_s = {described_s:g} s",
-            f"less than {watchdog_s / 2.0:g} s, half of the drive's watchdog_s",
+            Message("{section}.timeout_s = {described_s:g} s", section, described_s),
+            Message("less than {watchdog_s:g} s, half of the drive's watchdog_s", watchdog_s / 2.0),
             "shorten it, or leave it out, so that a lost answer can be repeated in time",
         )
     return described_s
@@ -78,7 +79,9 @@ def split_address(address: str, lowest: int = 1) -> tuple[str, int]:
     """
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or not lowest <= int(port) < 65536:
-        raise InputError(f"address {address!r}", "host:port", "such as 192.168.0.10:502")
+        raise InputError(
+            Message("address {address!r}", address), "host:port", "such as 192.168.0.10:502"
+        )
     return host, int(port)
 
 
@@ -129,7 +132,9 @@ class Link(ABC, Generic[Connection]):
         """
         with self._lock:
             if self._closed:
-                raise BenchError(f"{self.name} is closed", "an open instrument", "open it again")
+                raise BenchError(
+                    Message("{name} is closed", self.name), "an open instrument", "open it again"
+                )
             failure: Exception = WireError("never asked")
             for _ in range(self._attempts):
                 try:
@@ -141,8 +146,13 @@ class Link(ABC, Generic[Connection]):
                     failure = error
                     self._drop()
             raise BenchError(
-                f"{self.name} at {self.address}: {str(failure) or type(failure).__name__}",
-                f"a valid answer within {self.timeout_s:g} s",
+                Message(
+                    "{name} at {address}: {failure}",
+                    self.name,
+                    self.address,
+                    failure if str(failure) else type(failure).__name__,
+                ),
+                Message("a valid answer within {timeout_s:g} s", self.timeout_s),
                 "check power, cable and address of the instrument",
             ) from failure
 

@@ -34,6 +34,7 @@ from torquebench.bench.drivers.modbus_modules import (
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.message import Message
 
 __all__ = ["PLUGIN", "ModbusDrive"]
 
@@ -84,8 +85,12 @@ class ModbusDrive:
         while not (state := self.state()).enabled:
             if state.fault or time.monotonic() > deadline:
                 raise BenchError(
-                    f"{self._link.name} stays off: {state.fault or 'no reason given'}",
-                    f"an enabled drive within {self._switching_s:g} s",
+                    Message(
+                        "{name} stays off: {fault}",
+                        self._link.name,
+                        state.fault or "no reason given",
+                    ),
+                    Message("an enabled drive within {switching_s:g} s", self._switching_s),
                     "read the drive's fault code and the safety circuit",
                 )
             self.feed_watchdog()
@@ -108,19 +113,21 @@ class ModbusDrive:
     ) -> None:
         if not abs(value) <= maximum * (1.0 + 1e-6):
             raise LimitError(
-                f"{value:g} {unit} requested from {self._link.name}",
-                f"±{maximum:g} {unit}, the drive's own limit",
+                Message("{value:g} {unit} requested from {name}", value, unit, self._link.name),
+                Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
                 "stay within the drive's limits",
             )
         if not (rate > 0.0 and math.isfinite(rate)):
-            raise InputError(f"rate {rate:g} {unit}/s", "a rate above 0")
+            raise InputError(Message("rate {rate:g} {unit}/s", rate, unit), "a rate above 0")
         place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
         numbers = [*registers.from_float(value), *registers.from_float(rate)]
         self._link.write(place, numbers)
         self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, mode])
         if not self.state().enabled:
             raise BenchError(
-                f"{self._link.name} is off", "commands to an enabled drive", "enable it first"
+                Message("{name} is off", self._link.name),
+                "commands to an enabled drive",
+                "enable it first",
             )
 
     def ramp_to_zero(self, duration_s: float) -> None:
@@ -142,14 +149,19 @@ class ModbusDrive:
         status = words[DriveReport.STATUS]
         fault = ""
         if status & DriveStatus.WATCHDOG:
-            fault = f"watchdog not fed for {self._watchdog_ms / 1e3:g} s"
+            fault = Message("watchdog not fed for {watchdog_ms:g} s", self._watchdog_ms / 1000.0)
         elif status & DriveStatus.FAULT:
-            fault = f"fault code {words[DriveReport.FAULT]}"
+            fault = Message("fault code {words}", words[DriveReport.FAULT])
         torque = registers.float_of(words[DriveReport.TORQUE : DriveReport.TORQUE + 2])
         speed = registers.float_of(words[DriveReport.SPEED : DriveReport.SPEED + 2])
         if not (math.isfinite(torque) and math.isfinite(speed)):
             raise BenchError(
-                f"{self._link.name} reports {torque:g} N·m and {speed:g} rad/s",
+                Message(
+                    "{name} reports {torque:g} N·m and {speed:g} rad/s",
+                    self._link.name,
+                    torque,
+                    speed,
+                ),
                 "finite set points",
                 "check the drive and its register map",
             )
@@ -180,7 +192,7 @@ def _temperature(request: InstrumentRequest) -> ModbusTemperature:
     missing = set(request.description.temperatures) - set(options.probes)
     if missing:
         raise InputError(
-            f"{request.section}.probes without {sorted(missing)[0]}",
+            Message("{section}.probes without {missing}", request.section, sorted(missing)[0]),
             "every probe of the list `temperatures`",
             "add its register",
         )

@@ -13,6 +13,7 @@ from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.links import Address, Link, TimeOut, WireError, split_address
 from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
+from torquebench.message import Message
 
 __all__ = ["ModbusLink", "ModbusOptions"]
 
@@ -72,15 +73,24 @@ class ModbusLink(Link[Any]):
                 answer = ask(client)
             except self._failures as error:
                 silent = "No response received" in str(error)
-                text = f"no answer in {self.timeout_s:g} s" if silent else _short(error)
+                text = (
+                    Message("no answer in {timeout_s:g} s", self.timeout_s)
+                    if silent
+                    else _short(error)
+                )
                 raise WireError(text) from error
             except (IndexError, ValueError, AttributeError, TypeError) as error:
-                raise WireError(f"garbled answer ({error})") from error
+                raise WireError(Message("garbled answer ({error})", error)) from error
             if answer.isError() and answer.exception_code == BUSY:
                 raise _BusyError
             if answer.isError():
                 raise BenchError(
-                    f"{self.name} at {self.address} refuses: exception {answer.exception_code}",
+                    Message(
+                        "{name} at {address} refuses: exception {exception_code}",
+                        self.name,
+                        self.address,
+                        answer.exception_code,
+                    ),
                     "a register and a value that the instrument supports",
                     "compare its register map with docs/reference/device-protocols.md",
                 )
@@ -93,8 +103,13 @@ class ModbusLink(Link[Any]):
             except _BusyError as busy:
                 if time.monotonic() > deadline:
                     raise BenchError(
-                        f"{self.name} at {self.address} is busy (exception {BUSY})",
-                        f"an answer within {self.timeout_s:g} s",
+                        Message(
+                            "{name} at {address} is busy (exception {busy})",
+                            self.name,
+                            self.address,
+                            BUSY,
+                        ),
+                        Message("an answer within {timeout_s:g} s", self.timeout_s),
                         "find out which other program uses it",
                     ) from busy
                 time.sleep(BUSY_S)
@@ -128,8 +143,10 @@ class ModbusLink(Link[Any]):
     def _complete(self, found: list[int], count: int) -> list[int]:
         if len(found) < count:
             raise BenchError(
-                f"{self.name} at {self.address} sends {len(found)} values",
-                f"the {count} that were requested",
+                Message(
+                    "{name} at {address} sends {count} values", self.name, self.address, len(found)
+                ),
+                Message("the {wanted} that were requested", count),
                 "check the instrument's register map",
             )
         return found[:count]

@@ -17,6 +17,7 @@ from torquebench.bench.drivers.modbus_map import Coil, Contact
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 
 __all__ = [
     "AnglesOptions",
@@ -116,8 +117,16 @@ class ModbusReadout:
         period_s, held = words[2] * 1e-6, words[3]
         if not (period_s > 0.0 and held <= registers.READOUT_SAMPLES and count >= 0):
             raise BenchError(
-                f"{self._link.name}: period {words[2]} µs, {held} samples of {count}",
-                f"a period and at most {registers.READOUT_SAMPLES} samples",
+                Message(
+                    "{name}: period {words} µs, {held} samples of {count}",
+                    self._link.name,
+                    words[2],
+                    held,
+                    count,
+                ),
+                Message(
+                    "a period and at most {readout_samples} samples", registers.READOUT_SAMPLES
+                ),
                 "check the amplifier's register map",
             )
         before, self._count[side] = self._count[side], count
@@ -176,7 +185,9 @@ class ModbusModes:
         _await(
             lambda: self._reached(side) == [mode],
             self._travel_s,
-            f"{self._link.name}: {side} side hasn't reached mode {mode!r}",
+            Message(
+                "{name}: {side} side hasn't reached mode {mode!r}", self._link.name, side, mode
+            ),
         )
 
     def mode(self, side: Side) -> Mode:
@@ -190,7 +201,12 @@ class ModbusModes:
         reached = self._reached(side)
         if len(reached) != 1:
             raise BenchError(
-                f"{self._link.name}: {side} side is {' and '.join(reached) or 'in no mode'}",
+                Message(
+                    "{name}: {side} side is {reached}",
+                    self._link.name,
+                    side,
+                    " and ".join(reached) or "in no mode",
+                ),
                 "exactly one of free, driven, locked",
                 "check the conversion's position contacts",
             )
@@ -224,7 +240,7 @@ class ModbusClamp:
         _await(
             lambda: self.clamped() == clamped,
             self._travel_s,
-            f"{self._link.name} isn't {word}",
+            Message("{name} isn't {word}", self._link.name, word),
         )
 
     def clamped(self) -> bool:
@@ -238,7 +254,9 @@ class ModbusClamp:
         closed, pressure, opened = self._link.contacts(Contact.CLAMP_CLOSED, 3)
         if closed and opened:
             raise BenchError(
-                f"{self._link.name} is open and closed", "one of them", "check its contacts"
+                Message("{name} is open and closed", self._link.name),
+                "one of them",
+                "check its contacts",
             )
         return closed and pressure
 
@@ -264,7 +282,7 @@ class ModbusRail:
         _await(
             lambda: self.position() == position,
             self._travel_s,
-            f"{self._link.name} isn't at its position {position!r}",
+            Message("{name} isn't at its position {position!r}", self._link.name, position),
         )
 
     def position(self) -> RailPosition:
@@ -278,7 +296,9 @@ class ModbusRail:
         at_end, away = self._link.contacts(Contact.RAIL_END, 2)
         if at_end and away:
             raise BenchError(
-                f"{self._link.name} is at both ends", "one of them", "check its contacts"
+                Message("{name} is at both ends", self._link.name),
+                "one of them",
+                "check its contacts",
             )
         return "end" if at_end else "away" if away else "between"
 
@@ -310,7 +330,9 @@ def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
     deadline = time.monotonic() + within_s
     while not reached():
         if time.monotonic() > deadline:
-            raise BenchError(failure, f"within {within_s:g} s", "check pressure and contacts")
+            raise BenchError(
+                failure, Message("within {within_s:g} s", within_s), "check pressure and contacts"
+            )
         time.sleep(POLL_S)
 
 
@@ -332,7 +354,9 @@ class ModbusAngles:
         self._position: dict[Side, int] = {}
         missing = [side for side in SIDES if side not in self._registers]
         if missing:
-            raise InputError(f"registers without {missing[0]}", "one for input, one for output")
+            raise InputError(
+                Message("registers without {missing}", missing[0]), "one for input, one for output"
+            )
 
     def counts(self) -> Mapping[Side, int]:
         """Ask for the counts of both sides; the wrapping of 32 bits is undone."""

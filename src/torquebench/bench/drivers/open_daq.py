@@ -27,6 +27,7 @@ from torquebench.bench.drivers.plugins import (
     require_library,
 )
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 
 __all__ = ["PLUGIN", "OpenDaqCounter", "OpenDaqOptions"]
 
@@ -117,8 +118,8 @@ class OpenDaqCounter(LibraryCounter):
         self._per_window = round(per_window)
         if self._per_window < 1 or abs(per_window - self._per_window) > 1e-6:
             raise InputError(
-                f"{self._rate_hz:g} samples a second of the device",
-                f"a whole number in each window of {self._counting.window_s:g} s",
+                Message("{rate_hz:g} samples a second of the device", self._rate_hz),
+                Message("a whole number in each window of {window_s:g} s", self._counting.window_s),
                 "set the device's sample rate or counter.window_s",
             )
         info = self._device.info
@@ -131,8 +132,13 @@ class OpenDaqCounter(LibraryCounter):
         matching = [signal for path, signal in found.items() if f"/{path}".endswith(f"/{wanted}")]
         if len(matching) != 1 or matching[0].domain_signal is None:
             raise InputError(
-                f"driver.counter.channels.{name}.signal = {wanted!r} ends {len(matching)} paths",
-                "the end of one of " + ", ".join(sorted(found)),
+                Message(
+                    "driver.counter.channels.{name}.signal = {wanted!r} ends {count} paths",
+                    name,
+                    wanted,
+                    len(matching),
+                ),
+                Message("the end of one of {found}", ", ".join(sorted(found))),
                 "copy the path from the device's own software",
             )
         return matching[0]
@@ -145,9 +151,9 @@ class OpenDaqCounter(LibraryCounter):
         scale_hz = options.scale_hz if options.scale_hz is not None else HERTZ.get(symbol)
         if scale_hz is None:
             raise InputError(
-                f"signal of {name} in {symbol}",
+                Message("signal of {name} in {symbol}", name, symbol),
                 "Hz, kHz or MHz, or a key scale_hz",
-                f"say in driver.counter.channels.{name} how many Hz one unit is",
+                Message("say in driver.counter.channels.{name} how many Hz one unit is", name),
             )
         return scale_hz, options.offset_hz
 
@@ -199,9 +205,15 @@ class OpenDaqCounter(LibraryCounter):
             left_s = deadline - time.monotonic()
             if left_s <= 0.0:
                 raise BenchError(
-                    f"openDAQ device at {self._options.address} sent {count - missing} of "
-                    f"{count} samples",
-                    f"all of them within {self._options.timeout_s:g} s of their time",
+                    Message(
+                        "openDAQ device at {address} sent {count} of {count_2} samples",
+                        self._options.address,
+                        count - missing,
+                        count,
+                    ),
+                    Message(
+                        "all of them within {timeout_s:g} s of their time", self._options.timeout_s
+                    ),
                     "check the device and the network",
                 )
             wait_ms = max(SHORTEST_POLL_MS, round(1e3 * min(left_s, 0.2)))
@@ -219,8 +231,11 @@ class OpenDaqCounter(LibraryCounter):
         steps = (last - first) // self._delta + 1
         if (expected is not None and first != expected) or steps != ticks.size:
             raise BenchError(
-                f"openDAQ device at {self._options.address}: samples are missing after tick "
-                f"{expected if expected is not None else first}",
+                Message(
+                    "openDAQ device at {address}: samples are missing after tick {expected}",
+                    self._options.address,
+                    expected if expected is not None else first,
+                ),
                 "a stream without gaps",
                 "check the network and the computer's load, then open the bench again",
             )

@@ -21,6 +21,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.validation import validated
 
 __all__ = [
@@ -144,8 +145,8 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
     known = protocols()
     if name not in known:
         raise InputError(
-            f"{key} = {name!r}",
-            "one of " + ", ".join(sorted(known)),
+            Message("{key} = {name!r}", key, name),
+            Message("one of {list}", ", ".join(sorted(known))),
             "correct the bench description or install the package that provides the protocol",
         )
     plugin = known[name]()
@@ -153,7 +154,7 @@ def find_plugin(name: str, key: str) -> DriverPlugin:
         plugin = plugin()
     if not isinstance(plugin, DriverPlugin):
         raise InputError(
-            f"entry point {name!r} gives {type(plugin).__name__}",
+            Message("entry point {name!r} gives {plugin_name}", name, type(plugin).__name__),
             "a torquebench.bench.drivers.plugins.DriverPlugin",
             "correct the package that provides it",
         )
@@ -173,7 +174,7 @@ def require_library(module: str, extra: str) -> ModuleType:
         return import_module(module)
     except ImportError as error:
         raise InputError(
-            f"the library {module.partition('.')[0]} isn't installed",
-            f"it comes with the extra {extra!r}",
-            f"pip install torquebench[{extra}]",
+            Message("the library {partition} isn't installed", module.partition(".")[0]),
+            Message("it comes with the extra {extra!r}", extra),
+            Message("pip install torquebench[{extra}]", extra),
         ) from error

@@ -19,6 +19,7 @@ from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.drivers.scpi_link import ScpiAddress, ScpiLink, ScpiOptions, numbers
 from torquebench.bench.roles import CHANNELS, SIDES
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.signals import FrequencySamples
 
 __all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
@@ -115,7 +116,7 @@ class ScpiCounter(DescribedCounter):
         used = link.query("SENS:ROSC:SOUR?")
         if used.upper()[:3] != clock:
             raise BenchError(
-                f"{link.name} uses its reference clock {used!r}",
+                Message("{name} uses its reference clock {used!r}", link.name, used),
                 repr(clock),
                 "connect the common reference clock",
             )
@@ -126,7 +127,8 @@ class ScpiCounter(DescribedCounter):
         count = round(duration_s / gate_s)
         if count < 1 or abs(count * gate_s - duration_s) > 1e-6:
             raise InputError(
-                f"a block of {duration_s:g} s", f"a multiple of the gate time {gate_s:g} s"
+                Message("a block of {duration_s:g} s", duration_s),
+                Message("a multiple of the gate time {gate_s:g} s", gate_s),
             )
         start_s = self._windows * gate_s
         time_s = start_s + gate_s * (np.arange(count, dtype=np.float64) + 0.5)
@@ -143,8 +145,8 @@ class ScpiCounter(DescribedCounter):
         values = numbers(answer, link.name)
         if len(values) != count:
             raise BenchError(
-                f"{link.name} sends {len(values)} readings",
-                f"the {count} that were requested",
+                Message("{name} sends {count} readings", link.name, len(values)),
+                Message("the {wanted} that were requested", count),
                 "check that it measures continuously and that no other program reads it",
             )
         return np.array(values)

@@ -14,6 +14,7 @@ from torquebench.bench.drivers.base import Identity
 from torquebench.bench.drivers.links import Link, TimeOut, WireError, split_address
 from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
+from torquebench.message import Message
 
 __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 
@@ -62,7 +63,7 @@ class _SocketConnection:
             remaining = deadline - time.monotonic()
             if remaining <= 0.0:
                 part = "a part of an answer" if self._rest else "no answer"
-                raise WireError(f"{part} in {timeout_s:g} s")
+                raise WireError(Message("{part} in {timeout_s:g} s", part, timeout_s))
             self._socket.settimeout(remaining)
             try:
                 data = self._socket.recv(65536)
@@ -77,7 +78,7 @@ class _SocketConnection:
         try:
             return line.decode("ascii").strip()
         except UnicodeDecodeError as error:
-            raise WireError(f"garbled answer {line[:20]!r}") from error
+            raise WireError(Message("garbled answer {line!r}", line[:20])) from error
 
     def close(self) -> None:
         self._socket.close()
@@ -177,7 +178,13 @@ class ScpiLink(Link[_Connection]):
         answer = self.call(exchange)
         if not _no_error(answer):
             raise BenchError(
-                f"{self.name} at {self.address} answers {line!r} with {answer[:80]!r}",
+                Message(
+                    "{name} at {address} answers {line!r} with {answer!r}",
+                    self.name,
+                    self.address,
+                    line,
+                    answer[:80],
+                ),
                 'no error (0,"No error")',
                 "compare the command with the instrument's manual",
             )
@@ -193,7 +200,12 @@ class ScpiLink(Link[_Connection]):
         fields = [part.strip() for part in self.query("*IDN?").split(",")]
         if len(fields) != 4:
             raise BenchError(
-                f"{self.name} at {self.address} identifies itself as {','.join(fields)[:60]!r}",
+                Message(
+                    "{name} at {address} identifies itself as {fields!r}",
+                    self.name,
+                    self.address,
+                    ",".join(fields)[:60],
+                ),
                 "manufacturer,model,serial,firmware",
                 "check that the address is the instrument's",
             )
@@ -224,7 +236,9 @@ def numbers(answer: str, name: str) -> list[float]:
     parts = [part.strip() for part in answer.split(",")]
     if not all(_NUMBER.fullmatch(part) for part in parts):
         raise BenchError(
-            f"{name} answers {answer[:40]!r}", "numbers", "check the instrument and its cable"
+            Message("{name} answers {answer!r}", name, answer[:40]),
+            "numbers",
+            "check the instrument and its cable",
         )
     values = [float(part) for part in parts]
     return [float("nan") if abs(value) >= NO_NUMBER else value for value in values]

@@ -37,6 +37,7 @@ from torquebench.bench.drivers.simulated_readout import SimulatedReadout
 from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.samples import SampleRing
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.reducers import CertifiedFriction, ReducerDescription
 from torquebench.signals import EdgeBlock
 from torquebench.twin import (
@@ -154,7 +155,9 @@ class SimulatedBench:
         options = validated(SimulatedOptions, description.driver, f"{description.name}: driver")
         if description.counter.timebase_hz != 100e6:
             raise InputError(
-                f"counter.timebase_hz = {description.counter.timebase_hz:g} Hz",
+                Message(
+                    "counter.timebase_hz = {timebase_hz:g} Hz", description.counter.timebase_hz
+                ),
                 "1e+08 Hz on the simulated bench",
                 "leave the key out",
             )
@@ -209,8 +212,13 @@ class SimulatedBench:
             own = (plate.nominal_torque_nm, plate.nominal_zero_hz / 1e3)
             if (transducer.nominal_torque_nm, transducer.option_khz) != own:
                 raise InputError(
-                    f"{key}: {transducer.nominal_torque_nm:g} N·m, {transducer.option_khz} kHz",
-                    f"{own[0]:g} N·m, {own[1]:g} kHz on the simulated bench",
+                    Message(
+                        "{key}: {nominal_torque_nm:g} N·m, {option_khz} kHz",
+                        key,
+                        transducer.nominal_torque_nm,
+                        transducer.option_khz,
+                    ),
+                    Message("{own:g} N·m, {own_2:g} kHz on the simulated bench", own[0], own[1]),
                     "describe the simulated bench as it is, or choose another driver",
                 )
 
@@ -281,7 +289,7 @@ class SimulatedBench:
             expired = unfed_s >= drive.watchdog_s - 1e-9
             if axes.enabled and expired and not drive.unguarded():
                 self._note(side, "watchdog")
-                axes.fault = f"watchdog not fed for {drive.watchdog_s:g} s"
+                axes.fault = Message("watchdog not fed for {watchdog_ms:g} s", drive.watchdog_s)
                 self._set_enabled(side, False)
 
     def _watched_s(self, now_s: float) -> float:
@@ -326,7 +334,11 @@ class SimulatedBench:
             axes = self._axes[side]
             if not axes.enabled:
                 raise BenchError(
-                    f"the {side} drive is off{': ' + axes.fault if axes.fault else ''}",
+                    Message(
+                        "the {side} drive is off{fault}",
+                        side,
+                        ": " + axes.fault if axes.fault else "",
+                    ),
                     "commands to an enabled drive",
                     "enable it first",
                 )
@@ -463,8 +475,10 @@ class SimulatedBench:
         time_s, torque = rows[0], rows[1 + SIDES.index(side)]
         if time_s.size == 0 or time_s[0] > edges_s[0] + around_s:
             raise BenchError(
-                f"true torque from {edges_s[0]:.3f} to {edges_s[-1]:.3f} s",
-                f"the last {TRUTH_KEPT_S:g} s of bench time",
+                Message(
+                    "true torque from {edges_s:.3f} to {edges_s_2:.3f} s", edges_s[0], edges_s[-1]
+                ),
+                Message("the last {truth_kept_s:g} s of bench time", TRUTH_KEPT_S),
             )
         at = np.union1d(time_s, edges_s)
         values = np.interp(at, time_s, torque)

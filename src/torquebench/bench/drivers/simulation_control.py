@@ -20,6 +20,7 @@ from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.bench.encoder_certificate import EncoderCertificate
 from torquebench.bench.roles import MOUNTINGS, SIDES
 from torquebench.errors import BenchError, InterlockError
+from torquebench.message import Message
 from torquebench.reducers import CertifiedFriction
 
 __all__ = [
@@ -76,7 +77,9 @@ class SimulationControl(Link[socket.socket]):
 
         answer: dict[str, Any] = json.loads(self.call(exchange))
         if "error" in answer:
-            raise BenchError(f"the simulators refuse {request!r}: {answer['error']}")
+            raise BenchError(
+                Message("the simulators refuse {request!r}: {error}", request, answer["error"])
+            )
         return answer
 
 

@@ -16,6 +16,7 @@ from torquebench.errors import (
     SignalFault,
     TorquebenchError,
 )
+from torquebench.message import Message
 
 __all__ = [
     "ALARM_CATALOGUE",
@@ -217,7 +218,12 @@ class Alarm:
 
     def error(self) -> TorquebenchError:
         """Error to raise in whatever was going on."""
-        found = f"{self.kind.value}: {self.found} at {self.time_s:.3f} s of bench time"
+        found = Message(
+            "{kind}: {found} at {time:.3f} s of bench time",
+            self.kind.value,
+            self.found,
+            self.time_s,
+        )
         return _ERRORS.get(self.kind, BenchError)(found, self.allowed, self.remedy)
 
 
@@ -339,7 +345,7 @@ class AlarmBook:
                     seen is None or alarm.number in seen
                 ):
                     raise InterlockError(
-                        f"an alarm that was raised in the meantime: {alarm.found}",
+                        Message("an alarm that was raised in the meantime: {found}", alarm.found),
                         "acknowledgement of the displayed alarms",
                         "look at the alarms again",
                     )

@@ -16,6 +16,7 @@ from torquebench.bench.drivers.base import Drive, DriveState
 from torquebench.bench.roles import Side
 from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.bench.safety.priority import prefer_this_thread
+from torquebench.message import Message
 
 __all__ = ["DriveWorker", "unreachable"]
 
@@ -133,7 +134,7 @@ class DriveWorker:
         """
         silent_s = self.silent_s(since)
         if self.failure or silent_s > max(watchdog_s, SHORTEST_SILENCE_S):
-            return self.failure or f"no answer for {silent_s:.2f} s"
+            return self.failure or Message("no answer for {seconds:.2f} s", silent_s)
         state = self.state
         if state is None or self.asked < max(since, enabled):
             return ""
@@ -201,7 +202,7 @@ class DriveWorker:
             self.state = self.drive.state()
             self.asked = asked
         except Exception as error:  # a broken wire is treated as a broken drive
-            self.failure = f"{type(error).__name__}: {error}"
+            self.failure = Message("{name}: {error}", type(error).__name__, error)
         else:
             self.failure = ""
         finally:
@@ -213,7 +214,7 @@ def unreachable(side: Side) -> Violation:
     return Violation(
         AlarmKind.DRIVE_FAULT,
         side,
-        f"{side} drive: it can't be switched off",
+        Message("{side} drive: it can't be switched off", side),
         "a drive that accepts commands",
         "check its connection; its own watchdog switches the power off",
     )

@@ -20,6 +20,7 @@ from torquebench.bench.roles import SIDES, Side, reference_channel, torque_chann
 from torquebench.bench.safety.alarms import AlarmKind, Violation
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState, Quantity, SetPoint
+from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["FollowingJudge"]
@@ -164,7 +165,9 @@ def _violation(
     return Violation(
         AlarmKind.FOLLOWING,
         side,
-        f"{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}",
-        f"at most {allowed:g} {unit} apart",
+        Message(
+            "{side} drive: {found:.1f} {unit} instead of {told:.1f} {unit}", side, found, unit, told
+        ),
+        Message("at most {allowed:g} {unit} apart", allowed, unit),
         "find out whether the drive or its transducer is wrong before you continue",
     )

@@ -9,6 +9,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from torquebench.bench.safety.alarms import AlarmKind, Violation
+from torquebench.message import Message
 
 __all__ = ["Heartbeats"]
 
@@ -79,8 +80,12 @@ class Heartbeats:
             return Violation(
                 AlarmKind.PRESENCE,
                 OPERATOR,
-                f"no confirmation of presence at the bench for {self._presence_s:g} s",
-                f"a confirmation every {self._presence_s:g} s while a drive has power",
+                Message(
+                    "no confirmation of presence at the bench for {seconds:g} s", self._presence_s
+                ),
+                Message(
+                    "a confirmation every {seconds:g} s while a drive has power", self._presence_s
+                ),
                 "stay at the bench and confirm, or end the run before leaving",
             )
         with self._lock:
@@ -92,8 +97,8 @@ class Heartbeats:
                 return Violation(
                     AlarmKind.HEARTBEAT,
                     name,
-                    f"no heartbeat of the {name} for {silent_s:.1f} s",
-                    f"at most {heartbeat.timeout_s:g} s",
+                    Message("no heartbeat of the {name} for {seconds:.1f} s", name, silent_s),
+                    Message("at most {timeout_s:g} s", heartbeat.timeout_s),
                     "restart the software that hangs",
                 )
         return None

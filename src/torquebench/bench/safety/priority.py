@@ -19,6 +19,7 @@ import threading
 from enum import IntEnum
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["PRIORITY", "Priority", "available_priority", "lift_process", "prefer_this_thread"]
 
@@ -50,7 +51,11 @@ def _asked() -> bool:
     """Whether priority is requested at all."""
     asked = os.environ.get(PRIORITY) or BEST
     if asked not in (BEST, USUAL):
-        raise InputError(f"{PRIORITY}={asked}", "best or usual", "change it, or unset it for best")
+        raise InputError(
+            Message("{priority}={asked}", PRIORITY, asked),
+            "best or usual",
+            "change it, or unset it for best",
+        )
     return asked == BEST
 
 

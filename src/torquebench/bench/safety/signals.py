@@ -23,6 +23,7 @@ from torquebench.bench.safety.following import FollowingJudge
 from torquebench.bench.safety.limits import LimitBook, Watch
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
+from torquebench.message import Message
 from torquebench.signals import EdgeBlock, SignalFaultKind
 from torquebench.units import RPM_PER_RAD_S
 
@@ -289,14 +290,14 @@ class SignalJudge:
         for side in SIDES:
             probe = self._description.module(side).temperature_probe
             for signal, present in (
-                (f"{side} encoder", side in block.speed_rad_s),
-                (f"probe {probe}", probe in block.temperatures),
+                (Message("{side} encoder", side), side in block.speed_rad_s),
+                (Message("probe {probe}", probe), probe in block.temperatures),
             ):
                 if not present:
                     self._violated(
                         AlarmKind.SIGNAL_LOST,
                         signal,
-                        f"no sample of the {signal}",
+                        Message("no sample of the {signal}", signal),
                         "samples in every block",
                         "check its connection",
                     )
@@ -412,8 +413,13 @@ class SignalJudge:
                 self._violated(
                     AlarmKind.DISAGREEMENT,
                     own.channel,
-                    f"{own.channel} and {standard.channel} are {least:.1f} N·m apart",
-                    f"at most {allowed:g} N·m",
+                    Message(
+                        "{own} and {standard} are {value:.1f} N·m apart",
+                        own.channel,
+                        standard.channel,
+                        least,
+                    ),
+                    Message("at most {allowed:g} N·m", allowed),
                     "find out which of the two transducers is wrong before you continue",
                 )
 
@@ -440,7 +446,7 @@ class SignalJudge:
         if before is not None and self._commands.any_enabled and now_s > before[0]:
             self._level(
                 AlarmKind.RATE_LIMIT,
-                f"{side} speed",
+                Message("{side} speed", side),
                 abs(speed_rpm - before[1]) / (now_s - before[0]),
                 limits.speed_rate_rpm_per_s,
                 "{source} changes by {value:.0f} rpm/s",
@@ -496,8 +502,8 @@ class SignalJudge:
         changed = watch.judge(value, limit, level, hysteresis)
         if watch.level is not AlarmLevel.CRITICAL and not changed:
             return
-        found = text.format(source=source, value=value)
-        allowed = f"at most {limit:g} {unit}"
+        found = Message(text, source, value)
+        allowed = Message("at most {limit:g} {unit}", limit, unit)
         if watch.level is AlarmLevel.CRITICAL:
             self._violated(kind, source, found, allowed, _REMEDIES[kind])
         warns = Violation(kind, source, found, allowed, "it stops the bench at the limit")
@@ -510,8 +516,8 @@ class SignalJudge:
         self._violated(
             AlarmKind.SIGNAL_LOST,
             name,
-            f"{name}: {kind.description} for {lasted_s:.3f} s",
-            f"at most {allowed_s:g} s",
+            Message("{name}: {fault} for {lasted:.3f} s", name, kind.description, lasted_s),
+            Message("at most {timeout_s:g} s", allowed_s),
             kind.remedy,
         )
 

@@ -17,6 +17,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.safety.drives import DriveWorker
 from torquebench.bench.samples import AcquiredBlock
+from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["PRESS_STOP", "Deadline", "ReadBack", "Remaining", "Stage", "said"]
@@ -94,12 +95,12 @@ class Remaining:
         if math.isnan(self.torque_nm):
             torque = "torque can't be read"
         else:
-            torque = f"{self.torque_nm:.1f} N·m"
+            torque = Message("{torque_nm:.1f} N·m", self.torque_nm)
         if self.power is False:
-            return f"{self.side} side: drive off, {torque}"
+            return Message("{side} side: drive off, {torque}", self.side, torque)
         if self.power:
-            return f"{self.side} side: drive still on, {torque}"
-        return f"{self.side} side: state of the drive unknown, {torque}"
+            return Message("{side} side: drive still on, {torque}", self.side, torque)
+        return Message("{side} side: state of the drive unknown, {torque}", self.side, torque)
 
 
 class ReadBack:
@@ -183,12 +184,13 @@ class ReadBack:
 
     def allowed(self) -> str:
         """Describe the safe state."""
-        limits = ", ".join(
-            f"{self.unloaded_nm(side):g} N·m at the {side}" for side in self._workers
+        limits = Message.joined(
+            Message("{value:g} N·m at the {side}", self.unloaded_nm(side), side)
+            for side in self._workers
         )
-        return f"no power, and torque of at most {limits}"
+        return Message("no power, and torque of at most {limits}", limits)
 
 
 def said(remaining: Iterable[Remaining]) -> str:
     """Describe remaining torque and power of the sides."""
-    return "; ".join(each.words for each in remaining if not each.gone)
+    return Message.joined((each.words for each in remaining if not each.gone), "; ")

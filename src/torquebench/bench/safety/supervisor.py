@@ -44,6 +44,7 @@ from torquebench.bench.safety.stopping import (
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
+from torquebench.message import Message
 
 __all__ = [
     "Alarm",
@@ -232,14 +233,14 @@ class SafetySupervisor:
                 return None
             if self._stage is Stage.RAMPING:
                 raise InterlockError(
-                    f"alarm {alarm.kind.value} while the drives still ramp to zero",
+                    Message("alarm {alarm} while the drives still ramp to zero", alarm.kind.value),
                     "acknowledgement in the safe state",
                     "wait a moment",
                 )
             if still := self.still_on():
                 known = self._stage is Stage.NOT_SAFE or any(each.power for each in still)
                 raise InterlockError(
-                    f"alarm {alarm.kind.value}, {said(still)}",
+                    Message("alarm {alarm}, {still}", alarm.kind.value, said(still)),
                     self._read_back.allowed(),
                     PRESS_STOP
                     if known
@@ -373,7 +374,7 @@ class SafetySupervisor:
                 return Violation(
                     AlarmKind.DRIVE_FAULT,
                     side,
-                    f"{side} drive: {found}",
+                    Message("{side} drive: {fault}", side, found),
                     "an enabled drive without fault",
                     "read the drive's fault code",
                 )
@@ -672,7 +673,7 @@ class SafetySupervisor:
 
     def _watch_once(self) -> None:
         if self._stalls() and self._book.latched is None and self._commands.any_enabled:
-            found = f"no block of samples for {self._stall_s:g} s of wall time"
+            found = Message("no block of samples for {seconds:g} s of wall time", self._stall_s)
             remedy = "check the counter's connection and the computer's load"
             self.trip(AlarmKind.STALL, "acquisition", found, "a block in its own time", remedy)
         if not self._clock.fast:
@@ -699,7 +700,7 @@ class SafetySupervisor:
 
     def _fail(self, error: Exception) -> None:
         """Go to the safe state after an error in the supervisor itself."""
-        found = f"{type(error).__name__}: {error}"
+        found = Message("{name}: {error}", type(error).__name__, error)
         if found == self._failed:
             return  # it repeats with every check
         self._failed = found

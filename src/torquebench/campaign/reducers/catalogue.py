@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Literal
 
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.work import TestWork
@@ -165,5 +166,7 @@ def chosen_tests(name: str) -> tuple[ReducerTest, ...]:
         There is no test of this name.
     """
     if name not in TESTS:
-        raise InputError(f"a reducer test {name!r}", f"one of {', '.join(TESTS)}")
+        raise InputError(
+            Message("a reducer test {name!r}", name), Message("one of {list}", ", ".join(TESTS))
+        )
     return PARTS if name == "full" else (TESTS[name],)

@@ -8,6 +8,7 @@ from typing import Any
 
 from torquebench.campaign.reducers.results import budget_from_plain
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import RunFolder, RunSummary
 from torquebench.reducers import Change, SpecimenComparison, change_between, compare_specimens
 from torquebench.uncertainty import Budget
@@ -122,7 +123,7 @@ def tested_specimen(run: RunSummary) -> SpecimenResults:
     results = folder.results
     if not (isinstance(results, dict) and run.kind.startswith("test-") and "quantities" in results):
         raise InputError(
-            f"run {run.run_id} ({run.kind}, {run.status})",
+            Message("run {run_id} ({kind}, {status})", run.run_id, run.kind, run.status),
             "a completed reducer test",
             "look for runs of the kind test-… in `torquebench records list`",
         )
@@ -177,22 +178,27 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
 def _check(found: Sequence[SpecimenResults], change: bool) -> None:
     different = len({each.run_id for each in found})
     if different < max(2, len(found)):
-        raise InputError(f"{len(found)} runs, {different} of them different", "two runs or more")
+        raise InputError(
+            Message("{count} runs, {different} of them different", len(found), different),
+            "two runs or more",
+        )
     for what in ("test", "reducer"):
         names = sorted({getattr(each, what) for each in found})
         if len(names) > 1:
-            raise InputError(f"runs of {' and '.join(names)}", f"one {what}")
+            raise InputError(
+                Message("runs of {names}", " and ".join(names)), Message("one {what}", what)
+            )
     serials = [each.serial for each in found]
     said = ", ".join(each or "no serial" for each in serials)
     if change and (len(found) != 2 or len(set(serials)) > 1):
         raise InputError(
-            f"{len(found)} runs of {said}",
+            Message("{count} runs of {said}", len(found), said),
             "two runs of one specimen for --change",
             "name the run before and the run after, or leave --change out",
         )
     if not change and len(set(serials)) < len(serials):
         raise InputError(
-            f"several runs of one specimen: {said}",
+            Message("several runs of one specimen: {said}", said),
             "one run per specimen",
             "give --serial when testing, or --change for before and after",
         )

@@ -14,6 +14,7 @@ from torquebench.campaign.reducers.sampling import PartlySampled
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.campaign.reducers.work import Evaluated
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import from_plain, recording_content, recording_file
 from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
 from torquebench.uncertainty import Budget, Verdict
@@ -83,7 +84,9 @@ class RecordedTest:
         """
         plain = recording_content(content, origin)
         if not isinstance(plain, dict) or plain.get("test") not in TESTS:
-            raise RecordError(f"{origin} is no recording of a reducer test", ", ".join(TESTS))
+            raise RecordError(
+                Message("{origin} is no recording of a reducer test", origin), ", ".join(TESTS)
+            )
         work = TESTS[plain["test"]].work()
         kinds = {
             "test": TestName,

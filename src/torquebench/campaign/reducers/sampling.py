@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import TYPE_CHECKING
 
+from torquebench.message import Message
 from torquebench.reducers import Contribution, Finding, ReducerResult, budget
 from torquebench.uncertainty import Budget
 
@@ -71,16 +72,20 @@ def few_positions(positions: int) -> tuple[Unsampled, ...]:
     if positions >= LEAST_POSITIONS:
         return ()
     share = POSITION_SHARE / sqrt(positions)
-    remark = (
-        f"output positions: {positions}, too few to show how values differ over a turn; "
-        f"{POSITION_SHARE:.0%} of the value from position to position counts in U"
+    remark = Message(
+        "output positions: {positions}, too few to show how values differ over a "
+        "turn; {position_share:.0%} of the value from position to position "
+        "counts in U",
+        positions,
+        POSITION_SHARE,
     )
     return (Unsampled("positions not sampled", remark, lambda value: share * abs(value)),)
 
 
-_COLD = (
-    "the reducer wasn't warmed up: U contains a possible decrease of its friction by "
-    f"{WARMING_SHARE:.0%}"
+_COLD = Message(
+    "the reducer wasn't warmed up: U contains a possible decrease of its "
+    "friction by {warming_share:.0%}",
+    WARMING_SHARE,
 )
 
 

@@ -9,6 +9,7 @@ from typing import Any, Self
 from torquebench.campaign.reducers.catalogue import PARTS
 from torquebench.campaign.reducers.work import RepeatedSettings
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures.reducers.empty_run import EmptyRunSettings
 from torquebench.procedures.reducers.loop import BenchTwistSettings, even_positions
 from torquebench.procedures.reducers.setup import ReducerLimits
@@ -84,7 +85,7 @@ class ReducerTestSettings:
             Less than one repeat.
         """
         if most < 1:
-            raise InputError(f"{most} repeats", "at least 1")
+            raise InputError(Message("{most} repeats", most), "at least 1")
         repeated = {name: self.repeated(name) for name in self.plans}
         changed = {name: each.with_repeats(most) for name, each in repeated.items() if each}
         empty = self.empty_run

@@ -13,6 +13,7 @@ from torquebench.campaign.reducers.preparation import Known, Preparation
 from torquebench.campaign.reducers.recorded import EvaluatedTest, RecordedTest
 from torquebench.campaign.reducers.results import ReducerTestOutcome, plain_budget
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
+from torquebench.message import Message
 from torquebench.procedures import Plan
 from torquebench.progress import Progress
 from torquebench.records import RECORDING
@@ -68,7 +69,7 @@ class Specimen:
 
         # A rehearsal records nothing that could be evaluated.
         kind = f"test-{test.name}-short" if short else f"test-{test.name}"
-        title = f"{test.title}, short test" if short else test.title
+        title = Message("{title}, short test", test.title) if short else test.title
         run = self._run(
             kind,
             title,

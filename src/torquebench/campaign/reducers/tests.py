@@ -21,6 +21,7 @@ from torquebench.campaign.reducers.results import (
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.campaign.reducers.specimen import Specimen
 from torquebench.errors import ModelMismatchError, TorquebenchError
+from torquebench.message import Message
 from torquebench.procedures import Rehearsal, rehearse
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import ReducerDescription
@@ -88,8 +89,14 @@ def _check_calibrated(station: Station, part: ReducerTestRehearsal) -> None:
     reached = min(-curve.low_nm, curve.high_nm)
     if torque > reached:
         raise ModelMismatchError(
-            f"{part.title.lower()} to {torque:.4g} N·m with model-{active.model_id}, which was "
-            f"calibrated up to {reached:.4g} N·m",
+            Message(
+                "{title} to {torque:.4g} N·m with model-{model_id}, which was calibrated "
+                "up to {reached:.4g} N·m",
+                part.title.lower(),
+                torque,
+                active.model_id,
+                reached,
+            ),
             "torques in the calibrated range of the active model",
             "calibrate the output to larger torques, or put another model into use",
         )
@@ -208,7 +215,7 @@ def _all_parts(
     for part, title, action in parts:
         alarm = station.supervisor.alarm
         if alarm is not None:
-            why = f"not started: an alarm is latched ({alarm.found})"
+            why = Message("not started: an alarm is latched ({found})", alarm.found)
             failures.append(ReducerTestFailure(part, title, why, "acknowledge it and test again"))
             continue
         try:
@@ -218,7 +225,7 @@ def _all_parts(
         except TorquebenchError as error:
             if len(tests) == 1:
                 raise
-            failures.append(ReducerTestFailure(part, title, str(error)))
+            failures.append(ReducerTestFailure(part, title, Message.of(error)))
             continue
         if outcome is not None:
             outcomes.append(outcome)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.bench.roles import Side
+from torquebench.message import Message
 from torquebench.procedures.reducers.loop import BenchTwistRecording
 from torquebench.reducers.loops.branches import turning_points
 
@@ -62,7 +63,7 @@ class TwistCompliance:
 
 def twist_compliances(recording: BenchTwistRecording) -> dict[Side, TwistCompliance]:
     """Return the twist of every side that was loaded against the held calibrator."""
-    source = f"measured against {recording.standard_serial}"
+    source = Message("measured against {serial}", recording.standard_serial)
     return {
         side: twist_compliance(each.torque_nm(side), each.angle_rad(side), source)
         for side, each in recording.recordings.items()

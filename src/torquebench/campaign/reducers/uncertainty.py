@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.twist import TwistCompliance
+from torquebench.message import Message
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
 
@@ -71,8 +72,14 @@ def nominal_nm(bench: Bench, side: Side) -> float:
 def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[Side]) -> list[str]:
     """Say which torque isn't compensated."""
     return [
-        f"the {side} torque is not compensated: its uncertainty is the {UNCOMPENSATED_SHARE:.1%} "
-        f"of {bench.description.module(side).range_nm:g} N·m, as published for such chains"
+        Message(
+            "the {side} torque is not compensated: its uncertainty is the "
+            "{uncompensated_share:.1%} of {range_nm:g} N·m, as published for such "
+            "chains",
+            side,
+            UNCOMPENSATED_SHARE,
+            bench.description.module(side).range_nm,
+        )
         for side in sides
         if not compensated[side]
     ]
@@ -85,7 +92,9 @@ def resolution_rad(bench: Bench, side: Side) -> float:
 
 def temperature_remarks(temperature_c: float) -> list[str]:
     """Say how warm the reducer was, where that was measured."""
-    return [f"reducer at {temperature_c:.1f} °C"] if np.isfinite(temperature_c) else []
+    return (
+        [Message("reducer at {value:.1f} °C", temperature_c)] if np.isfinite(temperature_c) else []
+    )
 
 
 def finite_temperature(temperature_c: FloatArray) -> FloatArray | None:
@@ -108,8 +117,12 @@ def tare_remarks(bench: Bench, running: RunningRecording) -> list[str]:
             if side in corrected
         }
         return found + [
-            f"the empty run differs from the correction of the {side} measuring chain by up to "
-            f"{value:.2g} N·m"
+            Message(
+                "the empty run differs from the correction of the {side} measuring chain "
+                "by up to {value:.2g} N·m",
+                side,
+                value,
+            )
             for side, value in largest.items()
         ]
     if corrected.keys() >= running.stated.keys():
@@ -126,7 +139,9 @@ def drift_remarks(running: RunningRecording) -> list[str]:
     """Say how many points hadn't settled."""
     if not running.unsettled:
         return []
-    return [f"{running.unsettled} of {running.repeat.size} points still drifted"]
+    return [
+        Message("{count} of {total} points still drifted", running.unsettled, running.repeat.size)
+    ]
 
 
 def root_mean_square(values: FloatArray) -> float:

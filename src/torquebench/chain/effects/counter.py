@@ -11,6 +11,7 @@ from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings, known_or
 from torquebench.chain.torque import Component, Shared
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Counter", "Timebase"]
@@ -78,7 +79,7 @@ class Timebase(Effect):
     def __post_init__(self) -> None:
         if not 0.0 < self.tolerance_ppm <= 1000.0:
             raise InputError(
-                f"timebases that differ by {self.tolerance_ppm:g} ppm",
+                Message("timebases that differ by {tolerance_ppm:g} ppm", self.tolerance_ppm),
                 "above 0 and at most 1000 ppm",
                 "state the sum of both clocks' tolerances",
             )

@@ -14,6 +14,7 @@ from torquebench.chain.readings import FloatArray, Readings, known_or
 from torquebench.chain.torque import Component, Shared
 from torquebench.dynamics import FilterStream, InverseFilter, UncertainFilter
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Dynamics", "RecordedDynamics"]
@@ -76,7 +77,8 @@ class Dynamics(Effect):
             listed["factors"] = tuple(tuple(map(float, row)) for row in listed["factors"])
         except (KeyError, ValueError) as problem:
             raise InputError(
-                f"{cls.title}: no coefficients ({problem})", "lists of numbers"
+                Message("{title}: no coefficients ({problem})", cls.title, problem),
+                "lists of numbers",
             ) from problem
         return cls(**listed)
 
@@ -97,9 +99,9 @@ class Dynamics(Effect):
             step = float(np.median(np.diff(time_s)))
             if abs(step - self.interval_s) <= _UNEVEN * self.interval_s:
                 return
-            found = f"readings every {step:.6g} s"
+            found = Message("readings every {step:.6g} s", step)
         raise InputError(
-            f"{found}, dynamics identified at {self.interval_s:.6g} s",
+            Message("{found}, dynamics identified at {interval_s:.6g} s", found, self.interval_s),
             "a column time_s at that rate",
             "identify the dynamics at the rate of the readings",
         )

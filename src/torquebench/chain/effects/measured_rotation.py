@@ -23,6 +23,7 @@ from torquebench.chain.grid import (
 )
 from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
 from torquebench.chain.torque import Component, Shared
+from torquebench.message import Message
 
 __all__ = ["MeasuredRotation"]
 
@@ -121,7 +122,7 @@ class MeasuredRotation(Effect):
         """Return the largest values of each table between the measured temperatures."""
         nodes = np.array(self.at_c)
         here = (nodes >= self.low_c - 2.0) & (nodes <= self.high_c + 2.0)
-        where = f"{self.low_rpm:.4g} to {self.high_rpm:.4g} 1/min"
+        where = Message("{low:.4g} to {high:.4g} 1/min", self.low_rpm, self.high_rpm)
         even, even_u, odd, odd_u = self._tables[:, :, here]
         parts = [
             MeasuredPart.of("zero over speed", even, even_u, range_nm, where),
@@ -141,7 +142,7 @@ class MeasuredRotation(Effect):
             parts.append(MeasuredPart.of("span over speed", span, span_u, 1.0, where))
         if self.running_in_s:
             drag, drag_u = self.running_in_nm, self.running_in_uncertainty_nm
-            over = f"over {self.running_in_s:.3g} s"
+            over = Message("over {running_in_s:.3g} s", self.running_in_s)
             parts.append(MeasuredPart.of("running-in", drag, drag_u, range_nm, over))
         return tuple(parts)
 
@@ -215,14 +216,16 @@ class MeasuredRotation(Effect):
         low, high = self._limits_rpm
         rows = (speed < low) | (speed > high)
         if rows.any():
-            allowed = f"{low:.4g} to {high:.4g} 1/min"
-            return Refusal(rows, f"speed {speed[rows][0]:.4g} 1/min", allowed)
+            allowed = Message("{low:.4g} to {high:.4g} 1/min", low, high)
+            return Refusal(rows, Message("speed {speed:.4g} 1/min", speed[rows][0]), allowed)
         now = row_of(readings.temperature_c, readings.reading_nm.size)
         rows = self._refused(speed, now)
         if not rows.any():
             return None
-        allowed = f"{self.at_c[0]:.4g} to {self.at_c[-1]:.4g} °C while it turns"
-        return Refusal(rows, f"temperature {now[rows][0]:.4g} °C", allowed)
+        allowed = Message(
+            "{at_c:.4g} to {at_c_2:.4g} °C while it turns", self.at_c[0], self.at_c[-1]
+        )
+        return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the effect of rotation at speed, temperature, load and time of each reading."""

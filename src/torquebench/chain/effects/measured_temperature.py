@@ -14,6 +14,7 @@ from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.grid import Numbers, between, linear, located, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
+from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
 __all__ = ["MeasuredTemperature"]
@@ -75,7 +76,7 @@ class MeasuredTemperature(Effect):
         """Return the largest changes of zero and span between the measured temperatures."""
         here = (self._nodes >= self.low_c) & (self._nodes <= self.high_c)
         zero, zero_u, span, span_u = self._curves[:, here]
-        where = f"{self.low_c:.3g} to {self.high_c:.3g} °C"
+        where = Message("{at_c:.3g} to {at_c_2:.3g} °C", self.low_c, self.high_c)
         parts = [MeasuredPart.of("zero over temperature", zero, zero_u, range_nm, where)]
         if self.span:
             parts.append(MeasuredPart.of("span over temperature", span, span_u, 1.0, where))
@@ -114,8 +115,8 @@ class MeasuredTemperature(Effect):
         rows = (now < self.at_c[0]) | (now > self.at_c[-1])
         if not rows.any():
             return None
-        allowed = f"{self.at_c[0]:.4g} to {self.at_c[-1]:.4g} °C"
-        return Refusal(rows, f"temperature {now[rows][0]:.4g} °C", allowed)
+        allowed = Message("{at_c:.4g} to {at_c_2:.4g} °C", self.at_c[0], self.at_c[-1])
+        return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
     def gaps(self) -> tuple[str, ...]:
         """Name the span if it wasn't identified."""

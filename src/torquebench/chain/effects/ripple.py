@@ -14,6 +14,7 @@ from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.grid import Numbers, Table, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
+from torquebench.message import Message
 
 __all__ = ["Ripple", "speed_terms"]
 
@@ -75,7 +76,7 @@ class Ripple(Effect):
 
     def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
         """Return the largest root mean square over a revolution at any speed."""
-        where = f"orders {', '.join(f'{order:g}' for order in self.orders)}"
+        where = Message("orders {orders}", ", ".join(f"{order:g}" for order in self.orders))
         u = self.uncertainty_nm
         return (MeasuredPart.of("ripple by angle", self.largest_nm, u, range_nm, where),)
 

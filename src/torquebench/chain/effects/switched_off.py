@@ -10,6 +10,7 @@ from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["SWITCHES", "SwitchedOff"]
 
@@ -42,7 +43,7 @@ class SwitchedOff(Effect):
         """Return the effect for names of `SWITCHES`; raises `InputError` for others."""
         for each in switches:
             if each not in SWITCHES:
-                raise InputError(f"nothing called {each!r}", ", ".join(SWITCHES))
+                raise InputError(Message("nothing called {each!r}", each), ", ".join(SWITCHES))
         return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
 
     @classmethod

@@ -14,6 +14,7 @@ from torquebench.chain.identification.records import EmptyRun
 from torquebench.chain.readings import Readings
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["identify_lubrication"]
 
@@ -88,9 +89,14 @@ def identify_lubrication(
     back = len(means) - ahead
     if min(ahead, back) < _FEWEST_SPEEDS:
         raise InputError(
-            f"{run.source}: {ahead} speeds in one direction and {back} in the other that the "
-            "chain holds for",
-            f"{_FEWEST_SPEEDS} at least in both",
+            Message(
+                "{source}: {ahead} speeds in one direction and {back} in the other that "
+                "the chain holds for",
+                run.source,
+                ahead,
+                back,
+            ),
+            Message("{fewest_speeds} at least in both", _FEWEST_SPEEDS),
             _REMEDY,
         )
     _, known, found = np.array(means).T
@@ -107,10 +113,19 @@ def identify_lubrication(
     u = float(rotation.lubrication * student_widening(free) * relative)
     if not (u <= _LARGEST_U * max(factor, 0.0)):
         raise InputError(
-            f"{run.source}: drag of {factor:.3g} times the chain's, with u = {u:.2g}",
-            f"a positive factor, known to {100.0 * _LARGEST_U:g} %",
-            f"{_REMEDY}, at a steady temperature and for longer; or, if the drag has changed "
-            "differently at each speed, fit the chain with this run as --empty",
+            Message(
+                "{source}: drag of {factor:.3g} times the chain's, with u = {u:.2g}",
+                run.source,
+                factor,
+                u,
+            ),
+            Message("a positive factor, known to {largest_u:g} %", 100.0 * _LARGEST_U),
+            Message(
+                "{remedy}, at a steady temperature and for longer; or, if the drag has "
+                "changed differently at each speed, fit the chain with this run as "
+                "--empty",
+                _REMEDY,
+            ),
         )
     words = f"{rotation.record.partition(_SEPARATOR)[0]}{_SEPARATOR} {factor:.3g} by {run.source}"
     return replace(

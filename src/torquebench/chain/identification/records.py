@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torquebench.chain.acceleration import AccelerationBySpeed
 from torquebench.chain.readings import FloatArray
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = [
     "SAME_K",
@@ -65,20 +66,30 @@ class EmptyRun:
     def __post_init__(self) -> None:
         if self.time_s.size < _FEWEST_ROWS:
             raise InputError(
-                f"{self.source}: an empty run of {self.time_s.size} samples",
-                f"at least {_FEWEST_ROWS}, over all working speeds",
+                Message("{source}: an empty run of {size} samples", self.source, self.time_s.size),
+                Message("at least {fewest_rows}, over all working speeds", _FEWEST_ROWS),
             )
         step = np.diff(self.time_s)
         if not np.all(step > 0.0):
             row = int(np.argmin(step > 0.0)) + 1
             raise InputError(
-                f"{self.source}: time {self.time_s[row]:.9g} s after {self.time_s[row - 1]:.9g} s",
+                Message(
+                    "{source}: time {time_s:.9g} s after {time_s_2:.9g} s",
+                    self.source,
+                    self.time_s[row],
+                    self.time_s[row - 1],
+                ),
                 "rising times",
                 "give every run its own file",
             )
         if np.mean(np.abs(step - np.median(step)) > 0.5 * np.median(step)) > 0.01:
             raise InputError(
-                f"{self.source}: steps of {step.min():.3g} to {step.max():.3g} s",
+                Message(
+                    "{source}: steps of {step:.3g} to {step_2:.3g} s",
+                    self.source,
+                    step.min(),
+                    step.max(),
+                ),
                 "an even rate, single gaps at most",
                 "record the run at a fixed rate",
             )
@@ -158,7 +169,7 @@ def related_to_one_zero(
     if known and len(known) < len(runs):
         silent = next(run.source for run in runs if run.zero_nm is None)
         raise InputError(
-            f"{known[0].source} states its zero, {silent} doesn't",
+            Message("{source} states its zero, {silent} doesn't", known[0].source, silent),
             "zero_nm in all empty runs, or one zero for all of them and no zero_nm",
             "record all of them with `torquebench turn`, or give one run only",
         )

@@ -32,6 +32,7 @@ from torquebench.chain.readings import FloatArray, Readings
 from torquebench.compensation import CompensationModel, features, make_model
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LEAST_KELVIN", "Identified", "identify"]
 
@@ -265,8 +266,11 @@ class _Data:
         """Return the effects that aren't identified, and the runs that would identify them."""
         has_runs = bool(self.runs)
         said = {
-            "zero": f"zero over temperature: all data lie within {LEAST_KELVIN:g} K; an empty run "
-            "at another temperature would identify it",
+            "zero": Message(
+                "zero over temperature: all data lie within {least_kelvin:g} K; an empty "
+                "run at another temperature would identify it",
+                LEAST_KELVIN,
+            ),
             "span": "span over temperature: a series at another temperature would identify it",
             "odd": "zero and drag over speed: an empty run over all working speeds, in "
             "both directions, would identify it",
@@ -278,7 +282,7 @@ class _Data:
         if not self.groups and has_runs:
             raise InputError(
                 "empty runs at one speed, one temperature and without a ramp",
-                f"different speeds, or temperatures {LEAST_KELVIN:g} K apart",
+                Message("different speeds, or temperatures {least_kelvin:g} K apart", LEAST_KELVIN),
                 "record the empty run over all working speeds, or repeat it warm and cold",
             )
         if not self.groups and not np.any(self.points.turning):
@@ -286,7 +290,7 @@ class _Data:
         missing = [name for name in said if name not in self.groups]
         if "odd" in missing:
             missing = [name for name in missing if name not in ("even", "load")]
-        return [f"not identified: {said[name]}" for name in missing]
+        return [Message("not identified: {what}", said[name]) for name in missing]
 
 
 def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | None:
@@ -298,11 +302,13 @@ def _point_noise(calibration: TurningCalibration, range_nm: float) -> float | No
 
 def _words(calibration: TurningCalibration, runs: Sequence[EmptyRun]) -> str:
     """Return the provenance that the effects state."""
-    points = f"{calibration.reading_nm.size} points of the calibration"
+    points = Message("{size} points of the calibration", calibration.reading_nm.size)
     if not runs:
         return points
     names = ", ".join(run.source for run in runs)
-    return f"empty run{'s' if len(runs) > 1 else ''} {names}; {points}"
+    return Message(
+        "empty run{value} {names}; {points}", "s" if len(runs) > 1 else "", names, points
+    )
 
 
 def _static_curve(
@@ -312,7 +318,8 @@ def _static_curve(
     rows = near if np.sum(near) >= _FEWEST_POINTS else np.ones(near.size, dtype=bool)
     if np.sum(rows) < _FEWEST_POINTS:
         raise InputError(
-            f"{int(np.sum(rows))} points", f"at least {_FEWEST_POINTS} for a chain that turns"
+            Message("{count} points", int(np.sum(rows))),
+            Message("at least {fewest_points} for a chain that turns", _FEWEST_POINTS),
         )
     model = make_model("hybrid", range_nm=range_nm)
     X = features(calibration.reading_nm[rows], calibration.branch[rows], 0.0)

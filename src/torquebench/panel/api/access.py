@@ -15,6 +15,7 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.requests import HTTPConnection
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service import Actor, BenchService, NotSignedInError
 
 __all__ = [
@@ -66,8 +67,10 @@ async def known_query(connection: HTTPConnection) -> None:
     unknown = sorted(set(connection.query_params) - known)
     if unknown:
         raise InputError(
-            "unknown query parameters: " + ", ".join(each[:40] for each in unknown[:5]),
-            "only " + ", ".join(sorted(known)) if known else "none",
+            Message(
+                "unknown query parameters: {unknown}", ", ".join(each[:40] for each in unknown[:5])
+            ),
+            Message("only {known}", ", ".join(sorted(known))) if known else "none",
         )
 
 

@@ -9,8 +9,10 @@ from collections.abc import Iterable
 from urllib.parse import urlsplit
 
 from starlette.datastructures import Headers, MutableHeaders
-from starlette.types import ASGIApp, Message, Receive, Scope, Send
+from starlette.types import ASGIApp, Receive, Scope, Send
+from starlette.types import Message as ServerMessage
 
+from torquebench.message import Message
 from torquebench.panel.address import ANY_ADDRESS
 from torquebench.panel.api.problems import problem_response
 
@@ -80,7 +82,11 @@ class Guard:
             return
         declared = headers.get("content-length", "0")
         if not declared.isdigit() or int(declared) > LARGEST_BODY:
-            found = f"a body of {declared[:20]} bytes, at most {LARGEST_BODY} are accepted"
+            found = Message(
+                "a body of {declared} bytes, at most {largest_body} are accepted",
+                declared[:20],
+                LARGEST_BODY,
+            )
             await _refuse(scope, receive, send, 413, "Too large", found)
             return
         await self._app(scope, _limited(receive), self._with_headers(scope, send))
@@ -89,12 +95,12 @@ class Guard:
         """Return why a request's origin isn't trusted; empty where it is."""
         host = headers.get("host", "")
         if self._hosts and ("@" in host or not self._is_own(_name(f"//{host}"))):
-            return f"the host name {host[:80]!r} isn't this server's"
+            return Message("the host name {host!r} isn't this server's", host[:80])
         origin = headers.get("origin")
         if origin is None or (scope["type"] == "http" and scope["method"] in SAFE_METHODS):
             return ""
         if urlsplit(origin).netloc != host:
-            return f"a request from the pages of {origin[:80]!r}"
+            return Message("a request from the pages of {origin!r}", origin[:80])
         return ""
 
     def _is_own(self, name: str) -> bool:
@@ -112,7 +118,7 @@ class Guard:
         api = scope["path"].startswith("/api/")
         policy = COMPILED_POLICY if scope["path"] in self._compiled else OWN_POLICY
 
-        async def sending(message: Message) -> None:
+        async def sending(message: ServerMessage) -> None:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers["X-Content-Type-Options"] = "nosniff"
@@ -144,7 +150,7 @@ def _limited(receive: Receive) -> Receive:
     taken, whole = 0, False
     until = time.monotonic() + BODY_S
 
-    async def receiving() -> Message:
+    async def receiving() -> ServerMessage:
         nonlocal taken, whole
         if whole:  # the next message ends the connection
             return await receive()

@@ -10,6 +10,7 @@ from pydantic import ValidationError
 
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError, TorquebenchError
+from torquebench.message import Message
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.dialogs import ask, sheet
@@ -29,6 +30,7 @@ from torquebench.panel.service import (
     histogram,
     spectrum,
 )
+from torquebench.validation import words_of
 
 __all__ = ["SPANS", "LiveChart"]
 
@@ -286,10 +288,11 @@ class LiveChart:
                     ),
                 )
             except (ValidationError, InputError) as error:
-                said = (
-                    error.errors()[0]["msg"] if isinstance(error, ValidationError) else str(error)
+                wrong.set_text(
+                    text.core(words_of(error.errors()[0]))
+                    if isinstance(error, ValidationError)
+                    else text.refusal_line(error)
                 )
-                wrong.set_text(text.core(said.removeprefix("Value error, ")))
                 return
             self._keep(layout)
             dialog.close()
@@ -424,6 +427,6 @@ def _scale(kind: str, low: str, high: str) -> Scale:
         ends = typed_number(low), typed_number(high)
     except ValueError:
         raise InputError(
-            f"ends {low!r} and {high!r}", "two numbers in the unit of the scale"
+            Message("ends {low!r} and {high!r}", low, high), "two numbers in the unit of the scale"
         ) from None
     return Scale(kind="fixed", low=ends[0], high=ends[1])

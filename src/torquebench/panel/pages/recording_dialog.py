@@ -6,6 +6,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.dialogs import sheet
 from torquebench.panel.components.elements import box, words
@@ -100,4 +101,4 @@ def _number(said: str) -> float:
     try:
         return typed_number(said)
     except ValueError:
-        raise InputError(f"{said!r} for a number", "a number") from None
+        raise InputError(Message("{said!r} for a number", said), "a number") from None

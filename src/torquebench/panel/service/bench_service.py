@@ -28,6 +28,7 @@ from torquebench.errors import (
     RecordError,
     TorquebenchError,
 )
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.lease import CommandLease
@@ -178,7 +179,9 @@ class BenchService:
             private_folder(folder)
         except OSError as error:
             raise RecordError(
-                f"can't create the data directory {folder}: {error.strerror}",
+                Message(
+                    "can't create the data directory {folder}: {strerror}", folder, error.strerror
+                ),
                 "a folder with write permission",
                 "choose another with --data",
             ) from error
@@ -302,10 +305,12 @@ class BenchService:
             return "live", ""
         ended = not self.station.acquisition.running
         alarm = self.station.supervisor.alarm
-        reason = "" if alarm is None else f": {alarm.found}"
-        if ended:
-            return "lost", f"acquisition has ended{reason}"
-        return "stale", f"no samples for {age_s:.1f} s{reason}"
+        said = (
+            "acquisition has ended" if ended else Message("no samples for {seconds:.1f} s", age_s)
+        )
+        if alarm is not None:
+            said = Message("{found}: {reason}", said, alarm.found)
+        return "lost" if ended else "stale", said
 
     def snapshot(self) -> BenchSnapshot:
         """Return the bench at this moment; cheap enough for every repaint of every page."""
@@ -376,7 +381,10 @@ class BenchService:
         newest_s = self.live.bench_time_s
         moment_s = newest_s if bench_time_s is None else bench_time_s
         if not 0.0 <= moment_s <= newest_s:
-            raise InputError(f"a marker at {moment_s:g} s", f"0 to {newest_s:.1f} s of bench time")
+            raise InputError(
+                Message("a marker at {time:g} s", moment_s),
+                Message("0 to {newest:.1f} s of bench time", newest_s),
+            )
         at = datetime.fromtimestamp(moment_s + self.live.clock_offset_s, UTC)
         marker = self.markers.add(moment_s, at, note, actor.label)
         self.note(actor, "put a marker", note=marker.note, bench_time_s=round(moment_s, 3))
@@ -460,7 +468,7 @@ class BenchService:
         require(actor, "metrologist")
         if despite_contradictions and actor.kind != "person":
             raise PermissionDeniedError(
-                f"{actor.label} decides despite contradictions", "a person's decision"
+                Message("{name} decides despite contradictions", actor.label), "a person's decision"
             )
         self.jobs.command(actor)
         model = self.station.registry.model(model_id)
@@ -687,7 +695,7 @@ class BenchService:
         """
         started = time.perf_counter()
         said = plain(reason, 200) or "stop button"
-        alarm = self.station.emergency_stop(f"{said}, by {actor.label}")
+        alarm = self.station.emergency_stop(Message("{reason}, by {who}", said, actor.label))
         seconds = time.perf_counter() - started
         # The alarm is already in the audit log; the caller must not wait for the disk.
         self._later.submit(

@@ -19,11 +19,13 @@ from sqlalchemy import (
     Boolean,
     Column,
     Connection,
+    Dialect,
     Float,
     Integer,
     MetaData,
     Table,
     Text,
+    TypeDecorator,
     create_engine,
     event,
     insert,
@@ -34,6 +36,7 @@ from sqlalchemy.engine import URL
 from sqlalchemy.exc import SQLAlchemyError
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import json_text
 
 __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
@@ -43,6 +46,23 @@ SCHEMA_VERSION = 2
 READING = "torquebench_reading"
 
 metadata = MetaData()
+
+
+class MessageText(TypeDecorator[str]):
+    """Text that keeps the template and values of a message, for its translation."""
+
+    impl = Text
+    cache_ok = True
+
+    def process_bind_param(self, value: str | None, _dialect: Dialect) -> str | None:
+        """Store a message as JSON, other text as it is."""
+        return json_text(value.as_plain()) if isinstance(value, Message) else value
+
+    def process_result_value(self, value: str | None, _dialect: Dialect) -> str | None:
+        """Return the message, or the text."""
+        is_message = value is not None and value.startswith('{"template":')
+        return Message.restored(json.loads(value)) if value and is_message else value
+
 
 users = Table(
     "users",
@@ -88,7 +108,7 @@ events = Table(
     Column("id", Integer, primary_key=True),
     Column("at", Text, nullable=False),
     Column("who", Text, nullable=False),
-    Column("what", Text, nullable=False),
+    Column("what", MessageText, nullable=False),
     Column("details", Text, nullable=False),
 )
 preferences = Table(
@@ -104,9 +124,9 @@ job_log = Table(
     Column("job_id", Text, primary_key=True),
     Column("who", Text, nullable=False, index=True),
     Column("kind", Text, nullable=False),
-    Column("title", Text, nullable=False),
+    Column("title", MessageText, nullable=False),
     Column("state", Text, nullable=False),
-    Column("headline", Text, nullable=False),
+    Column("headline", MessageText, nullable=False),
     Column("verdict", Text, nullable=False),
     Column("started", Text, nullable=False),
     Column("told", Boolean, nullable=False),
@@ -179,8 +199,8 @@ class PanelStore:
             found = int(connection.exec_driver_sql("PRAGMA user_version").scalar() or 0)
             if found > SCHEMA_VERSION:
                 raise RecordError(
-                    f"{self._name} has version {found}",
-                    f"{SCHEMA_VERSION} or older",
+                    Message("{name} has version {found}", self._name, found),
+                    Message("{schema_version} or older", SCHEMA_VERSION),
                     "a newer torquebench has made it: upgrade this one",
                 )
             if found < SCHEMA_VERSION:
@@ -213,7 +233,7 @@ class PanelStore:
         except SQLAlchemyError as error:
             said = getattr(error, "orig", None) or error
             raise RecordError(
-                f"{self._name} failed: {said}",
+                Message("{name} failed: {said}", self._name, said),
                 "a database that can be read and written",
                 "make room on the disk or repair it",
             ) from error

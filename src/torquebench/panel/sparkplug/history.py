@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.panel.sparkplug.payload import Metric, Payload, decode, encode
 
 __all__ = ["History", "Kept"]
@@ -67,7 +68,9 @@ class History:
             self.waiting, size = self._file.execute(query).fetchone()
         except sqlite3.Error as error:
             raise RecordError(
-                f"{path}: {error}", "a readable file", "move it away; what waits in it isn't sent"
+                Message("{path}: {error}", path, error),
+                "a readable file",
+                "move it away; what waits in it isn't sent",
             ) from error
         self._bytes = int(size) + self.waiting * OVERHEAD_BYTES
 

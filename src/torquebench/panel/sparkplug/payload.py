@@ -16,6 +16,7 @@ from google.protobuf import descriptor_pb2, descriptor_pool, message_factory
 from google.protobuf.message import DecodeError
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["DataType", "Metric", "Payload", "Quality", "Value", "decode", "encode"]
 
@@ -235,7 +236,9 @@ def _encode_metric(found: Any, metric: Metric, types: Mapping[int, DataType]) ->
     if datatype is None and metric.alias is not None:
         datatype = types.get(metric.alias)
     if datatype is None:
-        raise InputError(f"metric {metric.name or metric.alias} without a type", "a data type")
+        raise InputError(
+            Message("metric {name} without a type", metric.name or metric.alias), "a data type"
+        )
     _put(found, datatype, metric.value, f"metric {metric.name or metric.alias}")
 
 
@@ -265,7 +268,10 @@ def _put(place: Any, datatype: DataType, value: Value, what: str) -> None:
         else:
             place.int_value = value % (1 << 32)
     except (TypeError, ValueError) as error:
-        raise InputError(f"{what}: {error}", f"a value of type {datatype.name}") from error
+        raise InputError(
+            Message("{what}: {error}", what, error),
+            Message("a value of type {name}", datatype.name),
+        ) from error
 
 
 def decode(data: bytes, types: Mapping[int, DataType] | None = None) -> Payload:
@@ -286,7 +292,9 @@ def decode(data: bytes, types: Mapping[int, DataType] | None = None) -> Payload:
     try:
         message.ParseFromString(data)
     except DecodeError as error:
-        raise InputError(f"{len(data)} bytes: {error}", "a Sparkplug B payload") from error
+        raise InputError(
+            Message("{count} bytes: {error}", len(data), error), "a Sparkplug B payload"
+        ) from error
     return Payload(
         tuple(_decode_metric(found, types or {}) for found in message.metrics),
         message.timestamp if message.HasField("timestamp") else None,

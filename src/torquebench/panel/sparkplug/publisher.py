@@ -18,6 +18,7 @@ from types import TracebackType
 from typing import Self
 
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.panel.service import Actor, BenchService
 from torquebench.panel.sparkplug.history import History
 from torquebench.panel.sparkplug.link import (
@@ -41,7 +42,8 @@ from torquebench.panel.sparkplug.metrics import (
     read_bench,
 )
 from torquebench.panel.sparkplug.payload import Metric, decode
-from torquebench.panel.sparkplug.session import Message, Session, Topics
+from torquebench.panel.sparkplug.session import Message as MqttMessage
+from torquebench.panel.sparkplug.session import Session, Topics
 from torquebench.panel.sparkplug.settings import Broker, SparkplugSettings
 
 __all__ = ["Publisher"]
@@ -100,7 +102,8 @@ class Publisher:
             tls_context(settings)
         except OSError as error:
             raise InputError(
-                f"TLS files: {error}", "PEM files that can be used, the key without password"
+                Message("TLS files: {error}", error),
+                "PEM files that can be used, the key without password",
             ) from error
         self.settings = settings
         self._read = read
@@ -160,9 +163,11 @@ class Publisher:
             try:
                 self._turn()
             except (sqlite3.Error, RecordError) as error:
-                self._trouble(f"the buffer {self._history.path} fails: {error}")
+                self._trouble(
+                    Message("the buffer {path} fails: {error}", self._history.path, error)
+                )
             except Exception as error:  # the bench continues after any error
-                self._trouble(f"unforeseen {type(error).__name__}: {error}")
+                self._trouble(Message("unforeseen {name}: {error}", type(error).__name__, error))
         with contextlib.suppress(sqlite3.Error):
             self._farewell()
             self._history.close()
@@ -212,7 +217,11 @@ class Publisher:
             case Subscribed(link):
                 self._problem, self._pause_s = "", self.settings.reconnect_first_s
                 host = self.settings.primary_host
-                self._note(f"connected to {link.broker.url}" + (f", waits for {host}" * bool(host)))
+                self._note(
+                    Message("connected to {url}, waits for {host}", link.broker.url, host)
+                    if host
+                    else Message("connected to {url}", link.broker.url)
+                )
                 if host is None:
                     self._birth()
                 elif len(self.settings.brokers) > 1:
@@ -227,7 +236,11 @@ class Publisher:
     def _lost(self, reason: str) -> None:
         link, self._link = self._link, None
         if link is not None and reason != self._problem:
-            self._note(f"no connection to {link.broker.url}: {reason}; changes are kept")
+            self._note(
+                Message(
+                    "no connection to {url}: {reason}; changes are kept", link.broker.url, reason
+                )
+            )
         self._problem = reason
         self._keep()
         # random, so that benches that lost one broker don't return at once
@@ -284,8 +297,12 @@ class Publisher:
                 self._noted_at = time.monotonic()
                 names = ", ".join(repr(m.name[:60] or m.alias) for m in metrics[:5]) or "unreadable"
                 self._note(
-                    f"refused a command to {message.topic[:200]}: {names}; nothing on this bench "
-                    f"is commanded by MQTT"
+                    Message(
+                        "refused a command to {topic}: {names}; nothing on this bench is "
+                        "commanded by MQTT",
+                        message.topic[:200],
+                        names,
+                    )
                 )
 
     def _host_says(self, payload: bytes) -> None:
@@ -388,7 +405,7 @@ class Publisher:
             return True
         return spec.differs(before.value, now.value, self.settings.deadband, range_nm)
 
-    def _publish(self, message: Message) -> None:
+    def _publish(self, message: MqttMessage) -> None:
         if self._link is not None:
             self._link.publish(message)
 

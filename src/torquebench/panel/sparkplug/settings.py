@@ -10,6 +10,7 @@ from urllib.parse import urlsplit
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.validation import ConflictError, parse_toml, validated
 
 __all__ = ["Broker", "Deadband", "SparkplugSettings", "Tls", "load_settings"]
@@ -66,7 +67,9 @@ class Broker:
     def __init__(self, url: str) -> None:
         parts = urlsplit(url)
         if parts.scheme not in PORTS or not parts.hostname or parts.path not in ("", "/"):
-            raise ValueError(f"{url[:80]!r} isn't mqtt://host:port or mqtts://host:port")
+            raise ValueError(
+                Message("{url!r} isn't mqtt://host:port or mqtts://host:port", url[:80])
+            )
         if parts.username or parts.password:
             raise ValueError("a password doesn't belong in an address: use user, password_file")
         self.url = url
@@ -129,7 +132,7 @@ class SparkplugSettings(BaseModel):
             if not (broker.secure or broker.local or self.insecure_network):
                 raise ConflictError(
                     "brokers",
-                    f"{url!r} without encryption",
+                    Message("{url!r} without encryption", url),
                     "mqtts://, or a broker on this computer",
                     "use mqtts://; insecure_network = true only where nobody else listens",
                 )
@@ -138,8 +141,10 @@ class SparkplugSettings(BaseModel):
         if self.reconnect_longest_s < self.reconnect_first_s:
             raise ConflictError(
                 "reconnect_longest_s",
-                f"{self.reconnect_longest_s:g} s",
-                f"at least reconnect_first_s, {self.reconnect_first_s:g} s",
+                Message("{reconnect_longest_s:g} s", self.reconnect_longest_s),
+                Message(
+                    "at least reconnect_first_s, {reconnect_first_s:g} s", self.reconnect_first_s
+                ),
             )
         return self
 
@@ -168,10 +173,16 @@ class SparkplugSettings(BaseModel):
         if path is None:
             return None
         if path.is_file() and path.stat().st_mode & 0o077:
-            raise InputError(f"{path} is open to others", "mode 0600", f"chmod 600 {path}")
+            raise InputError(
+                Message("{key} is open to others", path),
+                "mode 0600",
+                Message("chmod 600 {key}", path),
+            )
         found = _read(path, "a readable file with the password").strip()
         if not found:
-            raise InputError(f"{path} is empty", "the password", "write it into the file")
+            raise InputError(
+                Message("{origin} is empty", path), "the password", "write it into the file"
+            )
         return found
 
 
@@ -189,7 +200,10 @@ def load_settings(path: Path) -> SparkplugSettings:
     found.password()
     for key, file in found.tls.model_dump().items():
         if file is not None and not file.is_file():
-            raise InputError(f"{path}: tls.{key} = {str(file)!r} doesn't exist", "a PEM file")
+            raise InputError(
+                Message("{path}: tls.{key} = {file!r} doesn't exist", path, key, str(file)),
+                "a PEM file",
+            )
     return found
 
 
@@ -197,9 +211,13 @@ def _read(path: Path, wanted: str) -> str:
     try:
         return path.read_text(encoding="utf-8")
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror or error}", wanted) from error
+        raise InputError(
+            Message("{path}: {strerror}", path, error.strerror or error), wanted
+        ) from error
     except UnicodeDecodeError as error:
-        raise InputError(f"{path}: not UTF-8 at byte {error.start}", "UTF-8 text") from error
+        raise InputError(
+            Message("{file}: not UTF-8 at byte {start}", path, error.start), "UTF-8 text"
+        ) from error
 
 
 def _check_id(key: str, value: str | None) -> None:

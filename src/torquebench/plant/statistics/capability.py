@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Capability", "capability", "limits_in_words"]
 
@@ -102,12 +103,17 @@ def capability(
     x = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if x.ndim != 1 or x.size < LEAST or not np.all(np.isfinite(x)):
         raise InputError(
-            f"capability from {x.size} values", f"at least {LEAST} finite values", "test more"
+            Message("capability from {count} values", x.size),
+            Message("at least {count} finite values", LEAST),
+            "test more",
         )
     if lower is None and upper is None:
         raise InputError("capability without a limit", "a lower limit, an upper limit, or both")
     if lower is not None and upper is not None and not lower < upper:
-        raise InputError(f"limits {lower:g} and {upper:g}", "a lower one below the upper one")
+        raise InputError(
+            Message("limits {lower:g} and {upper:g}", lower, upper),
+            "a lower one below the upper one",
+        )
     mean, s = float(x.mean()), float(x.std(ddof=1))
     if s <= 4.0 * np.finfo(float).eps * max(abs(mean), float(np.abs(x).max())):
         raise InputError("values without any spread", "values that differ", "look at their source")

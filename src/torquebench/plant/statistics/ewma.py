@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["EwmaChart", "ewma_chart"]
 
@@ -88,12 +89,13 @@ def ewma_chart(
     count = x.size if base is None else base
     if x.ndim != 1 or not 3 <= count <= x.size or not np.all(np.isfinite(x)):
         raise InputError(
-            f"a control chart over {x.size} values with {count} as its base",
+            Message("a control chart over {count} values with {base} as its base", x.size, count),
             "at least 3 finite values, and no more base values than values",
         )
     if not 0.0 < weight <= 1.0 or not width > 0.0:
         raise InputError(
-            f"weight {weight:g}, width {width:g}", "a weight up to 1 and a width, both above 0"
+            Message("weight {weight:g}, width {width:g}", weight, width),
+            "a weight up to 1 and a width, both above 0",
         )
     middle = float(x[:count].mean()) if centre is None else centre
     spread = float(np.abs(np.diff(x[:count])).mean()) / FROM_RANGES if sigma is None else sigma

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["GroupDifference", "outlying_groups", "outlying_values"]
 
@@ -92,7 +93,10 @@ def outlying_groups(
     """
     x, names = np.asarray(values, dtype=np.float64), np.array(list(groups), dtype=object)
     if x.shape != names.shape:
-        raise InputError(f"{x.size} values in {names.size} groups", "a group for each value")
+        raise InputError(
+            Message("{size} values in {names_size} groups", x.size, names.size),
+            "a group for each value",
+        )
     from scipy import stats
 
     kinds = sorted(set(groups))

@@ -9,6 +9,7 @@ from math import sqrt
 import numpy as np
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["BenchResult", "ComparedBench", "TravellingComparison", "compare_benches"]
 
@@ -112,14 +113,20 @@ def compare_benches(
     names = [each.bench for each in results]
     if len(set(names)) < max(2, len(names)):
         raise InputError(
-            f"{len(names)} results of {len(set(names))} benches", "two benches or more, each once"
+            Message("{count} results of {benches} benches", len(names), len(set(names))),
+            "two benches or more, each once",
         )
     if reference is not None and reference not in names:
-        raise InputError(f"reference bench {reference}", ", ".join(names))
+        raise InputError(Message("reference bench {reference}", reference), ", ".join(names))
     for each in results:
         if not each.expanded_uncertainty > 0.0:
             raise InputError(
-                f"bench {each.bench} states U = {each.expanded_uncertainty:g}", "a U above 0"
+                Message(
+                    "bench {bench} states U = {expanded_uncertainty:g}",
+                    each.bench,
+                    each.expanded_uncertainty,
+                ),
+                "a U above 0",
             )
     x = np.array([each.value for each in results])
     weight = np.array([4.0 / each.expanded_uncertainty**2 for each in results])

@@ -11,6 +11,7 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
@@ -147,7 +148,9 @@ def _turned(
 
     series = present = None
     for number, point in enumerate(points):
-        yield from progress(number, len(points), f"empty run, {point.speed_rpm:g} rpm")
+        yield from progress(
+            number, len(points), Message("empty run, {speed_rpm:g} rpm", point.speed_rpm)
+        )
         yield from checkpoint()
         if (point.repeat, np.sign(point.speed_rpm)) != series:
             series = (point.repeat, np.sign(point.speed_rpm))

@@ -12,6 +12,7 @@ from bluesky.utils import Msg
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.message import Message
 from torquebench.procedures.guarding import StepLimits, guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.setup import (
@@ -78,7 +79,9 @@ class BreakawaySettings:
     def __post_init__(self) -> None:
         if self.positions < 1 or self.ramp_s <= 0.0:
             raise InputError(
-                f"{self.positions} positions, a ramp of {self.ramp_s:g} s",
+                Message(
+                    "{positions} positions, a ramp of {ramp_s:g} s", self.positions, self.ramp_s
+                ),
                 "at least one position and a ramp above 0 s",
             )
         if not (self.clockwise or self.counter_clockwise):
@@ -213,8 +216,8 @@ def _check(limits: ReducerLimits, side: Side, largest_nm: float) -> None:
     at_output = largest_nm * (abs(limits.ratio) if side == "input" else 1.0)
     if at_output > limits.largest_torque_nm:
         raise LimitError(
-            f"a ramp up to {largest_nm:g} N·m at the {side}",
-            f"at most {limits.largest_torque_nm:g} N·m at the reducer's output",
+            Message("a ramp up to {value:g} N·m at the {side}", largest_nm, side),
+            Message("at most {limit:g} N·m at the reducer's output", limits.largest_torque_nm),
             "lower the torque at which motion is expected",
         )
 
@@ -234,7 +237,11 @@ class _Finder:
         signs = [1] * self.settings.clockwise + [-1] * self.settings.counter_clockwise
         for number, sign in enumerate(signs):
             done = index * len(signs) + number
-            yield from progress(done, total, f"{position_deg:g}°, {'+' if sign > 0 else '-'}")
+            yield from progress(
+                done,
+                total,
+                Message("{position_deg:g}°, {value}", position_deg, "+" if sign > 0 else "-"),
+            )
             recording = None
             while recording is None:
                 yield from checkpoint()
@@ -273,7 +280,7 @@ class _Finder:
             return None
         if not moved:
             raise BenchError(
-                f"nothing moved up to {largest:g} N·m at the {self.side}",
+                Message("nothing moved up to {value:g} N·m at the {side}", largest, self.side),
                 "motion below the largest torque of the ramp",
                 "check that the reducer is mounted and the other side free, or raise the "
                 "expected torque",

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import GENTLE_RPM_PER_S, check_speeds, turn_at
@@ -170,8 +171,8 @@ def friction_sweep(
     limit_rpm = devices.context.description.module("input").limits.speed_rpm
     if settings.speeds_rpm[-1] > limit_rpm * (1 + 1e-9):
         raise LimitError(
-            f"a sweep to {settings.speeds_rpm[-1]:g} rpm",
-            f"at most {limit_rpm:.6g} rpm at the input",
+            Message("a sweep to {value:g} rpm", settings.speeds_rpm[-1]),
+            Message("at most {limit:.6g} rpm at the input", limit_rpm),
             "lower the speeds or raise the limit of the bench description",
         )
     points = list(settings.points())
@@ -208,7 +209,7 @@ def _sweep(
     yield from move(devices.point, Point())
     yield from zero(devices, "input", duration_s=settings.zero_s)
     for number, point in enumerate(points):
-        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
+        text = Message("repeat {repeat}, {speed_rpm:g} rpm", point.repeat, point.speed_rpm)
         yield from progress(number, len(points), text)
         yield from checkpoint()
         rows.append((yield from _point(devices, settings, point)))

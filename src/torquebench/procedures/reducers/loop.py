@@ -16,6 +16,7 @@ from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.interlocks import standard_serial
 from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.setup import (
@@ -101,11 +102,17 @@ class HysteresisSettings:
     def __post_init__(self) -> None:
         if self.loops < 1 or not self.positions_deg:
             raise InputError(
-                f"{self.loops} loops at {len(self.positions_deg)} positions", "at least one of each"
+                Message("{loops} loops at {count} positions", self.loops, len(self.positions_deg)),
+                "at least one of each",
             )
         if not (self.torque_share > 0.0 and 1.0 <= self.loop_s <= 240.0 and self.steps >= 0):
             raise InputError(
-                f"loops of {self.torque_share:g} T_N in {self.loop_s:g} s, {self.steps} steps",
+                Message(
+                    "loops of {torque_share:g} T_N in {loop_s:g} s, {steps} steps",
+                    self.torque_share,
+                    self.loop_s,
+                    self.steps,
+                ),
                 "a share above 0, 1 to 240 s, no negative number of steps",
             )
 
@@ -183,7 +190,9 @@ def hysteresis_loops(
     def measured() -> Plan[None]:
         start = yield from angle_rad(devices, "input")
         for index, position in enumerate(settings.positions_deg):
-            yield from progress(index * settings.loops, total, f"output to {position:g}°")
+            yield from progress(
+                index * settings.loops, total, Message("output to {value:g}°", position)
+            )
             yield from checkpoint()
             yield from set_mode(devices, "output", "free")
             yield from set_mode(devices, "input", "driven")
@@ -283,7 +292,9 @@ class _LoopDriver:
         """Drive one loop; it is discarded after a pause."""
         before = self.devices.interruptions
         done = index * self.settings.loops + number - 1
-        yield from progress(done, total, f"{position_deg:g}°, loop {number}")
+        yield from progress(
+            done, total, Message("{position:g}°, loop {number}", position_deg, number)
+        )
         yield from stamp(
             self.devices, series=index, step=number, position_deg=position_deg, group=number
         )
@@ -352,7 +363,9 @@ class BenchTwistSettings:
     def __post_init__(self) -> None:
         share = 1.0 if self.torque_share is None else self.torque_share
         if not (0.0 < share <= 1.0 and self.cycles >= 1 and self.cycle_s >= 1.0):
-            raise InputError(f"a bench twist by {self}", "a share up to 1, a cycle, 1 s or more")
+            raise InputError(
+                Message("a bench twist by {value}", self), "a share up to 1, a cycle, 1 s or more"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -419,7 +432,7 @@ def bench_twist(
 
     def measured() -> Plan[None]:
         for number, side in enumerate(sides):
-            yield from progress(number, len(sides), f"twist of the {side} side")
+            yield from progress(number, len(sides), Message("twist of the {side} side", side))
             yield from side_of(side)
         yield from progress(len(sides), len(sides), "done")
 
@@ -432,5 +445,7 @@ def bench_twist(
 
     yield from unloaded_after(devices, in_bench)
     if set(found) != set(sides):
-        raise BenchError("a bench twist without recordings", f"both of {', '.join(sides)}")
+        raise BenchError(
+            "a bench twist without recordings", Message("both of {sides}", ", ".join(sides))
+        )
     return BenchTwistRecording(found, serial)

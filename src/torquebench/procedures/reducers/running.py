@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures.guarding import (
     StepLimits,
     guarded,
@@ -145,9 +146,11 @@ class EfficiencySettings:
         for name in ("torque_shares", "speeds_rpm"):
             values = getattr(self, name)
             if not values or min(values) <= 0.0:
-                raise InputError(f"{name} {values}", "at least one value, all above 0")
+                raise InputError(
+                    Message("{name} {values}", name, values), "at least one value, all above 0"
+                )
         if self.repeats < 1:
-            raise InputError(f"{self.repeats} repeats", "at least 1")
+            raise InputError(Message("{most} repeats", self.repeats), "at least 1")
         if not (self.clockwise or self.counter_clockwise):
             raise InputError("no direction", "clockwise, counter-clockwise or both")
         _check_target("target_points", self.target_points, "percentage points")
@@ -175,7 +178,9 @@ def _repeats_on(target: float | None, repeats: int) -> bool:
 
 def _check_target(name: str, target: float | None, unit: str) -> None:
     if target is not None and not target > 0.0:
-        raise InputError(f"{name} {target:g}", f"more than 0 {unit}, or none")
+        raise InputError(
+            Message("{name} {target:g}", name, target), Message("more than 0 {unit}, or none", unit)
+        )
 
 
 def no_load_running(
@@ -272,7 +277,7 @@ def _sweep(
 ) -> Plan[None]:
     points, series = list(sweep.repeat(repeat)), None
     for number, point in enumerate(points, start=len(points) * (repeat - 1)):
-        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm"
+        text = Message("repeat {repeat}, {speed_rpm:g} rpm", point.repeat, point.speed_rpm)
         yield from progress(number, len(points) * planned, text)
         yield from checkpoint()
         if point.series != series:
@@ -409,7 +414,12 @@ def _load_grid(
     speed_axis, torque_axis = devices.input.drive.speed, devices.output.drive.torque
     present: float | None = None
     for number, point in enumerate(points, start=len(table.rows)):
-        text = f"repeat {point.repeat}, {point.speed_rpm:g} rpm, {abs(point.torque_nm):g} N·m"
+        text = Message(
+            "repeat {repeat}, {speed_rpm:g} rpm, {torque_nm:g} N·m",
+            point.repeat,
+            point.speed_rpm,
+            abs(point.torque_nm),
+        )
         yield from progress(number, total, text)
         yield from checkpoint()
         if point.speed_rpm != present:

@@ -15,6 +15,7 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, RampTo
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
+from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, power_on
 from torquebench.units import RAD_S_PER_RPM
@@ -81,11 +82,14 @@ class ReducerLimits:
             self.largest_input_rpm,
         )
         if not all(np.isfinite(number) and number > 0.0 for number in numbers):
-            raise InputError(f"limits of the reducer {numbers}", "numbers above 0")
+            raise InputError(Message("limits of the reducer {numbers}", numbers), "numbers above 0")
         if self.rated_torque_nm > self.largest_torque_nm:
             raise InputError(
-                f"a rated torque of {self.rated_torque_nm:g} N·m",
-                f"at most the acceleration torque, {self.largest_torque_nm:g} N·m",
+                Message("a rated torque of {rated_torque_nm:g} N·m", self.rated_torque_nm),
+                Message(
+                    "at most the acceleration torque, {largest_torque_nm:g} N·m",
+                    self.largest_torque_nm,
+                ),
                 "check the reducer's description",
             )
 
@@ -98,8 +102,8 @@ class ReducerLimits:
         """
         if abs(torque_nm) > self.largest_torque_nm * (1 + 1e-9):
             raise LimitError(
-                f"{abs(torque_nm):g} N·m at the reducer's output",
-                f"at most {self.largest_torque_nm:g} N·m by its data sheet",
+                Message("{value:g} N·m at the reducer's output", abs(torque_nm)),
+                Message("at most {limit:g} N·m by its data sheet", self.largest_torque_nm),
                 "lower the torque of the test",
             )
 
@@ -112,8 +116,8 @@ class ReducerLimits:
         """
         if abs(speed_rpm) > self.largest_input_rpm * (1 + 1e-9):
             raise LimitError(
-                f"{abs(speed_rpm):g} rpm at the reducer's input",
-                f"at most {self.largest_input_rpm:g} rpm by its data sheet",
+                Message("{value:g} rpm at the reducer's input", abs(speed_rpm)),
+                Message("at most {limit:g} rpm by its data sheet", self.largest_input_rpm),
                 "lower the speeds of the test",
             )
 
@@ -127,8 +131,8 @@ class ReducerLimits:
         range_nm = devices.context.description.output.range_nm
         if self.rated_torque_nm > range_nm * (1 + 1e-9):
             raise LimitError(
-                f"a reducer rated for {self.rated_torque_nm:g} N·m",
-                f"at most the output module's range, {range_nm:g} N·m",
+                Message("a reducer rated for {value:g} N·m", self.rated_torque_nm),
+                Message("at most the output module's range, {range:g} N·m", range_nm),
                 "test it at a part of its rated torque, or on a larger bench",
             )
 
@@ -161,7 +165,8 @@ class WarmUp:
         positive = (self.speed_rpm, self.rate_k_per_min, self.window_s, self.interval_s)
         if not all(number > 0.0 for number in positive) or self.longest_s < 0.0:
             raise InputError(
-                f"a warm-up of {self}", "speed, rate, window and interval above 0, no negative time"
+                Message("a warm-up of {value}", self),
+                "speed, rate, window and interval above 0, no negative time",
             )
 
     def steady(self, seen: list[tuple[float, float]]) -> bool:
@@ -229,8 +234,11 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
         return (yield from temperature_c(devices))
     if REDUCER_PROBE not in devices.context.description.temperatures:
         raise BenchError(
-            f"no temperature probe {REDUCER_PROBE!r}, so its steadiness can't be checked",
-            f"a probe named {REDUCER_PROBE!r} in the bench description",
+            Message(
+                "no temperature probe {reducer_probe!r}, so its steadiness can't be checked",
+                REDUCER_PROBE,
+            ),
+            Message("a probe named {reducer_probe!r} in the bench description", REDUCER_PROBE),
             "fit one, or test without warming up",
         )
     speed_rpm = min(settings.speed_rpm, limits.largest_input_rpm)
@@ -248,13 +256,18 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
         if settings.steady(seen):
             break
         if step % 6 == 0:
-            yield from progress(0, 0, f"warming up: {warm:.1f} °C")
+            yield from progress(0, 0, Message("warming up: {value:.1f} °C", warm))
         yield from sleep(settings.interval_s)
     else:
         raise BenchError(
-            f"the reducer's temperature ({seen[-1][1]:.2f} °C) still changes by "
-            f"{settings.rate(seen):.3g} K/min after {settings.longest_s / 60:g} min",
-            f"at most {settings.rate_k_per_min:g} K/min",
+            Message(
+                "the reducer's temperature ({value:.2f} °C) still changes by {rate:.3g} "
+                "K/min after {minutes:g} min",
+                seen[-1][1],
+                settings.rate(seen),
+                settings.longest_s / 60,
+            ),
+            Message("at most {rate:g} K/min", settings.rate_k_per_min),
             "warm up for longer, at the speed of the test, or let the room temperature settle",
         )
     yield from move(devices.input.drive.speed, 0.0)
@@ -328,17 +341,23 @@ def _check_ratio(
     """Compare the angles of both encoders over an unloaded movement; sleeps last whole blocks."""
     if abs(input_rad - asked_rad) > 0.05 * abs(asked_rad) + slack_rad:
         raise BenchError(
-            f"the input turned by {np.degrees(input_rad):.1f}° when {np.degrees(asked_rad):.1f}° "
-            "were requested",
+            Message(
+                "the input turned by {found:.1f}° when {asked:.1f}° were requested",
+                np.degrees(input_rad),
+                np.degrees(asked_rad),
+            ),
             "the requested angle within 5 %",
             "check the input drive for saturation and the input encoder",
         )
     expected = input_rad / limits.ratio
     if abs(output_rad - expected) > RATIO_TOLERANCE * abs(expected) + RATIO_TOLERANCE_RAD:
         raise BenchError(
-            f"the output turned by {np.degrees(output_rad):.3f}° while the input turned by "
-            f"{np.degrees(input_rad):.1f}°",
-            f"{np.degrees(expected):.3f}° with a ratio of {limits.ratio:g}",
+            Message(
+                "the output turned by {output:.3f}° while the input turned by {input:.1f}°",
+                np.degrees(output_rad),
+                np.degrees(input_rad),
+            ),
+            Message("{value:.3f}° with a ratio of {ratio:g}", np.degrees(expected), limits.ratio),
             "check that this reducer is mounted and clamped, its ratio, and both encoders for slip",
         )
 
@@ -370,15 +389,25 @@ def check_followed(
     reached = float(row["speed_rpm"])
     if speed_rpm != 0.0 and abs(reached - speed_rpm) > SPEED_TOLERANCE * abs(speed_rpm) + 0.1:
         raise SignalFault(
-            f"the {side} drive saturates: {reached:.5g} rpm instead of {speed_rpm:g} rpm",
-            f"within {100 * SPEED_TOLERANCE:g} % of the speed",
+            Message(
+                "the {side} drive saturates: {found:.5g} rpm instead of {asked:g} rpm",
+                side,
+                reached,
+                speed_rpm,
+            ),
+            Message("within {percent:g} % of the speed", 100 * SPEED_TOLERANCE),
             "lower the speed or the load, or check the drive",
         )
     found = float(row["reading_nm"])
     if torque_nm != 0.0 and abs(found - torque_nm) > 0.1 * abs(torque_nm) + slack_nm:
         raise SignalFault(
-            f"the {side} drive saturates: {found:.5g} N·m instead of {torque_nm:g} N·m",
-            f"within 10 % of the torque and {slack_nm:g} N·m",
+            Message(
+                "the {side} drive saturates: {found:.5g} N·m instead of {asked:g} N·m",
+                side,
+                found,
+                torque_nm,
+            ),
+            Message("within 10 % of the torque and {slack_nm:g} N·m", slack_nm),
             "lower the load, or check the drive",
         )
 
@@ -409,8 +438,11 @@ def check_speeds(speeds_rpm: tuple[float, ...], repeats: int, rate_rpm_per_s: fl
         With the speeds, the repeats or the rate of change that was found.
     """
     if not rate_rpm_per_s > 0.0:
-        raise InputError(f"a change of speed by {rate_rpm_per_s:g} rpm/s", "above 0 rpm/s")
+        raise InputError(
+            Message("a change of speed by {rate_rpm_per_s:g} rpm/s", rate_rpm_per_s),
+            "above 0 rpm/s",
+        )
     if not speeds_rpm or any(b <= a for a, b in pairwise((0.0, *speeds_rpm))):
-        raise InputError(f"speeds {speeds_rpm} rpm", "speeds above 0 that rise")
+        raise InputError(Message("speeds {speeds_rpm} rpm", speeds_rpm), "speeds above 0 that rise")
     if repeats < 1:
-        raise InputError(f"{repeats} repeats", "at least 1")
+        raise InputError(Message("{most} repeats", repeats), "at least 1")

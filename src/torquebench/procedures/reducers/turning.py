@@ -14,6 +14,7 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import AngleSamples, Side
 from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.setup import (
@@ -73,7 +74,11 @@ class TransmissionSettings:
     def __post_init__(self) -> None:
         if not (self.output_rpm > 0.0 and self.revolutions >= 1.0 and self.margin > 0.0):
             raise InputError(
-                f"{self.revolutions:g} output revolutions at {self.output_rpm:g} rpm",
+                Message(
+                    "{revolutions:g} output revolutions at {output_rpm:g} rpm",
+                    self.revolutions,
+                    self.output_rpm,
+                ),
                 "at least one revolution, a speed above 0 rpm and a margin above 0",
                 "a transmission error belongs to full revolutions of the output",
             )

@@ -14,6 +14,7 @@ from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.errors import BenchError, LimitError
+from torquebench.message import Message
 from torquebench.procedures.guarding import StepLimits, guarded, loading_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import check_followed, stamp, turn_at
@@ -72,7 +73,10 @@ def calibrate_turning(
     points = profile.points(side, module.range_nm)
     largest = max(abs(point.torque_nm) for point in points)
     if largest > module.limits.torque_nm:
-        raise LimitError(f"{largest:g} N·m at the {side}", f"at most {module.limits.torque_nm:g}")
+        raise LimitError(
+            Message("{value:g} N·m at the {side}", largest, side),
+            Message("at most {limit:g}", module.limits.torque_nm),
+        )
     todo = [point for point in points if point.series > series_done]
     top, table = profile.top_rpm(side), _Table()
     metadata = {
@@ -115,7 +119,7 @@ def _loaded(
     present, before, seen = 0.0, 0, devices.interruptions
     largest = max(abs(point.torque_nm) for point in points)
     for number, point in enumerate(points):
-        text = f"{point.speed_rpm:g} rpm, {point.torque_nm:g} N·m"
+        text = Message("{speed_rpm:g} rpm, {torque_nm:g} N·m", point.speed_rpm, point.torque_nm)
         yield from progress(number, len(points), text)
         yield from checkpoint()
         held = devices.interruptions != seen

@@ -16,6 +16,7 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.recorder import ModuleRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.setup import (
@@ -254,12 +255,19 @@ def reach_temperature(
         warm = yield from temperature_c(devices, probe or "")
         if abs(warm - wanted) <= settings.within_k:
             return
-        yield from progress(*done, f"waiting for {wanted:g} °C, {warm:.1f} °C now")
+        yield from progress(
+            *done, Message("waiting for {wanted:g} °C, {warm:.1f} °C now", wanted, warm)
+        )
         yield from checkpoint()
         yield from sleep(settings.look_s)
     raise BenchError(
-        f"the {side} transducer has {warm:.1f} °C after {settings.longest_h:g} h",
-        f"{wanted:g} °C ± {settings.within_k:g} K",
+        Message(
+            "the {side} transducer has {warm:.1f} °C after {longest_h:g} h",
+            side,
+            warm,
+            settings.longest_h,
+        ),
+        Message("{wanted:g} °C ± {within_k:g} K", wanted, settings.within_k),
         "heat or cool the room, or measure at its present temperature: --no-wait",
     )
 

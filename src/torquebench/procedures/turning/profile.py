@@ -17,6 +17,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
@@ -211,7 +212,9 @@ class TurningProfile(_Settings):
         for name in ("speed_shares", "torque_shares"):
             values = getattr(self, name)
             if any(b <= a for a, b in pairwise(values)):
-                raise ValueError(f"{name} {values}: rising shares are allowed")
+                raise ValueError(
+                    Message("{name} {values}: rising shares are allowed", name, values)
+                )
         turns = self.kind != "dynamics"
         if turns != bool(self.speed_shares) or turns != bool(self.largest_rpm):
             raise ValueError(
@@ -250,7 +253,7 @@ class TurningProfile(_Settings):
         """
         if self.random is None:
             raise InputError(
-                f"a seed for profile {self.name}",
+                Message("a seed for profile {name}", self.name),
                 "a seed for random points: kind = 'verification'",
                 "give --profile turning-verification, or no seed",
             )
@@ -272,8 +275,8 @@ class TurningProfile(_Settings):
         """
         if side not in self.largest_rpm:
             raise InputError(
-                f"profile {self.name} states no largest speed of the {side}",
-                f"largest_rpm.{side} above 0",
+                Message("profile {name} states no largest speed of the {side}", self.name, side),
+                Message("largest_rpm.{side} above 0", side),
                 "add it to the profile",
             )
         return self.largest_rpm[side]
@@ -316,7 +319,7 @@ class TurningProfile(_Settings):
                 torque = round(low + size * sin(2.0 * pi * piece / _PIECES), 9)
                 ramps.append((torque, max(abs(torque - before) * _PIECES / period_s, 1e-6)))
                 before = torque
-            what = f"sine of {size:g} N·m, period {period_s:g} s"
+            what = Message("sine of {size:g} N·m, period {period_s:g} s", size, period_s)
             legs.append(TorqueLeg(low, tuple(ramps), 0.0, period_s, what))
         return legs
 
@@ -356,20 +359,28 @@ class TurningProfile(_Settings):
             for share in self.speed_shares:
                 speed = round(sign * share * top, 9)
                 hold = self.settle_s + self.turning_s(speed)
-                legs.append(Leg(((speed, gentle),), hold, f"{abs(speed):g} rpm {way}"))
-            legs.append(Leg(((0.0, gentle),), 1.0, f"gentle ramp to rest, {way}"))
+                legs.append(
+                    Leg(((speed, gentle),), hold, Message("{speed:g} rpm {way}", abs(speed), way))
+                )
+            legs.append(Leg(((0.0, gentle),), 1.0, Message("gentle ramp to rest, {way}", way)))
             turn = self.turning_s(sign * top)
-            legs.append(Leg(((sign * top, steep),), turn, f"steep ramp to {top:g} rpm {way}"))
-            legs.append(Leg(((0.0, steep),), 1.0, f"steep ramp to rest, {way}"))
+            legs.append(
+                Leg(
+                    ((sign * top, steep),),
+                    turn,
+                    Message("steep ramp to {top:g} rpm {way}", top, way),
+                )
+            )
+            legs.append(Leg(((0.0, steep),), 1.0, Message("steep ramp to rest, {way}", way)))
             if self.swings is not None:
                 legs += self._swung(top, sign, gentle)
-                legs.append(Leg(((0.0, gentle),), 1.0, f"gentle ramp to rest, {way}"))
+                legs.append(Leg(((0.0, gentle),), 1.0, Message("gentle ramp to rest, {way}", way)))
         return legs
 
     def _swung(self, top: float, sign: float, gentle: float) -> Iterator[Leg]:
         assert self.swings is not None
         middle, size = sign * self.swings.around * top, self.swings.share * top
-        yield Leg(((middle, gentle),), 1.0, f"{abs(middle):g} rpm")
+        yield Leg(((middle, gentle),), 1.0, Message("{middle:g} rpm", abs(middle)))
         for period_s in self.swings.periods_s:
             before, ramps = middle, []
             for piece in range(1, _PIECES * self.swings.cycles + 1):
@@ -377,7 +388,7 @@ class TurningProfile(_Settings):
                 rate = max(abs(speed - before) * _PIECES / period_s, 1e-6)
                 ramps.append((speed, rate))
                 before = speed
-            yield Leg(tuple(ramps), 0.0, f"swings of {period_s:g} s")
+            yield Leg(tuple(ramps), 0.0, Message("swings of {period_s:g} s", period_s))
 
     def points(self, side: Side, range_nm: float) -> list[TurningPoint]:
         """Return the steady torques of a calibration or verification.
@@ -446,7 +457,7 @@ def load_turning_profile(name: str | Path) -> TurningProfile:
     if not text.endswith(".toml"):
         if text not in available_profiles():
             raise InputError(
-                f"profile {text!r}",
+                Message("profile {text!r}", text),
                 ", ".join(available_profiles()),
                 "give one of these names, or the path of a .toml file",
             )
@@ -456,6 +467,8 @@ def load_turning_profile(name: str | Path) -> TurningProfile:
         try:
             content = Path(text).read_text(encoding="utf-8")
         except (OSError, UnicodeDecodeError) as error:
-            raise InputError(f"profile {text}: {error}", "a readable TOML file in UTF-8") from error
+            raise InputError(
+                Message("profile {text}: {error}", text, error), "a readable TOML file in UTF-8"
+            ) from error
     settings = {"name": Path(text).stem, **parse_toml(content, text)}
     return validated(TurningProfile, settings, f"profile {text}")

@@ -18,6 +18,7 @@ from torquebench.bench.devices.recorder import FastRecording
 from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side
 from torquebench.errors import LimitError
+from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.setup import stamp
@@ -102,10 +103,18 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     step = max(profile.steps.shares) * full
     if step > _LONGEST_STEP_S * rate:
         raise LimitError(
-            f"a step of {step:g} N·m, which takes the drive {1e3 * step / rate:.3g} ms "
-            f"at {rate:g} N·m/s",
-            f"at most {1e3 * _LONGEST_STEP_S:g} ms (steps up to {_LONGEST_STEP_S * rate:.3g} N·m): "
-            "slower ones don't make a shaft vibrate",
+            Message(
+                "a step of {step:g} N·m, which takes the drive {step_2:.3g} ms at {rate:g} N·m/s",
+                step,
+                1000.0 * step / rate,
+                rate,
+            ),
+            Message(
+                "at most {longest_step_s:g} ms (steps up to {longest_step_s_2:.3g} N·m): "
+                "slower ones don't make a shaft vibrate",
+                1000.0 * _LONGEST_STEP_S,
+                _LONGEST_STEP_S * rate,
+            ),
             "use smaller steps",
         )
     if profile.sines is None:
@@ -114,8 +123,16 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     shortest_s = 2.0 * pi * size / rate
     if min(profile.sines.periods_s) < shortest_s:
         raise LimitError(
-            f"a sine of {size:g} N·m with a period of {min(profile.sines.periods_s):g} s",
-            f"{shortest_s:.3g} s or more: the drive changes the torque by {rate:g} N·m/s",
+            Message(
+                "a sine of {size:g} N·m with a period of {periods_s:g} s",
+                size,
+                min(profile.sines.periods_s),
+            ),
+            Message(
+                "{shortest_s:.3g} s or more: the drive changes the torque by {rate:g} N·m/s",
+                shortest_s,
+                rate,
+            ),
             "use a smaller sine or longer periods",
         )
 
@@ -152,7 +169,10 @@ def step_torques(
     legs, series = profile.torque_legs(module.range_nm), profile.series()
     largest = profile.largest_share * module.range_nm
     if largest > module.limits.torque_nm:
-        raise LimitError(f"{largest:g} N·m at the {side}", f"at most {module.limits.torque_nm:g}")
+        raise LimitError(
+            Message("{value:g} N·m at the {side}", largest, side),
+            Message("at most {limit:g}", module.limits.torque_nm),
+        )
     check_drive(devices, side, profile)
     total = series * len(legs)
     metadata = {**run_metadata(devices, side, profile, total), "plan_name": "step_torques"}

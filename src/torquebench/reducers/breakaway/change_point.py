@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns
 
 __all__ = ["FirstMotion", "first_motion"]
@@ -91,14 +92,16 @@ def first_motion(
     if crossing >= time.size:
         rest = np.max(np.abs(angle - np.polyval(line, time)))
         raise InputError(
-            f"an angle that stays within {rest:.3g} rad of its line at rest",
-            f"motion by more than {level:.3g} rad",
+            Message("an angle that stays within {rest:.3g} rad of its line at rest", rest),
+            Message("motion by more than {level:.3g} rad", level),
             "raise the torque further, or check that the encoder turns with the shaft",
         )
     if crossing < QUIET_SAMPLES:
         raise InputError(
-            f"motion from sample {crossing + 1} on",
-            f"at least {QUIET_SAMPLES} samples at rest before the first motion",
+            Message("motion from sample {crossing} on", crossing + 1),
+            Message(
+                "at least {quiet_samples} samples at rest before the first motion", QUIET_SAMPLES
+            ),
             "begin each ramp at rest and zero torque; check that angle and torque aren't swapped",
         )
     deviation = angle - np.polyval(line, time)

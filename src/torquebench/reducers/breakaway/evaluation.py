@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.breakaway.change_point import first_motion
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.quantities import (
@@ -98,8 +99,20 @@ class BreakawayResult:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         key = self.kind.replace("-", "_")
-        rule = f"median of {len(self.runs)} ramps, {self.smallest_nm:.4g} to {self.largest_nm:.4g}"
-        rows = [ResultQuantity(f"{key}_torque", f"{self.kind} torque", self.torque, rule + " N·m")]
+        rule = Message(
+            "median of {count} ramps, {smallest_nm:.4g} to {largest_nm:.4g}",
+            len(self.runs),
+            self.smallest_nm,
+            self.largest_nm,
+        )
+        rows = [
+            ResultQuantity(
+                f"{key}_torque",
+                Message("{kind} torque", self.kind),
+                self.torque,
+                Message("{rule} N·m", rule),
+            )
+        ]
         for name, found in (
             ("clockwise", self.clockwise),
             ("counter-clockwise", self.counter_clockwise),
@@ -108,7 +121,7 @@ class BreakawayResult:
                 rows.append(
                     ResultQuantity(
                         f"{key}_torque_{name.replace('-', '_')}",
-                        f"{self.kind} torque, {name}",
+                        Message("{kind} torque, {name}", self.kind, name),
                         found,
                     )
                 )
@@ -194,7 +207,7 @@ def _run_of(
     try:
         motion = first_motion(time, angle, threshold_rad=threshold_rad)
     except InputError as problem:
-        found = f"run {label:g}: {problem.found}"
+        found = Message("run {label:g}: {found}", label, problem.found)
         raise InputError(found, problem.allowed, problem.remedy) from problem
     before = slice(max(0, motion.index - max(8, motion.index // 4)), motion.index + 1)
     level, error, rate = _line_at(time[before] - motion.time_s, torque[before])
@@ -244,7 +257,7 @@ def _result(
         findings.append(
             Finding(
                 "few ramps",
-                f"{len(runs)} ramps say little about the spread over positions",
+                Message("{count} ramps say little about the spread over positions", len(runs)),
                 "measure at several positions, five or more by preference",
             )
         )
@@ -252,14 +265,16 @@ def _result(
         findings.append(
             Finding(
                 "drive saturation",
-                "the torque stood still before the first motion in the ramps "
-                + ", ".join(f"{label:g}" for label in saturated),
+                Message(
+                    "the torque stood still before the first motion in the ramps {ramps}",
+                    ", ".join(f"{label:g}" for label in saturated),
+                ),
                 "check the drive's torque limit: the reducer may have crept at it",
                 severe=True,
             )
         )
     if largest_share is not None:
-        refuse(total, largest_share, f"{kind} torque")
+        refuse(total, largest_share, Message("{kind} torque", kind))
     return BreakawayResult(
         kind=kind,
         torque=total,

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.efficiencies.grid import interpolated, weights_at
 from torquebench.reducers.efficiencies.points import (
@@ -79,7 +80,9 @@ class EfficiencyMap:
         """
         mine = self._of(driving, direction)
         if not mine:
-            raise InputError(f"no point with the {driving} driving", "points in this direction")
+            raise InputError(
+                Message("no point with the {driving} driving", driving), "points in this direction"
+            )
         speed = np.array([each.speed_rpm for each in mine])
         torque = np.array([each.torque_nm for each in mine])
         drive = np.array([each.input_torque_nm(self.ratio) for each in mine])
@@ -104,7 +107,7 @@ class EfficiencyMap:
         weight = weights_at(speed, torque, speed_rpm, torque_nm)
         if weight is None:
             raise InputError(
-                f"{torque_nm:g} N·m at {speed_rpm:g} rpm",
+                Message("{torque_nm:g} N·m at {speed_rpm:g} rpm", torque_nm, speed_rpm),
                 "a torque and speed within the measured points",
                 "measure there, or ask within the map",
             )
@@ -139,7 +142,11 @@ class EfficiencyMap:
                     found = self.at(limit.torque_nm, sign * limit.speed_rpm)
                 except InputError:
                     continue
-                title = f"efficiency at {limit.torque_nm:g} N·m, {sign * limit.speed_rpm:g} rpm"
+                title = Message(
+                    "efficiency at {torque:g} N·m, {speed:g} rpm",
+                    limit.torque_nm,
+                    sign * limit.speed_rpm,
+                )
                 key = f"efficiency_{limit.torque_nm:g}_nm_{sign * limit.speed_rpm:g}_rpm"
                 yield LimitedQuantity(key, title, found, lower=limit.percent)
 
@@ -199,7 +206,7 @@ def evaluate_efficiency(
         1, input_torque_nm=input_torque_nm, output_torque_nm=output_torque_nm, speed_rpm=speed_rpm
     )
     if not (np.isfinite(ratio) and abs(ratio) > 0.0):
-        raise InputError(f"ratio {ratio}", "input turns for one output turn, not 0")
+        raise InputError(Message("ratio {ratio}", ratio), "input turns for one output turn, not 0")
     if np.any(speed == 0.0):
         raise InputError("a point at 0 rpm", "points at which the input turns", "remove it")
     warmth = np.full(speed.size, np.nan)
@@ -228,7 +235,11 @@ def evaluate_efficiency(
             refuse(
                 each.efficiency,
                 largest_share,
-                f"efficiency at {each.torque_nm:.4g} N·m, {each.speed_rpm:.0f} rpm",
+                Message(
+                    "efficiency at {torque:.4g} N·m, {speed:.0f} rpm",
+                    each.torque_nm,
+                    each.speed_rpm,
+                ),
             )
     return EfficiencyMap(float(ratio), points, tuple(findings), both_directions(points))
 
@@ -237,7 +248,7 @@ def _sign_findings(driving: NDArray[np.int64]) -> list[Finding]:
     lost = int(np.count_nonzero(driving == 0))
     if lost == driving.size:
         raise InputError(
-            f"input torque and output torque of unlike sign at all {lost} points",
+            Message("input torque and output torque of unlike sign at all {lost} points", lost),
             "the torque on the input and the torque that the output puts on its load, "
             "clockwise positive",
             "reverse the sign of the output torque, or make the ratio negative if the output turns "
@@ -249,8 +260,12 @@ def _sign_findings(driving: NDArray[np.int64]) -> list[Finding]:
     return [
         Finding(
             "no power flows through",
-            f"{lost} points where both sides receive power and the efficiency is 0 (the first: "
-            f"point {worst + 1})",
+            Message(
+                "{lost} points where both sides receive power and the efficiency is 0 "
+                "(the first: point {first})",
+                lost,
+                worst + 1,
+            ),
             "they are left out: the load is smaller than the friction there",
         )
     ]
@@ -263,7 +278,11 @@ def _check_gain(
     swapped = bool(np.median(np.abs(drive)) > np.median(np.abs(load)))
     if np.all(found > 1.0) or (swapped and np.all(found < 0.05)):
         raise InputError(
-            f"efficiencies of {100 * found.min():.4g} % to {100 * found.max():.4g} %",
+            Message(
+                "efficiencies of {found:.4g} % to {found_2:.4g} %",
+                100 * found.min(),
+                100 * found.max(),
+            ),
             "more than 5 % and at most 100 %",
             "input and output torque are swapped: name the columns the other way round"
             if swapped
@@ -282,8 +301,12 @@ def _findings(
         findings.append(
             Finding(
                 "efficiency above 100 %",
-                f"{worst.efficiency.value:.2f} % at {worst.torque_nm:.4g} N·m, "
-                f"{worst.speed_rpm:.0f} rpm",
+                Message(
+                    "{efficiency:.2f} % at {torque:.4g} N·m, {speed:.0f} rpm",
+                    worst.efficiency.value,
+                    worst.torque_nm,
+                    worst.speed_rpm,
+                ),
                 "zero both transducers again, and check ratio and calibration",
                 severe=surely,
             )
@@ -300,8 +323,12 @@ def _findings(
         findings.append(
             Finding(
                 "unsteady temperature",
-                f"{warmth.min():.1f} to {warmth.max():.1f} °C over the map "
-                f"(allowed: a range of {limit_k:g} K)",
+                Message(
+                    "{low:.1f} to {high:.1f} °C over the map (allowed: a range of {limit:g} K)",
+                    warmth.min(),
+                    warmth.max(),
+                    limit_k,
+                ),
                 "warm up until the temperature is steady, and measure again",
                 severe=True,
             )

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
 from torquebench.reducers.torque_uncertainty import KnownTorque, over
 from torquebench.uncertainty import Budget
@@ -66,9 +67,14 @@ class EfficiencyPoint:
         return ResultQuantity(
             f"efficiency_{self.driving}_{self.nominal_torque_nm:.0f}_nm_"
             f"{self.nominal_speed_rpm:{sign}.0f}_rpm",
-            f"efficiency at {self.nominal_torque_nm:.4g} N·m, {self.nominal_speed_rpm:.0f} rpm"
-            + (", mean of both directions" if self.both else "")
-            + (", output drives" if self.driving == "output" else ""),
+            Message(
+                "efficiency at {nominal_torque_nm:.4g} N·m, {nominal_speed_rpm:.0f} "
+                "rpm{both}{value}",
+                self.nominal_torque_nm,
+                self.nominal_speed_rpm,
+                ", mean of both directions" if self.both else "",
+                ", output drives" if self.driving == "output" else "",
+            ),
             self.efficiency,
         )
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["RawLoop", "cut_loops", "smoothed", "turning_points"]
 
@@ -128,8 +129,13 @@ def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator
             found = _cut(torque, rows)
         if not found:
             raise InputError(
-                f"no whole loop at position {label:g}: the torque goes from "
-                f"{torque[rows].min():.4g} to {torque[rows].max():.4g} N·m and never back",
+                Message(
+                    "no whole loop at position {label:g}: the torque goes from {torque:.4g} "
+                    "to {torque_2:.4g} N·m and never back",
+                    label,
+                    torque[rows].min(),
+                    torque[rows].max(),
+                ),
                 "at least one loop from one end of the torque to the other and back",
                 "record −T → 0 → +T → 0 → −T, three loops by preference",
             )

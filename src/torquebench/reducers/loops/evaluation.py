@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.loops.branches import cut_loops, smoothed, turning_points
 from torquebench.reducers.loops.features import features_of, key_points_of
@@ -141,7 +142,7 @@ def _at_reducer(
     """Return the torque at the reducer, and its uncertainty."""
     if time_s is None:
         raise InputError(
-            f"a flange of {flange}, but no times",
+            Message("a flange of {flange}, but no times", flange),
             "the time of each sample: how fast the flange swings follows from it",
             "give the times, or leave the flange's inertia out",
         )
@@ -181,8 +182,11 @@ def _less_noise(
         [
             Finding(
                 "noisy torque",
-                f"torque and angle were averaged over {widest} neighbouring samples, because "
-                "noise of the torque blurs the loop where it is steep",
+                Message(
+                    "torque and angle were averaged over {count} neighbouring samples, "
+                    "because noise of the torque blurs the loop where it is steep",
+                    widest,
+                ),
                 "filter both channels alike, or ramp more slowly",
             )
         ],

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.loops.branches import RawLoop
 from torquebench.reducers.loops.local_fit import LocalLines
 from torquebench.reducers.loops.results import KeyPoint, LoopCurve, LoopFeatures
@@ -67,18 +68,25 @@ def features_of(
 
 
 def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) -> None:
-    where = f"loop {raw.number} at position {raw.position:g}"
+    where = Message("loop {number} at position {position:g}", raw.number, raw.position)
     if low >= 0.0 or high <= 0.0:
         raise InputError(
-            f"{where}: a torque of {low:.4g} to {high:.4g} N·m, which doesn't pass zero",
+            Message(
+                "{where}: a torque of {low:.4g} to {high:.4g} N·m, which doesn't pass zero",
+                where,
+                low,
+                high,
+            ),
             "a loop from negative to positive torque",
             "remove the preload that hides backlash and lost motion, and check the zero",
         )
     need = settings.stiffness_interval[1] * settings.rated_torque_nm
     if min(high, -low) < REACHED * need:
         raise InputError(
-            f"{where}: the torque reaches {low:.4g} to {high:.4g} N·m only",
-            f"±{need:.4g} N·m, the upper end of the stiffness interval",
+            Message(
+                "{where}: the torque reaches {low:.4g} to {high:.4g} N·m only", where, low, high
+            ),
+            Message("±{need:.4g} N·m, the upper end of the stiffness interval", need),
             "load the reducer further (does the drive saturate?), or state a lower rated torque "
             "or stiffness interval",
         )
@@ -109,9 +117,13 @@ def _stiffness(
     inside = (load >= interval[0] * unit) & (load <= interval[1] * unit)
     if np.count_nonzero(inside) < settings.least_samples:
         raise InputError(
-            f"{np.count_nonzero(inside)} samples between {interval[0] * unit:.4g} and "
-            f"{interval[1] * unit:.4g} N·m",
-            f"at least {settings.least_samples}",
+            Message(
+                "{count} samples between {interval:.4g} and {interval_2:.4g} N·m",
+                np.count_nonzero(inside),
+                interval[0] * unit,
+                interval[1] * unit,
+            ),
+            Message("at least {limit}", settings.least_samples),
             "record more samples per loop",
         )
     x = torque[inside] - torque[inside].mean()
@@ -166,7 +178,7 @@ def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPo
     """Return the points of a loop that a figure marks."""
     curve, rule = features.curve, settings.lost_motion_rule
     share = rule.share * settings.rated_torque_nm
-    percent = f"{100 * rule.share:g} %"
+    percent = Message("{share:g} %", 100 * rule.share)
     low, high = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
     marks = [
         ("θ↑(0)", 0.0, curve.rising_rad),

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.loops.results import LoopFeatures
 from torquebench.reducers.loops.rules import LoopSettings
 from torquebench.reducers.quantities import Finding
@@ -30,21 +31,28 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
     for name, column in (("torque", torque), ("angle", angle)):
         if np.ptp(column) == 0.0:
             raise InputError(
-                f"the {name} stands still at {column[0]:.6g}",
-                f"{name}s that change",
+                Message("the {name} stands still at {column:.6g}", name, column[0]),
+                Message("{name}s that change", name),
                 "check the channel",
             )
     torque_range, angle_range = float(np.ptp(torque)), float(np.ptp(angle))
     if torque_range < 0.1 * rated_torque_nm and angle_range > 0.5 * rated_torque_nm:
         raise InputError(
-            f"a torque of {torque_range:.4g} N·m over an angle of {angle_range:.4g} rad",
-            f"loops to about {rated_torque_nm:g} N·m",
+            Message(
+                "a torque of {torque_range:.4g} N·m over an angle of {angle_range:.4g} rad",
+                torque_range,
+                angle_range,
+            ),
+            Message("loops to about {rated_torque_nm:g} N·m", rated_torque_nm),
             "torque and angle are swapped: name the columns the other way round",
         )
     if angle_range > WIDEST_TWIST_RAD and torque_range < 2.5 * rated_torque_nm:
         raise InputError(
-            f"an angle that moves by {np.degrees(angle_range):.4g}°",
-            f"a twist of at most {np.degrees(WIDEST_TWIST_RAD):.3g}° with the input locked",
+            Message("an angle that moves by {degrees:.4g}°", np.degrees(angle_range)),
+            Message(
+                "a twist of at most {degrees:.3g}° with the input locked",
+                np.degrees(WIDEST_TWIST_RAD),
+            ),
             "check the angle's unit, that the input is locked, and label the output positions",
         )
     together = float(np.corrcoef(torque, angle)[0, 1])
@@ -88,10 +96,15 @@ def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
         if abs(each.closure_rad) > max(settings.closure_share * width, 6.0 * noise):
             raise OpenLoopError(
                 each,
-                f"loop {each.loop} at position {each.position:g} doesn't close: its end is "
-                f"{np.degrees(each.closure_rad) * 60:.3g} arcmin off its start "
-                f"({100 * each.closure_rad / width:.3g} % of its width)",
-                f"at most {100 * settings.closure_share:g} % of the width",
+                Message(
+                    "loop {loop} at position {position:g} doesn't close: its end is "
+                    "{degrees:.3g} arcmin off its start ({closure_rad:.3g} % of its width)",
+                    each.loop,
+                    each.position,
+                    np.degrees(each.closure_rad) * 60,
+                    100 * each.closure_rad / width,
+                ),
+                Message("at most {closure_share:g} % of the width", 100 * settings.closure_share),
                 "preload to the rated torque first, check clamps and encoder for slip and the "
                 "locked input for creeping",
             )
@@ -106,9 +119,11 @@ def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Fin
         findings.append(
             Finding(
                 "few loops",
-                f"{len(loops)} whole loops at one position"
+                Message("{loops} whole loops at one position", len(loops))
                 if len(positions) == 1
-                else f"{len(loops)} whole loops at {len(positions)} positions",
+                else Message(
+                    "{loops} whole loops at {positions} positions", len(loops), len(positions)
+                ),
                 "record at least three loops at each position",
             )
         )
@@ -116,7 +131,12 @@ def loop_findings(loops: list[LoopFeatures], settings: LoopSettings) -> list[Fin
         findings.append(
             Finding(
                 "few positions",
-                f"{len(positions)} output positions; {rule.source} asks for {rule.least_positions}",
+                Message(
+                    "{positions} output positions; {source} asks for {count}",
+                    len(positions),
+                    rule.source,
+                    rule.least_positions,
+                ),
                 "repeat the loops at more output positions",
             )
         )
@@ -157,8 +177,12 @@ def _preload(loops: list[LoopFeatures], settings: LoopSettings) -> Finding | Non
         return None
     return Finding(
         "backlash hidden by preload",
-        f"the loop is softest around {found:.4g} N·m instead of 0 N·m: a constant torque keeps "
-        "the flanks together, and the width at zero torque doesn't show the backlash",
+        Message(
+            "the loop is softest around {found:.4g} N·m instead of 0 N·m: a constant "
+            "torque keeps the flanks together, and the width at zero torque doesn't "
+            "show the backlash",
+            found,
+        ),
         "remove the preload (weight on a horizontal shaft, brake, coupling), check the zero",
         severe=True,
     )

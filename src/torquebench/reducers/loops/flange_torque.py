@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import savgol_filter
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals import motion_of_angle, without_inertia
 
 __all__ = ["FlangeInertia", "torque_at_flange"]
@@ -39,11 +40,17 @@ class FlangeInertia:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not (isfinite(value) and value >= 0.0):
-                raise InputError(f"{name} = {value} of a flange", "finite, 0 or more")
+                raise InputError(
+                    Message("{name} = {value} of a flange", name, value), "finite, 0 or more"
+                )
 
     def __str__(self) -> str:
         """Return it with its uncertainty."""
-        return f"{self.inertia_kgm2:g} kg·m² ± {self.inertia_uncertainty_percent:g} %"
+        return Message(
+            "{inertia_kgm2:g} kg·m² ± {inertia_uncertainty_percent:g} %",
+            self.inertia_kgm2,
+            self.inertia_uncertainty_percent,
+        )
 
 
 def torque_at_flange(
@@ -99,7 +106,12 @@ def torque_at_flange(
     torque = np.array(torque_nm, dtype=np.float64)
     if not (torque.ndim == 1 and time.shape == angle.shape == torque.shape):
         raise InputError(
-            f"{torque.size} torques, {angle.size} angles, {time.size} times",
+            Message(
+                "{size} torques, {angle_size} angles, {time_size} times",
+                torque.size,
+                angle.size,
+                time.size,
+            ),
             "as many of each, at the same times",
         )
     uncertainty = np.broadcast_to(standard_uncertainty_nm, torque.shape).astype(np.float64)
@@ -110,8 +122,12 @@ def torque_at_flange(
     stretches = [rows for rows in np.split(np.arange(torque.size), gaps) if rows.size >= WINDOW]
     if not stretches or not interval_s > 0.0:
         raise InputError(
-            f"{torque.size} samples without {WINDOW} of them at even times in a row",
-            f"at least {WINDOW}, to know how the flange accelerates",
+            Message(
+                "{size} samples without {window} of them at even times in a row",
+                torque.size,
+                WINDOW,
+            ),
+            Message("at least {window}, to know how the flange accelerates", WINDOW),
             "give the times of a recording at an even rate, or leave the flange's inertia out",
         )
     for rows in stretches:

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LocalFit", "LocalLines"]
 
@@ -67,8 +68,8 @@ class LocalLines:
     ) -> None:
         if abscissa.size < least_samples:
             raise InputError(
-                f"{abscissa.size} samples in a branch of a loop",
-                f"at least {least_samples}",
+                Message("{size} samples in a branch of a loop", abscissa.size),
+                Message("at least {limit}", least_samples),
                 "record more samples per loop",
             )
         order = np.argsort(abscissa, kind="stable")

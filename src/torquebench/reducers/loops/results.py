@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.reducers.loops.rules import LoopSettings, LostMotionRule
 from torquebench.reducers.quantities import Finding, LimitedQuantity, ResultQuantity
 from torquebench.uncertainty import Budget
@@ -172,7 +173,9 @@ class HysteresisResult:
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
         low, high = self.settings.stiffness_interval
-        interval = f"{100 * low:g}-{100 * high:g} % of the rated torque, loading branches"
+        interval = Message(
+            "{low:g}-{high:g} % of the rated torque, loading branches", 100 * low, 100 * high
+        )
         rows = [
             ResultQuantity("stiffness", "torsional stiffness", self.stiffness, interval),
             ResultQuantity(
@@ -188,9 +191,19 @@ class HysteresisResult:
         if self.regions is not None:
             t1, t2 = self.regions.first_corner_nm, self.regions.second_corner_nm
             for key, title, estimate, where in (
-                ("stiffness_1", "stiffness K1", self.regions.first, f"0 to {t1:g} N·m"),
-                ("stiffness_2", "stiffness K2", self.regions.second, f"{t1:g} to {t2:g} N·m"),
-                ("stiffness_3", "stiffness K3", self.regions.third, f"above {t2:g} N·m"),
+                ("stiffness_1", "stiffness K1", self.regions.first, Message("0 to {t1:g} N·m", t1)),
+                (
+                    "stiffness_2",
+                    "stiffness K2",
+                    self.regions.second,
+                    Message("{low:g} to {high:g} N·m", t1, t2),
+                ),
+                (
+                    "stiffness_3",
+                    "stiffness K3",
+                    self.regions.third,
+                    Message("above {low:g} N·m", t2),
+                ),
             ):
                 if estimate is not None:
                     rows.append(ResultQuantity(key, title, estimate, where))

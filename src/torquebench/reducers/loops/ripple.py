@@ -7,6 +7,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.reducers.loops.branches import turning_points
 from torquebench.reducers.loops.results import LoopFeatures
 from torquebench.reducers.quantities import Finding
@@ -154,7 +155,7 @@ def what_it_hid(
     hidden = energy / max(float(np.mean([abs(each.energy_j) for each in steady])), 1e-300)
     remedy = "load with less ripple to avoid this correction"
     if ripple.period < RESOLVED:
-        remedy = f"sample faster: at least {RESOLVED:g} samples a period"
+        remedy = Message("sample faster: at least {count:g} samples a period", RESOLVED)
     uncertain = RippleLeft(
         left * change(lambda each: each.backlash_rad),
         left * change(lambda each: each.lost_motion_rad),
@@ -162,9 +163,15 @@ def what_it_hid(
     )
     return uncertain, Finding(
         "torque ripple",
-        f"the torque ripples by ±{ripple.amplitude_nm:.3g} N·m with {ripple.period:.3g} samples a "
-        f"period, which narrows a loop as a vibration does ({100.0 * hidden:.2g} % of its energy); "
-        "branches are read where the angle exceeds all earlier angles, where ripple has no effect",
+        Message(
+            "the torque ripples by ±{amplitude_nm:.3g} N·m with {period:.3g} samples "
+            "a period, which narrows a loop as a vibration does ({hidden:.2g} % of "
+            "its energy); branches are read where the angle exceeds all earlier "
+            "angles, where ripple has no effect",
+            ripple.amplitude_nm,
+            ripple.period,
+            100.0 * hidden,
+        ),
         remedy,
     )
 

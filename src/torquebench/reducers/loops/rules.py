@@ -7,6 +7,7 @@ from types import MappingProxyType
 from typing import Literal
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LOST_MOTION_RULES", "LoopSettings", "LoopUncertainty", "LostMotionRule"]
 
@@ -46,8 +47,15 @@ class LostMotionRule:
         """
         where = "mean of all positions" if self.positions == "mean" else "worst"
         if self.least_positions > 1:
-            where += f" of at least {self.least_positions} positions"
-        return f"{self.source}: at ±{100 * self.share:g} % of the rated torque, {where}"
+            where = Message(
+                "{where} of at least {least_positions} positions", where, self.least_positions
+            )
+        return Message(
+            "{source}: at ±{share:g} % of the rated torque, {where}",
+            self.source,
+            100 * self.share,
+            where,
+        )
 
 
 LOST_MOTION_RULES: Mapping[str, LostMotionRule] = MappingProxyType(
@@ -100,12 +108,20 @@ class LoopSettings:
 
     def __post_init__(self) -> None:
         if not (isfinite(self.rated_torque_nm) and self.rated_torque_nm > 0.0):
-            raise InputError(f"rated torque {self.rated_torque_nm} N·m", "above 0 N·m")
+            raise InputError(
+                Message("rated torque {rated_torque_nm} N·m", self.rated_torque_nm), "above 0 N·m"
+            )
         if self.rule not in LOST_MOTION_RULES:
-            raise InputError(f"rule {self.rule!r}", f"one of {', '.join(LOST_MOTION_RULES)}")
+            raise InputError(
+                Message("rule {rule!r}", self.rule),
+                Message("one of {list}", ", ".join(LOST_MOTION_RULES)),
+            )
         low, high = self.stiffness_interval
         if not 0.0 <= low < high <= 1.5:
-            raise InputError(f"stiffness interval {low:g} to {high:g} T_N", "0 or more, rising")
+            raise InputError(
+                Message("stiffness interval {low:g} to {high:g} T_N", low, high),
+                "0 or more, rising",
+            )
 
     @property
     def lost_motion_rule(self) -> LostMotionRule:
@@ -146,4 +162,7 @@ class LoopUncertainty:
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
             if not (isfinite(value) and value >= 0.0):
-                raise InputError(f"standard uncertainty {name} = {value}", "finite, 0 or more")
+                raise InputError(
+                    Message("standard uncertainty {name} = {value}", name, value),
+                    "finite, 0 or more",
+                )

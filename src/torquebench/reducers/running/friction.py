@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
@@ -107,7 +108,7 @@ class FrictionResult:
                 rows.append(
                     ResultQuantity(
                         f"{key}_{name.replace('-', '_')}",
-                        f"{title}, {name}",
+                        Message.joined((title, name)),
                         budget(estimate.value, unit, [scatter, Contribution("torque zero", zero)]),
                         fit.form,
                     )
@@ -129,9 +130,12 @@ class FrictionResult:
         """
         if not self.worst_relative_uncertainty <= share:
             raise InputError(
-                f"an expanded uncertainty of {100 * self.worst_relative_uncertainty:.3g} % "
-                "of the friction torque",
-                f"at most {100 * share:.3g} %",
+                Message(
+                    "an expanded uncertainty of {worst_relative_uncertainty:.3g} % of the "
+                    "friction torque",
+                    100 * self.worst_relative_uncertainty,
+                ),
+                Message("at most {limit:.3g} %", 100 * share),
                 "zero just before the sweep, repeat it more often, or use a smaller transducer",
             )
 
@@ -237,7 +241,7 @@ def evaluate_friction(
     (0.5, 0.00191)
     """
     if form != "best" and form not in FORMS:
-        raise InputError(f"form {form!r}", ", ".join((*FORMS, "best")))
+        raise InputError(Message("form {form!r}", form), ", ".join((*FORMS, "best")))
     curve = friction_curve(speed_rpm, torque_nm, branch, tolerance_rpm=tolerance_rpm)
     if np.any(curve.speed_rpm == 0):
         raise InputError("a point at 0 rpm", "points at which the input turns", "remove it")
@@ -270,8 +274,12 @@ def _unsteady(temperature_c: ArrayLike | None) -> tuple[Finding, ...]:
     return (
         Finding(
             "unsteady temperature",
-            f"{warmth.min():.1f} to {warmth.max():.1f} °C during the test (allowed: a range of "
-            f"{LARGEST_TEMPERATURE_RANGE_K:g} K)",
+            Message(
+                "{low:.1f} to {high:.1f} °C during the test (allowed: a range of {limit:g} K)",
+                warmth.min(),
+                warmth.max(),
+                LARGEST_TEMPERATURE_RANGE_K,
+            ),
             "warm up until the temperature is steady, or evaluate as no-load torque at a "
             "reference temperature",
         ),
@@ -295,7 +303,11 @@ def _fit_of_side(
     torque = sign * curve.torque_nm[side]
     if torque.mean() < 0:
         raise InputError(
-            f"{name} torques of {sign * torque.mean():.4g} N·m in the mean help the motion",
+            Message(
+                "{name} torques of {sign:.4g} N·m in the mean help the motion",
+                name,
+                sign * torque.mean(),
+            ),
             "a torque with the sign of the speed",
             "check the signs of torque and speed",
         )
@@ -327,7 +339,9 @@ def _columns(
         bad = np.flatnonzero(~np.isfinite(column))
         if bad.size:
             raise InputError(
-                f"{name} {column[bad[0]]} at point {bad[0] + 1}", "finite numbers", "remove it"
+                Message("{name} {column} at point {bad}", name, column[bad[0]], bad[0] + 1),
+                "finite numbers",
+                "remove it",
             )
     return speed, _like(torque_nm, speed, "torque")
 
@@ -335,5 +349,8 @@ def _columns(
 def _like(values: ArrayLike, speed: NDArray[np.float64], name: str) -> NDArray[np.float64]:
     column = np.atleast_1d(np.asarray(values, dtype=np.float64))
     if column.shape != speed.shape:
-        raise InputError(f"{name} of shape {column.shape}", f"{speed.size} values like the speed")
+        raise InputError(
+            Message("{name} of shape {shape}", name, column.shape),
+            Message("{size} values like the speed", speed.size),
+        )
     return column

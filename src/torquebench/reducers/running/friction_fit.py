@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar, nnls
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["FORMS", "Estimate", "Form", "FrictionFit", "fit_friction"]
@@ -150,7 +151,8 @@ def fit_friction(
     names = [name for name in names if speed_rpm.size > len(FORMS[name])]
     if not names:
         raise InputError(
-            f"{speed_rpm.size} speeds", f"at least {len(FORMS[form]) + 1} for the form {form}"
+            Message("{size} speeds", speed_rpm.size),
+            Message("at least {count} for the form {form}", len(FORMS[form]) + 1, form),
         )
     speed = speed_rpm * RAD_S_PER_RPM
     weight = points / points.mean()

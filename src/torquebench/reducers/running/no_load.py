@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns, labels
 from torquebench.reducers.quantities import (
     Contribution,
@@ -96,7 +97,7 @@ class NoLoadResult:
         for limit in limits.no_load:
             for point in self.points:
                 if abs(abs(point.speed_rpm) - limit.speed_rpm) <= 0.02 * limit.speed_rpm:
-                    title = f"no-load torque at {point.speed_rpm:.0f} rpm"
+                    title = Message("no-load torque at {speed:.0f} rpm", point.speed_rpm)
                     torque = point.magnitude()
                     yield LimitedQuantity(point.key, title, torque, upper=limit.torque_nm)
 
@@ -237,7 +238,9 @@ def _at_temperature(
     if coefficient is None:
         raise InputError(
             "no visible effect of the temperature",
-            f"temperatures over {LEAST_RANGE_K:g} K or more at repeated speeds",
+            Message(
+                "temperatures over {least_range_k:g} K or more at repeated speeds", LEAST_RANGE_K
+            ),
             "leave the reference temperature out",
         )
     distance = warmth - reference_c
@@ -256,12 +259,20 @@ def _temperature_findings(
         return []
     effect = ""
     if coefficient is not None:
-        effect = f", which changes the torque by {coefficient.value * np.ptp(warmth):.2g} %"
+        effect = Message(
+            ", which changes the torque by {value:.2g} %", coefficient.value * np.ptp(warmth)
+        )
     return [
         Finding(
             "unsteady temperature",
-            f"{warmth.min():.1f} to {warmth.max():.1f} °C during the test (allowed: a range of "
-            f"{limit_k:g} K){effect}",
+            Message(
+                "{warmth:.1f} to {warmth_2:.1f} °C during the test (allowed: a range of "
+                "{limit_k:g} K){effect}",
+                warmth.min(),
+                warmth.max(),
+                limit_k,
+                effect,
+            ),
             "warm up until the temperature is steady, or evaluate at a reference temperature",
         )
     ]

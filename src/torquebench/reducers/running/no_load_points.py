@@ -6,6 +6,7 @@ from math import sqrt
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.message import Message
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.running.friction import FrictionCurve, FrictionResult
 from torquebench.reducers.running.tare import Tare
@@ -61,7 +62,7 @@ class NoLoadPoint:
     def title(self) -> str:
         """Name for people."""
         which = ", mean of both directions" if self.both else ""
-        return f"no-load torque at {self.nominal_rpm:.0f} rpm{which}"
+        return Message("no-load torque at {nominal_rpm:.0f} rpm{which}", self.nominal_rpm, which)
 
     def magnitude(self) -> Budget:
         """Return the torque that opposes the motion: positive where friction is."""

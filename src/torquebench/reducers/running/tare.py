@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns, labels
 
 __all__ = ["TRANSFER_SHARE", "Tare", "TareValue", "fit_tare"]
@@ -75,7 +76,11 @@ class Tare:
         """
         if abs(speed_rpm) > REACH * self.fastest_rpm:
             raise InputError(
-                f"an empty run up to {self.fastest_rpm:g} rpm for a test at {abs(speed_rpm):g} rpm",
+                Message(
+                    "an empty run up to {fastest_rpm:g} rpm for a test at {speed_rpm:g} rpm",
+                    self.fastest_rpm,
+                    abs(speed_rpm),
+                ),
                 "an empty run up to the speed of the test",
                 "repeat it with higher speeds",
             )

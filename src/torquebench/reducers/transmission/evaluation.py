@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.quantities import (
     Contribution,
@@ -146,22 +147,26 @@ class TransmissionErrorResult:
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
         """Return the values under their names, for tables and reports."""
-        rule = f"max − min, orders up to {self.highest_order:g}"
+        rule = Message("max − min, orders up to {highest_order:g}", self.highest_order)
         rows = [ResultQuantity("transmission_error", "transmission error", self.peak_to_peak, rule)]
         for each in self.directions:
             short = each.direction.replace("-", "_")
             rows.append(
                 ResultQuantity(
                     f"transmission_error_{short}",
-                    f"transmission error, {each.direction}",
+                    Message("transmission error, {direction}", each.direction),
                     each.peak_to_peak,
-                    f"{each.revolutions} revolution{'' if each.revolutions == 1 else 's'}",
+                    Message(
+                        "{revolutions} revolution{value}",
+                        each.revolutions,
+                        "" if each.revolutions == 1 else "s",
+                    ),
                 )
             )
             rows += [
                 ResultQuantity(
                     f"order_{order.order:g}_{short}",
-                    f"order {order.order:g}, {each.direction}",
+                    Message("order {order:g}, {direction}", order.order, each.direction),
                     order.amplitude,
                     "amplitude",
                 )
@@ -225,10 +230,12 @@ def evaluate_transmission_error(
     )
     time = None if time_s is None else finite_columns(given.size, time_s=time_s)[0]
     if not (np.isfinite(ratio) and abs(ratio) > 0.0):
-        raise InputError(f"ratio {ratio}", "input turns for one output turn, not 0")
+        raise InputError(Message("ratio {ratio}", ratio), "input turns for one output turn, not 0")
     highest = 3.0 * abs(ratio) if highest_order is None else highest_order
     if not (np.isfinite(highest) and highest >= 1.0):
-        raise InputError(f"highest order {highest}", "1 per output revolution or more")
+        raise InputError(
+            Message("highest order {highest}", highest), "1 per output revolution or more"
+        )
     check_ratio(given, taken, ratio)
     chosen: dict[str, Run] = {}
     for run in runs_of(given, taken, ratio):
@@ -339,7 +346,9 @@ def _findings(directions: list[DirectionError]) -> list[Finding]:
         findings.append(
             Finding(
                 "one direction",
-                f"only {directions[0].direction} was measured over a whole revolution",
+                Message(
+                    "only {direction} was measured over a whole revolution", directions[0].direction
+                ),
                 "measure both directions in turn",
             )
         )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reducers.loops.branches import turning_points
 from torquebench.units import ARCSEC
 
@@ -59,7 +60,7 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
     if span_in == 0.0 or span_out == 0.0:
         side = "input" if span_in == 0.0 else "output"
         raise InputError(
-            f"an {side} angle that stands still",
+            Message("an {side} angle that stands still", side),
             "both encoders turning",
             "check the encoder and the coupling",
         )
@@ -73,7 +74,11 @@ def check_ratio(given: Floats, taken: Floats, ratio: float) -> None:
         remedy = "the output turns against the input: make the ratio negative"
     else:
         remedy = "check the ratio, the angles' units and counts per revolution, and slip"
-    raise InputError(f"angles that show a ratio of {found:.6g}", f"{ratio:g} within 0.1 %", remedy)
+    raise InputError(
+        Message("angles that show a ratio of {found:.6g}", found),
+        Message("{ratio:g} within 0.1 %", ratio),
+        remedy,
+    )
 
 
 def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
@@ -103,9 +108,11 @@ def runs_of(given: Floats, taken: Floats, ratio: float) -> list[Run]:
             runs.append(Run(name, rows, angle, (taken[rows] - shared[rows])[order]))
     if not runs:
         raise InputError(
-            f"{longest / TURN:.4g} output revolutions in one direction",
+            Message("{longest:.4g} output revolutions in one direction", longest / TURN),
             "at least one whole output revolution in each direction",
-            f"turn the input by {abs(ratio):g} revolutions or more without a reversal",
+            Message(
+                "turn the input by {ratio:g} revolutions or more without a reversal", abs(ratio)
+            ),
         )
     return runs
 
@@ -141,10 +148,16 @@ def check_sampling(run: Run, highest_order: float) -> None:
     samples = TURN / highest_order / step
     if samples < SAMPLES_PER_PERIOD * (1.0 - 1e-6):
         raise InputError(
-            f"{samples:.3g} samples per period of the order {highest_order:g}",
-            f"at least {SAMPLES_PER_PERIOD:g}",
-            f"turn more slowly or sample faster, or limit the report to order "
-            f"{TURN / step / SAMPLES_PER_PERIOD:.4g}",
+            Message(
+                "{samples:.3g} samples per period of the order {highest_order:g}",
+                samples,
+                highest_order,
+            ),
+            Message("at least {limit:g}", SAMPLES_PER_PERIOD),
+            Message(
+                "turn more slowly or sample faster, or limit the report to order {turn:.4g}",
+                TURN / step / SAMPLES_PER_PERIOD,
+            ),
         )
 
 
@@ -185,17 +198,28 @@ def check_slip(run: Run, ratio: float) -> None:
         return
     if left_step <= left_line and jump > limit:
         raise InputError(
-            f"the transmission error jumps by {jump / ARCSEC:.3g} arcsec at "
-            f"{np.degrees(place) % 360.0:.4g}° of the output and doesn't come back",
+            Message(
+                "the transmission error jumps by {jump:.3g} arcsec at {degrees:.4g}° of "
+                "the output and doesn't come back",
+                jump / ARCSEC,
+                np.degrees(place) % 360.0,
+            ),
             "an error that repeats with the revolution",
             "an encoder or its coupling slips: fasten it and measure again",
         )
     if left_line < left_step and drift > limit:
         raise InputError(
-            f"the transmission error drifts by {drift / ARCSEC:.3g} arcsec per output revolution",
-            f"at most {limit / ARCSEC:.3g} arcsec",
-            f"the ratio is wrong (the angles show {ratio / (1.0 + slope):.8g} "
-            f"instead of {ratio:.8g}), or an encoder creeps",
+            Message(
+                "the transmission error drifts by {drift:.3g} arcsec per output revolution",
+                drift / ARCSEC,
+            ),
+            Message("at most {limit:.3g} arcsec", limit / ARCSEC),
+            Message(
+                "the ratio is wrong (the angles show {ratio:.8g} instead of "
+                "{ratio_2:.8g}), or an encoder creeps",
+                ratio / (1.0 + slope),
+                ratio,
+            ),
         )
 
 

@@ -19,6 +19,7 @@ from torquebench.calibration import (
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records import (
     CalibrationEntry,
     Equipment,
@@ -112,7 +113,7 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
     run = registry.run(run_id)
     if run.finished is None:
         raise RecordError(
-            f"run {run_id} isn't sealed: it still runs, or was interrupted",
+            Message("run {run_id} isn't sealed: it still runs, or was interrupted", run_id),
             "a completed, sealed run",
             "let it end, or calibrate again",
         )
@@ -120,7 +121,12 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
         if entry.run_id == run_id:
             return entry
     raise InputError(
-        f"run {run_id} ({run.kind}, {run.status}) has no registered calibration",
+        Message(
+            "run {run_id} ({kind}, {status}) has no registered calibration",
+            run_id,
+            run.kind,
+            run.status,
+        ),
         "a completed calibration run",
         "list them with `torquebench records list calibrations`",
     )
@@ -172,8 +178,11 @@ def build_record(
     unreviewed = _unreviewed(registry, source, calibration, issue, verification)
     if unreviewed and issue.refuse_unreviewed and not issue.draft:
         raise RecordError(
-            f"calibration {calibration.calibration_id}: "
-            + "; ".join(UNREVIEWED[each] for each in unreviewed),
+            Message(
+                "calibration {number}: {what}",
+                calibration.calibration_id,
+                "; ".join(UNREVIEWED[each] for each in unreviewed),
+            ),
             "verified within its tolerance on fresh points, checked by a second person before it "
             "went into use, authorised by somebody who didn't measure",
             "verify it (`torquebench verification`), have it checked "
@@ -375,7 +384,7 @@ def _judged_points(
     data = run_data(folder)
     if data.sha256() != latest.data_sha256:
         raise RecordError(
-            f"the points of verification {latest.run_id} were changed",
+            Message("the points of verification {run} were changed", latest.run_id),
             "the points as they were registered",
             "restore them from a backup, or verify again",
         )

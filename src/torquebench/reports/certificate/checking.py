@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.records import CertificateEntry, Registry
 from torquebench.reports.certificate.record import PAYLOAD_PREFIX
 
@@ -66,8 +67,11 @@ def check_certificate(registry: Registry, given: str) -> CertificateCheck:
     path = Path(given)
     if code is None and not path.is_file():
         raise InputError(
-            f"{given!r} is no file and no code of a certificate",
-            f"a PDF, XML or JSON file, or a text like {PAYLOAD_PREFIX};NUMBER;HASH",
+            Message("{given!r} is no file and no code of a certificate", given),
+            Message(
+                "a PDF, XML or JSON file, or a text like {payload_prefix};NUMBER;HASH",
+                PAYLOAD_PREFIX,
+            ),
         )
     certificates = registry.certificates()
     if code is not None:

@@ -8,6 +8,7 @@ from pathlib import Path
 import typst
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LATIN", "chinese_family", "fonts_for", "has_chinese"]
 
@@ -49,7 +50,7 @@ def chinese_family(installed: typst.Fonts) -> str:
             return family
     raise InputError(
         "no font with Chinese characters is installed",
-        "one of " + ", ".join(CHINESE),
+        Message("one of {list}", ", ".join(CHINESE)),
         "on Debian or Ubuntu: apt-get install fonts-noto-cjk",
     )
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records import CertificateEntry, Registry
 from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.record import CertificateRecord
@@ -85,14 +86,18 @@ def issue_certificate(
         raise RecordError("a draft", "a record that somebody authorises")
     if any(entry.number == record.number for entry in registry.certificates()):
         raise RecordError(
-            f"certificate {record.number} is issued", "a new number", "give another --number"
+            Message("certificate {number} is issued", record.number),
+            "a new number",
+            "give another --number",
         )
     contents = certificate_files(record)
     archive = archive_folder(registry, record.number)
     for name in contents:
         if folder is not None and (folder / name).exists():
             raise InputError(
-                f"{folder / name} exists", "files that aren't there yet", "give another --out"
+                Message("{path} exists", folder / name),
+                "files that aren't there yet",
+                "give another --out",
             )
     _set_aside(archive)
     private_folder(archive)

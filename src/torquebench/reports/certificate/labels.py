@@ -6,6 +6,7 @@ from functools import cache
 from importlib import resources
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty import rounded
 
 __all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of"]
@@ -105,7 +106,7 @@ def check_languages(languages: tuple[str, ...]) -> None:
     """
     for language in languages:
         if language not in LANGUAGES:
-            raise InputError(f"language {language!r}", ", ".join(LANGUAGES))
+            raise InputError(Message("language {language!r}", language), ", ".join(LANGUAGES))
 
 
 @cache

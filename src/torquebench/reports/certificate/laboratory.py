@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.reports.certificate.record import Party
 from torquebench.validation import parse_toml, validated
 
@@ -103,9 +104,12 @@ def person_among(name: str, people: Iterable[str], what: str = "measured by") ->
         if each.strip().casefold() == name.strip().casefold():
             return each
     raise InputError(
-        f"{what} {name.strip()[:80]!r}, who isn't a person of the laboratory",
-        "one of " + ", ".join(known) if known else "a person of the laboratory",
-        f'name them in {LABORATORY_FILE}: people = ["A. Kim", …] under [laboratory]',
+        Message("{what} {name!r}, who isn't a person of the laboratory", what, name.strip()[:80]),
+        Message("one of {list}", ", ".join(known)) if known else "a person of the laboratory",
+        Message(
+            'name them in {laboratory_file}: people = ["A. Kim", …] under [laboratory]',
+            LABORATORY_FILE,
+        ),
     )
 
 
@@ -128,6 +132,7 @@ def read_letterhead(path: Path) -> Letterhead:
         text = path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
-            f"laboratory {path}: {error}", "a TOML file in UTF-8 with " + _SHAPE
+            Message("laboratory {path}: {error}", path, error),
+            Message("a TOML file in UTF-8 with {shape}", _SHAPE),
         ) from error
     return validated(Letterhead, parse_toml(text, str(path)), str(path))

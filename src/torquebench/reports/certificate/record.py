@@ -9,6 +9,7 @@ from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
 from torquebench.bench.description import flat_of_range
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import json_text
 from torquebench.records.entries import sha256_of_record
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
@@ -533,7 +534,7 @@ class CertificateRecord:
             record = _restored(cls, json.loads(text))
         except (ValueError, KeyError, TypeError) as error:
             raise RecordError(
-                f"a certificate's record that can't be read ({error})",
+                Message("a certificate's record that can't be read ({error})", error),
                 "a .json file written by `torquebench certificate`",
             ) from error
         assert isinstance(record, cls)

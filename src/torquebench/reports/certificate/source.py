@@ -16,6 +16,7 @@ from torquebench.calibration import (
 from torquebench.campaign.calibration_comparison import model_of_calibration
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.records import (
     CalibrationEntry,
     Equipment,
@@ -44,11 +45,15 @@ def run_data(folder: RunFolder) -> CalibrationData:
     """
     results = folder.results
     if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
-        raise RecordError(f"{folder.path} holds no points of a calibration", "a calibration run")
+        raise RecordError(
+            Message("{path} holds no points of a calibration", folder.path), "a calibration run"
+        )
     try:
         return CalibrationData(**results["data"])
     except TypeError as error:
-        raise RecordError(f"{folder.path}: results.json has other columns ({error})") from error
+        raise RecordError(
+            Message("{path}: results.json has other columns ({error})", folder.path, error)
+        ) from error
 
 
 def run_profile(folder: RunFolder) -> Profile:
@@ -88,7 +93,9 @@ class Source:
         """
         if calibration.run_id is None:
             raise InputError(
-                f"calibration-{calibration.calibration_id} is an external table",
+                Message(
+                    "calibration-{calibration_id} is an external table", calibration.calibration_id
+                ),
                 "a calibration that a run of this registry holds",
                 "enter the table with `torquebench evaluate static --register`",
             )
@@ -96,19 +103,26 @@ class Source:
         folder = RunFolder.open(run.folder)
         if not folder.sealed or not run.manifest_sha256:
             raise RecordError(
-                f"run {run.run_id} isn't sealed ({run.status})",
+                Message("run {run_id} isn't sealed ({status})", run.run_id, run.status),
                 "a completed, sealed run",
                 "let it end, or recover it; a certificate states completed runs only",
             )
         changes = tuple(folder_changes(run.folder, run.manifest_sha256))
         if changes:
             raise RecordError(
-                f"run {run.run_id}: {'; '.join(changes)} (clause deviations.changed_record)",
+                Message(
+                    "run {run_id}: {changes} (clause deviations.changed_record)",
+                    run.run_id,
+                    "; ".join(changes),
+                ),
                 "a record as it was sealed",
                 "restore it from a backup, or calibrate again",
             )
         if run.status != "completed":
-            raise RecordError(f"run {run.run_id} was {run.status}: {run.reason}", "a completed run")
+            raise RecordError(
+                Message("run {run_id} was {status}: {reason}", run.run_id, run.status, run.reason),
+                "a completed run",
+            )
         profile = run_profile(folder)
         data = assign_nominal(run_data(folder), profile)
         if model_id is None:
@@ -199,7 +213,7 @@ def _reference(
         percent = report.expanded_uncertainty_percent or percent
     if percent is None:
         raise RecordError(
-            f"no stated uncertainty of the standard {serial}",
+            Message("no stated uncertainty of the standard {serial}", serial),
             "its expanded uncertainty (k = 2) in % of the range",
             "enter its certificate",
         )

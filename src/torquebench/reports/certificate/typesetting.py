@@ -15,6 +15,7 @@ import typst
 
 from torquebench.errors import InputError
 from torquebench.figures import Curve, error_figure
+from torquebench.message import Message
 from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.certificate.labels import labels_of
@@ -82,7 +83,8 @@ def _typeset(
             )
         except typst.TypstError as error:
             raise InputError(
-                f"the certificate can't be set: {error}", remedy="report the record with this text"
+                Message("the certificate can't be set: {error}", error),
+                remedy="report the record with this text",
             ) from error
     return [document] if isinstance(document, bytes) else document or []
 

@@ -21,6 +21,7 @@ from torquebench.campaign.reducers.uncertainty import (
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
 from torquebench.figures import COLOURS, STYLE, legend_above, new_figure, svg_text
+from torquebench.message import Message
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.loop import (
     HysteresisSettings,
@@ -124,7 +125,7 @@ def _flange_remark(flange: FlangeInertia | None) -> str:
             "the inertia of the output flange isn't described: at reversals of the torque ripple, "
             "its torque is attributed to the reducer"
         )
-    return f"the torque that accelerates the output flange, {flange}, is subtracted"
+    return Message("the torque that accelerates the output flange, {flange}, is subtracted", flange)
 
 
 def _flange_angle_rad(bench: Bench, recording: SynchronousRecording, side: Side) -> FloatArray:

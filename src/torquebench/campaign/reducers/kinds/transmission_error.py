@@ -11,6 +11,7 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.uncertainty import Bench, resolution_rad, temperature_remarks
 from torquebench.campaign.reducers.work import Evaluated, TestWork
 from torquebench.figures import COLOURS, STYLE, new_figure, svg_text
+from torquebench.message import Message
 from torquebench.procedures.reducers.turning import (
     TransmissionRecording,
     TransmissionSettings,
@@ -56,11 +57,16 @@ def _evaluate(
         uncertainty=known,
     )
     remarks = [
-        f"U contains only the resolution of the {side} encoder: its accuracy isn't described"
+        Message(
+            "U contains only the resolution of the {side} encoder: its accuracy isn't described",
+            side,
+        )
         for side in SIDES
         if bench.description.module(side).encoder.accuracy_arcsec is None and side not in certified
     ]
-    remarks += [f"the {side} encoder is corrected by its certificate" for side in certified]
+    remarks += [
+        Message("the {side} encoder is corrected by its certificate", side) for side in certified
+    ]
     return Evaluated(result, (*remarks, *temperature_remarks(turning.temperature_c)))
 
 

@@ -11,6 +11,7 @@ from nicegui import background_tasks, run, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import RecordError, TorquebenchError
+from torquebench.message import Message
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, note, pairs, panel, table, to_the_top, words
@@ -40,7 +41,7 @@ def run_title(text: Text, kind: str) -> str:
     if not kind.startswith("test-") or name not in TESTS:
         return text.maybe(f"run_kind.{kind}", kind)
     title = TESTS[name].title
-    return text.core(f"{title}, short test" if kind.endswith("-short") else title)
+    return text.core(Message("{title}, short test", title) if kind.endswith("-short") else title)
 
 
 def doubt_notes(text: Text, doubts: Iterable[str], most: int = 5) -> None:

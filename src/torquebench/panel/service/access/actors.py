@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from torquebench.message import Message
 from torquebench.panel.service.problems import PermissionDeniedError
 
 __all__ = ["ROLES", "Actor", "Role", "allows", "require"]
@@ -66,7 +67,7 @@ def require(actor: Actor, role: Role) -> None:
     """
     if not allows(actor.role, role):
         raise PermissionDeniedError(
-            f"{actor.name} is signed in as {actor.role}",
-            f"a {role}" if role != "administrator" else "an administrator",
+            Message("{name} is signed in as {role}", actor.name, actor.role),
+            Message("a {role}", role) if role != "administrator" else "an administrator",
             "sign in with an account that has this role",
         )

@@ -11,6 +11,7 @@ from typing import Any, get_args
 from sqlalchemy import Row, insert, select, update
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, Role, require
 from torquebench.panel.service.access.sessions import token_sha256
 from torquebench.panel.service.problems import (
@@ -67,14 +68,19 @@ class Clients:
         """
         require(actor, "administrator")
         if not NAME.fullmatch(name):
-            raise InputError(f"client {name[:80]!r}", "1 to 64 of A-Z a-z 0-9 . _ -")
+            raise InputError(Message("client {name!r}", name[:80]), "1 to 64 of A-Z a-z 0-9 . _ -")
         if role not in get_args(Role):
-            raise InputError(f"role {role[:40]!r}", "one of " + ", ".join(get_args(Role)))
+            raise InputError(
+                Message("role {role!r}", role[:40]),
+                Message("one of {list}", ", ".join(get_args(Role))),
+            )
         token = PREFIX + secrets.token_urlsafe(32)
         with self._store.transaction() as connection:
             taken = select(clients.c.id).where(clients.c.name == name, clients.c.revoked.is_(None))
             if connection.scalar(taken):
-                raise NameTakenError(f"a client {name} exists", "a new name", "revoke the old one")
+                raise NameTakenError(
+                    Message("a client {name} exists", name), "a new name", "revoke the old one"
+                )
             made = connection.execute(
                 insert(clients)
                 .values(
@@ -111,7 +117,7 @@ class Clients:
         require(actor, "administrator")
         if actor.session_id == f"client-{client_id}":
             raise PermissionDeniedError(
-                f"{actor.name} revokes its own token", "another administrator's token"
+                Message("{name} revokes its own token", actor.name), "another administrator's token"
             )
         with self._store.transaction() as connection:
             row = connection.execute(
@@ -123,7 +129,9 @@ class Clients:
             if row is not None:
                 note(connection, actor.label, "revoked a client", name=row.name)
         if row is None:
-            raise NotFoundError(f"no client {client_id} in use", "a number from the list")
+            raise NotFoundError(
+                Message("no client {number} in use", client_id), "a number from the list"
+            )
         with self._lock:
             self._in_use.pop(row.token_sha256, None)
         return _client(row)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, allows
 from torquebench.panel.service.problems import LeaseError
 
@@ -116,7 +117,7 @@ class CommandLease:
             idle = self._now() - self._used > IDLE_S and not self._working()
             if same_person or idle:
                 return True, ""
-            return False, f"{holder.label} is in command of the bench"
+            return False, Message("{who} is in command of the bench", holder.label)
 
     def take(self, actor: Actor, *, force: bool = False) -> None:
         """Command from now on.
@@ -138,8 +139,12 @@ class CommandLease:
                     raise LeaseError(
                         reason,
                         "one session at a time",
-                        "wait until command is given up"
-                        + (", or take it over" if strong else f" or {IDLE_S / 60:g} min idle"),
+                        Message(
+                            "wait until command is given up{idle_s}",
+                            ", or take it over"
+                            if strong
+                            else Message(" or {idle_s:g} min idle", IDLE_S / 60),
+                        ),
                     )
             now = self._now()
             changed = holder is None or holder.session_id != actor.session_id
@@ -147,7 +152,11 @@ class CommandLease:
             if changed:
                 self._since = now
         if changed:
-            taken = "took the command" if holder is None else f"took command from {holder.label}"
+            taken = (
+                "took the command"
+                if holder is None
+                else Message("took command from {label}", holder.label)
+            )
             self._note(actor, taken)
 
     def give_back(self, actor: Actor) -> None:
@@ -176,7 +185,7 @@ class CommandLease:
                 )
             if holder.session_id != actor.session_id:
                 raise LeaseError(
-                    f"{holder.label} is in command of the bench",
+                    Message("{who} is in command of the bench", holder.label),
                     "the session in command",
                     "watch, or take command",
                 )

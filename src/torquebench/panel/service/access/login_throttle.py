@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 from sqlalchemy import delete, func, insert, select
 
+from torquebench.message import Message
 from torquebench.panel.service.problems import LockedOutError
 from torquebench.panel.service.store import PanelStore, failures
 
@@ -72,8 +73,12 @@ class LoginThrottle:
                 if wait_s > 0.0:
                     raise LockedOutError(
                         "too many wrong passwords",
-                        f"{limit} within {WINDOW_S / 60:g} minutes, then with increasing delays",
-                        f"wait {max(1.0, wait_s):.0f} s, or ask an administrator",
+                        Message(
+                            "{limit} within {minutes:g} minutes, then with increasing delays",
+                            limit,
+                            WINDOW_S / 60,
+                        ),
+                        Message("wait {seconds:.0f} s, or ask an administrator", max(1.0, wait_s)),
                         wait_s=max(1.0, wait_s),
                     )
             numbers = [

@@ -8,6 +8,7 @@ from argon2 import PasswordHasher
 from argon2.exceptions import InvalidHashError, VerificationError
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["check_password_rules", "hash_password", "matches"]
 
@@ -41,11 +42,16 @@ def check_password_rules(name: str, password: str) -> None:
     """
     if not SHORTEST <= len(password) <= LONGEST:
         raise InputError(
-            f"a password of {len(password)} characters", f"{SHORTEST} to {LONGEST}", "three words?"
+            Message("a password of {count} characters", len(password)),
+            Message("{low} to {high}", SHORTEST, LONGEST),
+            "three words?",
         )
     distinct = len(set(password))
     if distinct < DISTINCT:
-        raise InputError(f"a password of {distinct} different characters", f"at least {DISTINCT}")
+        raise InputError(
+            Message("a password of {count} different characters", distinct),
+            Message("at least {limit}", DISTINCT),
+        )
     if len(name) > 3 and name.casefold() in password.casefold():
         raise InputError("a password with the name in it", "one without")
 

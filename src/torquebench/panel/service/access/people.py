@@ -14,6 +14,7 @@ from typing import Any, get_args
 from sqlalchemy import Row, delete, func, insert, select, update
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, Role, require
 from torquebench.panel.service.access.login_throttle import LoginThrottle
 from torquebench.panel.service.access.passwords import check_password_rules, hash_password, matches
@@ -191,7 +192,9 @@ class People:
             As for `sign_in`.
         """
         if actor.kind != "person":
-            raise PermissionDeniedError(f"{actor.label} signs", "a person's signature")
+            raise PermissionDeniedError(
+                Message("{name} signs", actor.label), "a person's signature"
+            )
         self._checked(actor.name, password, address)
 
     def identify(self, name: str, password: str, address: str) -> Actor:
@@ -308,7 +311,7 @@ class People:
                 )
                 if not connection.scalar(others):
                     raise InputError(
-                        f"{row.name} is the only administrator",
+                        Message("{name} is the only administrator", row.name),
                         "one active administrator at least",
                         "make somebody else administrator first",
                     )
@@ -325,7 +328,7 @@ class People:
         name = name.strip()
         if not NAME.fullmatch(name):
             raise InputError(
-                f"name {name[:80]!r}",
+                Message("name {name!r}", name[:80]),
                 "2 to 64 letters, digits, spaces, dots and hyphens, beginning with a letter or "
                 "digit",
             )
@@ -334,18 +337,22 @@ class People:
         hashed = hash_password(password)
         if len(_scripts(name)) > 1:
             raise InputError(
-                f"name {name!r} in letters of several scripts",
+                Message("name {name!r} in letters of several scripts", name),
                 "one script, or Latin and Chinese, Japanese or Korean ones",
                 "type it again",
             )
         if _look(name) in {_look(each) for each in RESERVED}:
-            raise InputError(f"name {name!r}", "a person's name", "the panel itself uses this name")
+            raise InputError(
+                Message("name {name!r}", name), "a person's name", "the panel itself uses this name"
+            )
         with self._store.transaction() as connection:
             taken = connection.scalars(select(users.c.name)).all()
             alike = next((each for each in taken if _look(each) == _look(name)), None)
             if alike is not None:
                 raise NameTakenError(
-                    f"an account {alike} exists", "a new name", "a clearly different name"
+                    Message("an account {name} exists", alike),
+                    "a new name",
+                    "a clearly different name",
                 )
             connection.execute(
                 insert(users).values(
@@ -366,7 +373,9 @@ class People:
     def _known(self, name: str) -> Row[Any]:
         row = self._row(_key(name))
         if row is None:
-            raise NotFoundError(f"no account {name[:80]!r}", "a name from the list of users")
+            raise NotFoundError(
+                Message("no account {name!r}", name[:80]), "a name from the list of users"
+            )
         return row
 
     def close(self) -> None:
@@ -407,7 +416,9 @@ def _scripts(name: str) -> set[str]:
 
 def _checked_role(role: str) -> str:
     if role not in get_args(Role):
-        raise InputError(f"role {role[:40]!r}", "one of " + ", ".join(get_args(Role)))
+        raise InputError(
+            Message("role {role!r}", role[:40]), Message("one of {list}", ", ".join(get_args(Role)))
+        )
     return role
 
 

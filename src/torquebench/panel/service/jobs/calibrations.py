@@ -56,6 +56,7 @@ from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, LimitError, RecordError
+from torquebench.message import Message
 from torquebench.panel.comparing import compare_points
 from torquebench.panel.run_in_process import run_in_process
 from torquebench.panel.service.fields import (
@@ -204,7 +205,9 @@ def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile
     )
     if profile.loading.pattern == "random":
         raise InputError(
-            f"profile {profile.name} for a calibration", "a profile of steps", "take another one"
+            Message("profile {name} for a calibration", profile.name),
+            "a profile of steps",
+            "take another one",
         )
     _refuse_long(profile, range_nm, request.repeats or 1)
     return profile
@@ -216,7 +219,9 @@ def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
         steps = len(profile.staircase(range_nm, np.random.default_rng(0)))
     if steps > MOST_STEPS:
         raise InputError(
-            f"a staircase of {steps} steps", f"at most {MOST_STEPS}", "wider steps or fewer repeats"
+            Message("a staircase of {steps} steps", steps),
+            Message("at most {limit}", MOST_STEPS),
+            "wider steps or fewer repeats",
         )
 
 
@@ -231,8 +236,8 @@ def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
     largest_nm = max((abs(step.target_nm) for step in steps), default=0.0)
     if largest_nm > module.limits.torque_nm:
         raise LimitError(
-            f"{largest_nm:g} N·m on the {request.side} module",
-            f"at most {module.limits.torque_nm:g} N·m",
+            Message("{torque:g} N·m on the {side} module", largest_nm, request.side),
+            Message("at most {allowed:g} N·m", module.limits.torque_nm),
             "calibrate a part of the range",
         )
 
@@ -251,7 +256,11 @@ def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPrevi
 def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple[str, ...]:
     """Return reasons why measurements against a standard are doubtful now."""
     behind = station.clock_behind
-    said = f"{behind}; set the clock, or every date of what follows is wrong" if behind else ""
+    said = (
+        Message("{behind}; set the clock, or every date of what follows is wrong", behind)
+        if behind
+        else ""
+    )
     due = standard.certificate_due
     expired = expired_standard(station.registry, what, standard.serial, due)
     return tuple(each for each in (said, expired) if each)
@@ -293,8 +302,10 @@ def _choices(
 ) -> list[ModelChoice]:
     if network.given and NETWORK not in names:
         raise InputError(
-            f"parameters of the network ({', '.join(network.given)}) for another model",
-            f"the model {NETWORK}",
+            Message(
+                "parameters of the network ({names}) for another model", ", ".join(network.given)
+            ),
+            Message("the model {name}", NETWORK),
             "choose that model, or leave them out",
         )
     choices = [
@@ -393,7 +404,11 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
         contradictions=item.contradictions,
     )
     return JobResult(
-        headline=f"{item.title}: largest residual {errors_of(item, data).worst_nm:.3g} N·m.",
+        headline=Message(
+            "{title}: largest residual {worst_nm:.3g} N·m.",
+            item.title,
+            errors_of(item, data).worst_nm,
+        ),
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
@@ -411,7 +426,9 @@ def _verification_profile(place: Workplace, request: VerifyRequest) -> Profile:
         groups=request.groups, points=request.points
     )
     if profile.loading.pattern != "random":
-        raise InputError(f"profile {profile.name} for a verification", "a profile of random points")
+        raise InputError(
+            Message("profile {name} for a verification", profile.name), "a profile of random points"
+        )
     entry, data = calibration_data(place.station, request.calibration_id)
     return profile.within(100.0 * float(np.max(np.abs(data.standard_nm))) / entry.range_nm)
 
@@ -422,7 +439,11 @@ def _side_of(station: Station, entry: CalibrationEntry) -> Side:
         if transducer == entry.transducer_serial:
             return side
     raise InputError(
-        f"calibration {entry.calibration_id} is of transducer {entry.transducer_serial}",
+        Message(
+            "calibration {number} is of transducer {serial}",
+            entry.calibration_id,
+            entry.transducer_serial,
+        ),
         "one of this bench's transducers",
     )
 
@@ -435,7 +456,9 @@ def check_verification(place: Workplace, request: VerifyRequest) -> None:
     _side_of(station, entry)
     _verification_profile(place, request)
     if not models_of(station, entry):
-        raise RecordError(f"calibration {entry.calibration_id} has no model", "a fitted model")
+        raise RecordError(
+            Message("calibration {number} has no model", entry.calibration_id), "a fitted model"
+        )
 
 
 def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview:
@@ -447,7 +470,7 @@ def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview
         station.description.module(side).range_nm, np.random.default_rng(request.seed or 0)
     )
     rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
-    title = f"Verify the {side} module"
+    title = Message("Verify the {side} module", side)
     preview = staircase_preview(station.description, side, "verify", title, rehearsal)
     standard = station.description.verification_standard
     return replace(preview, doubts=_doubts(station, "verification standard", standard))
@@ -493,7 +516,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
 
 
 def _calibrate_title(request: CalibrateRequest) -> str:
-    return f"Calibrate the {request.side} module"
+    return Message("Calibrate the {side} module", request.side)
 
 
 CALIBRATION_KINDS: tuple[JobKind, ...] = (
@@ -507,14 +530,14 @@ CALIBRATION_KINDS: tuple[JobKind, ...] = (
     ),
     JobKind(
         "resume-calibration",
-        lambda asked: f"Go on with {asked.run_id}",
+        lambda asked: Message("Go on with {run}", asked.run_id),
         ResumeRequest,
         run_resumption,
         check=check_resumption,
     ),
     JobKind(
         "compare-models",
-        lambda asked: f"Compare models of calibration {asked.calibration_id}",
+        lambda asked: Message("Compare models of calibration {number}", asked.calibration_id),
         CompareRequest,
         run_comparison,
         check=lambda place, asked: calibration_data(place.station, asked.calibration_id),
@@ -523,7 +546,9 @@ CALIBRATION_KINDS: tuple[JobKind, ...] = (
     ),
     JobKind(
         "fit",
-        lambda asked: f"Fit {asked.model} to calibration {asked.calibration_id}",
+        lambda asked: Message(
+            "Fit {model} to calibration {number}", asked.model, asked.calibration_id
+        ),
         FitRequest,
         run_fit,
         check=check_fit,
@@ -533,7 +558,7 @@ CALIBRATION_KINDS: tuple[JobKind, ...] = (
     ),
     JobKind(
         "verify",
-        lambda asked: f"Verify calibration {asked.calibration_id}",
+        lambda asked: Message("Verify calibration {number}", asked.calibration_id),
         VerifyRequest,
         run_verification,
         preview_verification,

@@ -19,6 +19,7 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
 from torquebench.panel.service.jobs.results import as_details
@@ -83,9 +84,11 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
         frequency_hz = record.result[side].frequency_hz
         away = (frequency_hz - scale.nominal_zero_hz) / transducer.nominal_sensitivity_hz_per_nm
         details[side] = {"frequency_hz": frequency_hz, "zero_nm": away}
-    words = ", ".join(f"{side} {details[side]['zero_nm']:+.3g} N·m" for side in sides)
+    words = Message.joined(
+        Message("{side} {zero_nm:+.3g} N·m", side, details[side]["zero_nm"]) for side in sides
+    )
     return JobResult(
-        headline=f"Zero measured; difference from the nominal zero: {words}.",
+        headline=Message("Zero measured; difference from the nominal zero: {sides}.", words),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
         details=as_details(details),
@@ -124,8 +127,12 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
         progress=context.job,
     )
     return JobResult(
-        headline=f"{found.verdict.label}: worst {found.worst_percent_fs:+.3g} % FS, tolerance "
-        f"±{request.tolerance_percent_fs:g} % FS.",
+        headline=Message(
+            "{verdict}: worst {value:+.3g} % FS, tolerance ±{tolerance:g} % FS.",
+            found.verdict.label,
+            found.worst_percent_fs,
+            request.tolerance_percent_fs,
+        ),
         verdict=found.verdict.value,
         simulated=found.data.simulated,
         run_ids=(found.run_id,),
@@ -148,7 +155,7 @@ def check_certificate_request(place: Workplace, request: CertificateRequest) -> 
     registry.calibration(request.calibration_id)
     kept_letterhead(registry.root)
     if any(entry.number == request.number for entry in registry.certificates()):
-        raise RecordError(f"certificate {request.number} is issued", "a new number")
+        raise RecordError(Message("certificate {number} is issued", request.number), "a new number")
 
 
 def run_certificate(context: JobContext, request: CertificateRequest) -> JobResult:
@@ -173,7 +180,7 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
     conformity = record.conformity
     judged = "" if conformity is None else f": {conformity.verdict.label}"
     return JobResult(
-        headline=f"Certificate {record.number}{judged}.",
+        headline=Message("Certificate {number}{judged}.", record.number, judged),
         verdict="" if conformity is None else conformity.verdict.value,
         simulated=record.simulated,
         calibration_id=calibration.calibration_id,
@@ -195,7 +202,7 @@ def _zero_title(_request: ZeroRequest) -> str:
 
 
 def _check_title(request: CheckRequest) -> str:
-    return f"Check the {request.side} module"
+    return Message("Check the {side} module", request.side)
 
 
 CHECK_KINDS: tuple[JobKind, ...] = (
@@ -204,7 +211,7 @@ CHECK_KINDS: tuple[JobKind, ...] = (
 )
 CERTIFICATE_KIND = JobKind(
     "certificate",
-    lambda asked: f"Certificate of calibration {asked.calibration_id}",
+    lambda asked: Message("Certificate of calibration {number}", asked.calibration_id),
     CertificateRequest,
     run_certificate,
     check=check_certificate_request,

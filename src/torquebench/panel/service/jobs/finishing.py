@@ -12,6 +12,7 @@ from pydantic import Field
 
 from torquebench.campaign.finishing import discard_run, find_unfinished, finish_run
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.fields import RunId
 from torquebench.panel.service.jobs.calibrations import calibration_job_result
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
@@ -72,7 +73,7 @@ def run_finish(context: JobContext, request: FinishRequest) -> JobResult:
     if finished.calibration is not None:
         return calibration_job_result(finished.calibration)
     return JobResult(
-        headline=f"{finished.sentence}.",
+        headline=Message("{sentence}.", finished.sentence),
         simulated=registry.run(run.run_id).simulated,
         run_ids=(run.run_id,),
     )
@@ -84,7 +85,7 @@ def run_discard(context: JobContext, request: DiscardRequest) -> JobResult:
     run = find_unfinished(registry, request.run_id)
     discard_run(registry, run, by=context.actor.label, reason=request.reason)
     return JobResult(
-        headline=f"run {run.run_id} is discarded.",
+        headline=Message("run {run} is discarded.", run.run_id),
         simulated=registry.run(run.run_id).simulated,
         run_ids=(run.run_id,),
     )
@@ -100,7 +101,7 @@ def _check_unfinished(place: Workplace, request: FinishRequest | DiscardRequest)
 FINISHING_KINDS: tuple[JobKind, ...] = (
     JobKind(
         "finish-run",
-        lambda asked: f"Finish {asked.run_id}",
+        lambda asked: Message("Finish {run_id}", asked.run_id),
         FinishRequest,
         run_finish,
         check=_check_unfinished,
@@ -109,7 +110,7 @@ FINISHING_KINDS: tuple[JobKind, ...] = (
     ),
     JobKind(
         "discard-run",
-        lambda asked: f"Discard {asked.run_id}",
+        lambda asked: Message("Discard {run_id}", asked.run_id),
         DiscardRequest,
         run_discard,
         check=_check_unfinished,

@@ -8,6 +8,7 @@ from typing import Any
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.jobs.values import JobPreview
 from torquebench.procedures import Rehearsal
 
@@ -24,7 +25,9 @@ def confirm_clear(description: BenchDescription, confirmed: bool) -> None:
     """
     if not (confirmed or description.simulated):
         raise InputError(
-            f"{description.name} is a real bench and nobody has confirmed that it is clear",
+            Message(
+                "{name} is a real bench and nobody has confirmed that it is clear", description.name
+            ),
             "bench_clear: true",
             "check that nobody is at the bench, then confirm it",
         )

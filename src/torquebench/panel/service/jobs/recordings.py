@@ -16,6 +16,7 @@ from pydantic import Field
 
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.campaign.measuring import RunAbortedError
+from torquebench.message import Message
 from torquebench.panel.run_in_process import ProcessEndedError
 from torquebench.panel.service.fields import Moment, Number, plain
 from torquebench.panel.service.jobs.results import as_details
@@ -138,7 +139,7 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
         raise RunAbortedError(record)
     seconds = record.result.stop_s - record.result.start_s
     return JobResult(
-        headline=f"Recorded {seconds:.1f} s: {name}",
+        headline=Message("Recorded {seconds:.1f} s: {name}", seconds, name),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
         details=as_details(
@@ -160,7 +161,7 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
         while (left_s := (request.at - datetime.now(UTC)).total_seconds()) > 0.0:
             _still_wanted(context)
             time.sleep(min(LOOK_S, left_s))
-        return context.station.clock.now(), f"at {request.at:%Y-%m-%d %H:%M:%S} UTC"
+        return context.station.clock.now(), Message("at {at:%Y-%m-%d %H:%M:%S} UTC", request.at)
     if request.trigger is None:
         return context.station.clock.now(), "by hand"
     viewer = context.station.acquisition.add_viewer(400)
@@ -172,7 +173,13 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
 
 def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple[float, str]:
     unit = SIGNAL_UNITS[trigger.signal]
-    said = f"{trigger.signal} {trigger.direction} through {trigger.level:g} {unit}"
+    said = Message(
+        "{signal} {direction} through {level:g} {unit}",
+        trigger.signal,
+        trigger.direction,
+        trigger.level,
+        unit,
+    )
     context.job.start("Waiting for the trigger")
     context.job.reach(0, said)
     armed = False
@@ -200,7 +207,7 @@ def _still_wanted(context: JobContext) -> None:
 RECORDING_KINDS: tuple[JobKind, ...] = (
     JobKind(
         "record",
-        lambda asked: f"Recording {plain(asked.name, 80)}",
+        lambda asked: Message("Recording {plain}", plain(asked.name, 80)),
         RecordRequest,
         run_record,
         moves=False,

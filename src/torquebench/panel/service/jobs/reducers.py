@@ -33,6 +33,7 @@ from torquebench.campaign.standard_reducer import (
     standard_reducer,
 )
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
 from torquebench.panel.service.jobs.previews import confirm_clear, limits
 from torquebench.panel.service.jobs.results import as_details
@@ -129,13 +130,18 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
         tolerance_percent=request.tolerance_percent_fs,
         compensation="not compensated"
         if active is None
-        else f"compensated by model-{active.model_id}",
+        else Message("compensated by model-{model_id}", active.model_id),
         progress=context.job,
     )
     check = found.check
     return JobResult(
-        headline=f"Standard reducer: error {check.error_percent:.3g} % FS, repeatability "
-        f"{check.repeatability_percent:.3g} % FS, tolerance {check.tolerance_percent:g} % FS.",
+        headline=Message(
+            "Standard reducer: error {error:.3g} % FS, repeatability {spread:.3g} % "
+            "FS, tolerance {limit:g} % FS.",
+            check.error_percent,
+            check.repeatability_percent,
+            check.tolerance_percent,
+        ),
         verdict="pass" if check.kept else "fail",
         simulated=found.simulated,
         run_ids=(found.run_id,),
@@ -173,12 +179,21 @@ def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     )
     torque_limit, speed_limit = limits(place.station.description)
     warm_up_s = max(part.longest_warm_up_s for part in parts)
-    remarks = [f"{part.title}: {part.points} points in {part.duration_s:.0f} s" for part in parts]
+    remarks = [
+        Message(
+            "{title}: {points} points in {seconds:.0f} s", part.title, part.points, part.duration_s
+        )
+        for part in parts
+    ]
     repeats_s = sum(part.longest_s - part.duration_s for part in parts)
     if repeats_s > 0.0:
-        remarks.append(f"Repeats until means are known may take {repeats_s / 60:.0f} min more.")
+        remarks.append(
+            Message(
+                "Repeats until means are known may take {minutes:.0f} min more.", repeats_s / 60
+            )
+        )
     if warm_up_s > 0.0:
-        remarks.append(f"Warming up may take {warm_up_s / 60:.0f} min more.")
+        remarks.append(Message("Warming up may take {minutes:.0f} min more.", warm_up_s / 60))
     return JobPreview(
         kind="reducer-test",
         title=_title(request),
@@ -214,9 +229,19 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
     judged = [each for each in found if each.verdict]
     kept = sum(not each.verdict.failed for each in judged)
     short = f" ({SHORT_TEST})" if record.short else ""
-    said = f"; {kept} of {len(judged)} limits of the data sheet kept" if judged else ""
+    said = (
+        Message("; {kept} of {count} limits of the data sheet kept", kept, len(judged))
+        if judged
+        else ""
+    )
     return JobResult(
-        headline=f"{record.reducer_name}: {len(found)} quantities found{said}{short}.",
+        headline=Message(
+            "{reducer_name}: {count} quantities found{said}{short}.",
+            record.reducer_name,
+            len(found),
+            said,
+            short,
+        ),
         verdict=record.verdict,
         simulated=record.simulated,
         run_ids=tuple(outcome.run.run_id for outcome in record.outcomes),
@@ -293,7 +318,7 @@ def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
 
 
 def _title(request: ReducerTestRequest) -> str:
-    return f"{TESTS[request.test].title} of {request.reducer}"
+    return Message("{test} of {reducer}", TESTS[request.test].title, request.reducer)
 
 
 STANDARD_TITLE = "Check the bench with a standard reducer"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -18,8 +17,10 @@ from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.chain import MeasuringChain
 from torquebench.compensation import CompensationModel, PublishedNetworkModel
 from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.panel.service.jobs.values import JobResult
-from torquebench.records import CalibrationEntry, ModelEntry, RunFolder, json_text
+from torquebench.records import CalibrationEntry, ModelEntry, RunFolder
+from torquebench.records.files import plain_json
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
 from torquebench.uncertainty import Verdict
@@ -45,13 +46,21 @@ def calibration_result(
     best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
     found = ""
     if best is not None:
-        found = f"; largest residual of {best.title}: {errors_of(best, data).worst_nm:.3g} N·m"
+        found = Message(
+            "; largest residual of {title}: {worst_nm:.3g} N·m",
+            best.title,
+            errors_of(best, data).worst_nm,
+        )
     raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
     if any(item.contradictions for item in fitted):
         found = "; the points contradict each other, the model or the last calibration"
     return JobResult(
-        headline=f"{len(data)} points; the raw reading is wrong by up to "
-        f"{raw.worst_nm:.3g} N·m{found}.",
+        headline=Message(
+            "{count} points; the raw reading is wrong by up to {worst_nm:.3g} N·m{found}.",
+            len(data),
+            raw.worst_nm,
+            found,
+        ),
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
@@ -112,7 +121,7 @@ def _training(model: CompensationModel) -> dict[str, Any]:
 
 def as_details(value: Any) -> dict[str, Any]:
     """Return a value as JSON with plain lists and numbers."""
-    found: dict[str, Any] = json.loads(json_text(value))
+    found: dict[str, Any] = plain_json(value)
     return found
 
 
@@ -127,11 +136,15 @@ def calibration_data(station: Station, calibration_id: int) -> tuple[Calibration
     entry = station.registry.calibration(calibration_id)
     if entry.run_id is None:
         raise RecordError(
-            f"calibration {calibration_id} comes from a table", "a calibration of this bench"
+            Message("calibration {number} comes from a table", calibration_id),
+            "a calibration of this bench",
         )
     data = run_data(RunFolder(station.registry.run(entry.run_id).folder))
     if data.sha256() != entry.data_sha256:
-        raise RecordError(f"the points of calibration {calibration_id} were changed", "as recorded")
+        raise RecordError(
+            Message("the points of calibration {number} were changed", calibration_id),
+            "as recorded",
+        )
     return entry, data
 
 
@@ -179,8 +192,14 @@ def verification_result(
     best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
     worst = result.of(best).against_standard
     return JobResult(
-        headline=f"{len(data)} fresh points: {details[best]['title']} is within "
-        f"{worst.worst_nm:.3g} N·m ({worst.worst_percent_fs:.3g} % FS).",
+        headline=Message(
+            "{count} fresh points: {title} is within {worst_nm:.3g} N·m "
+            "({worst_percent_fs:.3g} % FS).",
+            len(data),
+            details[best]["title"],
+            worst.worst_nm,
+            worst.worst_percent_fs,
+        ),
         verdict=verdicts[best].value,
         simulated=data.simulated,
         run_ids=(run_id,),

@@ -15,6 +15,7 @@ from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.prompts import PromptQueue
 from torquebench.campaign.measuring import RunAbortedError, acting_as, mounted_as
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.run_in_process import ProcessEndedError
 from torquebench.panel.service.access.actors import Actor, Role, require
 from torquebench.panel.service.access.lease import CommandLease
@@ -199,7 +200,7 @@ class JobRunner:
         """
         found = self._kind(kind)
         if found.preview is None:
-            raise InputError(f"a preview of {kind}", "a job that moves the bench")
+            raise InputError(Message("a preview of {kind}", kind), "a job that moves the bench")
         asked = self._request(found, request)
         with self._rehearsing:  # in a separate thread: starting or ending a job doesn't wait for it
             self._refuse_busy()
@@ -286,7 +287,10 @@ class JobRunner:
     def _kind(self, kind: str) -> JobKind:
         found = self.kinds.get(kind)
         if found is None:
-            raise NotFoundError(f"no job {kind[:40]!r}", "one of " + ", ".join(self.kinds))
+            raise NotFoundError(
+                Message("no job {name!r}", kind[:40]),
+                Message("one of {list}", ", ".join(self.kinds)),
+            )
         return found
 
     @staticmethod
@@ -294,7 +298,9 @@ class JobRunner:
         if isinstance(request, kind.request):
             return request
         if isinstance(request, JobRequest):
-            raise InputError(f"a request of {type(request).__name__}", kind.request.__name__)
+            raise InputError(
+                Message("a request of {name}", type(request).__name__), kind.request.__name__
+            )
         return validated(kind.request, request, kind.name)
 
     def command(self, actor: Actor) -> None:
@@ -308,7 +314,9 @@ class JobRunner:
             raise BusyError("the panel is being closed", "an open panel")
         if self._current is not None:
             raise BusyError(
-                f"{self._current.title} is under way", "one job at a time", "wait or abort it"
+                Message("{title} is under way", self._current.title),
+                "one job at a time",
+                "wait or abort it",
             )
 
     # -- working ----------------------------------------------------------------------------
@@ -379,7 +387,7 @@ class JobRunner:
     def _job(self, job_id: str) -> Job:
         job = self._jobs.get(job_id)
         if job is None:
-            raise NotFoundError(f"no job {job_id[:40]!r}", "a job of the list")
+            raise NotFoundError(Message("no job {name!r}", job_id[:40]), "a job of the list")
         return job
 
     def _view(self, job: Job) -> JobView:
@@ -408,7 +416,9 @@ class JobRunner:
         """
         job = self._commanded(actor, job_id)
         if not (job.can_pause and job.change(("running", "pausing"), "pausing")):
-            raise BusyError(f"{job.title} can't be paused now", "a running job with points")
+            raise BusyError(
+                Message("{title} can't be paused now", job.title), "a running job with points"
+            )
         self._station.pause()
         self._note(actor, "paused a job", job_id=job_id)
         return self._view(job)
@@ -417,7 +427,7 @@ class JobRunner:
         """Let a paused job go on; raises like `pause`."""
         job = self._commanded(actor, job_id)
         if not job.change(("pausing",), "running"):
-            raise BusyError(f"{job.title} isn't paused", "a paused job")
+            raise BusyError(Message("{title} isn't paused", job.title), "a paused job")
         self._station.resume()
         self._note(actor, "resumed a job", job_id=job_id)
         return self._view(job)
@@ -426,7 +436,7 @@ class JobRunner:
         """End a job that continues until then, with its result; raises like `pause`."""
         job = self._commanded(actor, job_id)
         if not job.can_finish:
-            raise BusyError(f"{job.title} can't be finished", "a recording")
+            raise BusyError(Message("{title} can't be finished", job.title), "a recording")
         job.finishing.set()
         self._note(actor, "finished a job", job_id=job_id)
         return self._view(job)
@@ -435,7 +445,7 @@ class JobRunner:
         """End a job with zero torque; raises like `pause`."""
         job = self._commanded(actor, job_id)
         reason = plain(reason, 200)
-        self._abort(job, reason or f"aborted by {actor.label}")
+        self._abort(job, reason or Message("aborted by {who}", actor.label))
         self._note(actor, "aborted a job", job_id=job_id, reason=reason)
         return self._view(job)
 
@@ -466,14 +476,16 @@ class JobRunner:
         """
         self.command(actor)
         if not self._prompts.answer(number, done=done, who=actor.label):
-            raise NotFoundError(f"question {number} isn't open", "the open question")
+            raise NotFoundError(
+                Message("question {number} isn't open", number), "the open question"
+            )
         self._note(actor, "answered a prompt", number=number, done=done)
 
     def _commanded(self, actor: Actor, job_id: str) -> Job:
         job = self._job(job_id)
         self.command(actor)
         if job.finished is not None:
-            raise BusyError(f"{job.title} has ended", "a job under way")
+            raise BusyError(Message("{title} has ended", job.title), "a job under way")
         return job
 
     @contextmanager

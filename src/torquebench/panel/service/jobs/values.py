@@ -8,6 +8,7 @@ from datetime import datetime
 from typing import Any, Literal
 
 from torquebench.errors import TorquebenchError
+from torquebench.message import Message
 
 __all__ = [
     "JobPoint",
@@ -50,7 +51,12 @@ class Problem:
         """
         if isinstance(error, TorquebenchError):
             return cls(type(error).__name__, error.found, error.allowed, error.remedy)
-        return cls(type(error).__name__, f"unforeseen: {error}", "", "report it with the log")
+        return cls(
+            type(error).__name__,
+            Message("unforeseen: {error}", error),
+            "",
+            "report it with the log",
+        )
 
 
 @dataclass(frozen=True)

@@ -22,6 +22,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
 from torquebench.units import DEGREE, RPM_PER_RAD_S
 
@@ -71,14 +72,25 @@ def _signals() -> tuple[Signal, ...]:
     found: list[Signal] = []
     for side in SIDES:
         found += [
-            Signal(f"{side}_raw_nm", f"{side} torque, raw", "N·m", side),
-            Signal(f"{side}_torque_nm", f"{side} torque, compensated", "N·m", side),
-            Signal(f"{side}_uncertainty_nm", f"{side} torque, expanded uncertainty", "N·m", side),
-            Signal(f"{side}_reference_nm", f"{side} torque by the standard", "N·m", side),
-            Signal(f"{side}_speed_rpm", f"{side} speed", "rpm", side),
-            Signal(f"{side}_acceleration_rad_s2", f"{side} acceleration", "rad/s²", side),
-            Signal(f"{side}_angle_deg", f"{side} angle", "°", side),
-            Signal(f"{side}_temperature_c", f"{side} transducer temperature", "°C", side),
+            Signal(f"{side}_raw_nm", Message("{side} torque, raw", side), "N·m", side),
+            Signal(f"{side}_torque_nm", Message("{side} torque, compensated", side), "N·m", side),
+            Signal(
+                f"{side}_uncertainty_nm",
+                Message("{side} torque, expanded uncertainty", side),
+                "N·m",
+                side,
+            ),
+            Signal(
+                f"{side}_reference_nm", Message("{side} torque by the standard", side), "N·m", side
+            ),
+            Signal(f"{side}_speed_rpm", Message("{side} speed", side), "rpm", side),
+            Signal(
+                f"{side}_acceleration_rad_s2", Message("{side} acceleration", side), "rad/s²", side
+            ),
+            Signal(f"{side}_angle_deg", Message("{side} angle", side), "°", side),
+            Signal(
+                f"{side}_temperature_c", Message("{side} transducer temperature", side), "°C", side
+            ),
         ]
     found.append(Signal("efficiency_percent", "efficiency", "%"))
     return tuple(found)
@@ -417,7 +429,10 @@ class LiveHub:
             The signal isn't a torque.
         """
         if signal not in TORQUE_SIGNALS:
-            raise InputError(f"signal {signal[:80]!r}", "one of " + ", ".join(TORQUE_SIGNALS))
+            raise InputError(
+                Message("signal {name!r}", signal[:80]),
+                Message("one of {list}", ", ".join(TORQUE_SIGNALS)),
+            )
         with self._lock:
             kept = [block[signal] for block in self._windows if signal in block]
         empty = np.empty(0)
@@ -478,5 +493,7 @@ def _places(signals: Sequence[str] | None) -> dict[str, int]:
         return _INDEX
     unknown = [name for name in signals if name not in _INDEX]
     if unknown:
-        raise InputError(f"signal {unknown[0][:80]!r}", "one of " + ", ".join(_INDEX))
+        raise InputError(
+            Message("signal {name!r}", unknown[0][:80]), Message("one of {list}", ", ".join(_INDEX))
+        )
     return {name: _INDEX[name] for name in signals}

@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torquebench.message import Message
 from torquebench.panel.service.live.hub import SIGNALS
 
 __all__ = ["DEFAULT_LAYOUT", "BandLayout", "LiveLayout", "Scale", "Span"]
@@ -37,7 +38,11 @@ class Scale(BaseModel):
     @model_validator(mode="after")
     def _ordered(self) -> Scale:
         if self.kind == "fixed" and not self.low < self.high:
-            raise ValueError(f"the lower end {self.low:g} is not below the upper end {self.high:g}")
+            raise ValueError(
+                Message(
+                    "the lower end {low:g} is not below the upper end {high:g}", self.low, self.high
+                )
+            )
         return self
 
 
@@ -53,10 +58,14 @@ class BandLayout(BaseModel):
     def _two_scales(self) -> BandLayout:
         unknown = [name for name in self.signals if name not in _SIGNALS]
         if unknown:
-            raise ValueError(f"there is no signal {unknown[0][:80]!r}")
+            raise ValueError(Message("there is no signal {name!r}", unknown[0][:80]))
         if len(self.axes) > MOST_SCALES:
             units = ", ".join(dict.fromkeys(unit for unit, _ in self.axes))
-            raise ValueError(f"one chart has {MOST_SCALES} scales at most, not more for {units}")
+            raise ValueError(
+                Message(
+                    "one chart has {most} scales at most, not more for {units}", MOST_SCALES, units
+                )
+            )
         return self
 
     @property

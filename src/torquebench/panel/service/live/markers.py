@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["LONGEST_NOTE", "Marker", "Markers"]
 
@@ -54,7 +55,8 @@ class Markers:
         note = " ".join(note.split())
         if not note or len(note) > LONGEST_NOTE or not note.isprintable():
             raise InputError(
-                f"a note of {len(note)} characters", f"1 to {LONGEST_NOTE} that can be printed"
+                Message("a note of {count} characters", len(note)),
+                Message("1 to {most} that can be printed", LONGEST_NOTE),
             )
         with self._lock:
             self._count += 1

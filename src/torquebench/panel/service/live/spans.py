@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from scipy.signal import periodogram
 
 from torquebench.errors import InputError
+from torquebench.message import Message
 
 __all__ = ["Histogram", "Spectrum", "histogram", "spectrum"]
 
@@ -62,8 +63,8 @@ def _whole(time_s: Array, value_nm: Array) -> tuple[Array, Array]:
     time_s, value_nm = time_s[there], value_nm[there]
     if time_s.size < LEAST_WINDOWS:
         raise InputError(
-            f"{time_s.size} readings in this span",
-            f"at least {LEAST_WINDOWS}",
+            Message("{count} readings in this span", time_s.size),
+            Message("at least {limit}", LEAST_WINDOWS),
             "choose a longer span of the last two minutes",
         )
     steps = np.diff(time_s)
@@ -72,8 +73,8 @@ def _whole(time_s: Array, value_nm: Array) -> tuple[Array, Array]:
     longest = max(parts, key=len)
     if longest.size < LEAST_WINDOWS:
         raise InputError(
-            f"at most {longest.size} readings without a gap",
-            f"at least {LEAST_WINDOWS}",
+            Message("at most {count} readings without a gap", longest.size),
+            Message("at least {limit}", LEAST_WINDOWS),
             "choose another span",
         )
     return time_s[longest], value_nm[longest]
@@ -120,7 +121,10 @@ def histogram(value_nm: Array, classes: int = 40) -> Histogram:
     """
     kept = value_nm[np.isfinite(value_nm)]
     if kept.size < LEAST_WINDOWS:
-        raise InputError(f"{kept.size} readings in this span", f"at least {LEAST_WINDOWS}")
+        raise InputError(
+            Message("{count} readings in this span", kept.size),
+            Message("at least {limit}", LEAST_WINDOWS),
+        )
     count, edges = np.histogram(kept, classes)
     return Histogram(
         0.5 * (edges[1:] + edges[:-1]), count, float(kept.mean()), float(kept.std(ddof=1))

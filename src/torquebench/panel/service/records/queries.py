@@ -7,6 +7,7 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
@@ -17,6 +18,7 @@ from sqlalchemy import func, select
 from torquebench.campaign.drifting import DriftSeries, drift_of
 from torquebench.compensation import load_model
 from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, envelope
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.records.views import (
@@ -156,7 +158,10 @@ class RecordQueries:
         if check and summary.finished is not None:
             changes = folder_changes(summary.folder, summary.manifest_sha256)
         return RunDetail(
-            RunView.of(summary, doubts_of_runs(self._registry, [run_id]).get(run_id, ())),
+            replace(
+                RunView.of(summary, doubts_of_runs(self._registry, [run_id]).get(run_id, ())),
+                reason=folder.manifest["reason"] if folder.sealed else summary.reason,
+            ),
             metadata,
             folder.results if folder.sealed else None,
             tuple(_tables(folder)),
@@ -166,11 +171,15 @@ class RecordQueries:
 
     def _run(self, run_id: str) -> RunSummary:
         if not RUN_ID.fullmatch(run_id):
-            raise NotFoundError(f"no run {run_id[:80]!r}", "an identifier of the list of runs")
+            raise NotFoundError(
+                Message("no run {run!r}", run_id[:80]), "an identifier of the list of runs"
+            )
         try:
             return self._registry.run(run_id)
         except RecordError:
-            raise NotFoundError(f"no run {run_id}", "an identifier of the list of runs") from None
+            raise NotFoundError(
+                Message("no run {run}", run_id), "an identifier of the list of runs"
+            ) from None
 
     def run_columns(self, run_id: str) -> tuple[str, ...]:
         """Return the columns of a run's raw stream other than time."""
@@ -193,7 +202,9 @@ class RecordQueries:
         raw = RunFolder.open(self._run(run_id).folder).raw().columns
         for name in columns:
             if name not in raw or name == "time_s":
-                raise NotFoundError(f"no column {name[:80]!r} in {run_id}", ", ".join(raw))
+                raise NotFoundError(
+                    Message("no column {name!r} in {run}", name[:80], run_id), ", ".join(raw)
+                )
         if not columns or "time_s" not in raw:
             raise InputError("no column", "one of the run's columns")
         values = np.array([np.asarray(raw[name], dtype=np.float64) for name in columns])
@@ -265,7 +276,8 @@ class RecordQueries:
             entry = self._registry.calibration(calibration_id)
         except RecordError:
             raise NotFoundError(
-                f"no calibration {calibration_id}", "a number of the list of calibrations"
+                Message("no calibration {number}", calibration_id),
+                "a number of the list of calibrations",
             ) from None
         models = tuple(
             model
@@ -308,7 +320,9 @@ class RecordQueries:
         try:
             entry = self._registry.model(model_id)
         except RecordError:
-            raise NotFoundError(f"no model {model_id}", "a number of the list of models") from None
+            raise NotFoundError(
+                Message("no model {number}", model_id), "a number of the list of models"
+            ) from None
         return entry.check_file().read_bytes(), entry.file.name
 
     def error_curve(self, calibration_id: int, model_id: int | None = None) -> ErrorCurve:
@@ -324,13 +338,16 @@ class RecordQueries:
         detail = self.calibration(calibration_id)
         run_id = detail.calibration.run_id
         if run_id is None:
-            raise NotFoundError(f"calibration {calibration_id} has no run", "one of this bench")
+            raise NotFoundError(
+                Message("calibration {number} has no run", calibration_id), "one of this bench"
+            )
         data = run_data(RunFolder.open(self._run(run_id).folder))
         errors: Any = ()
         if model_id is not None:
             if model_id not in {model.model_id for model in detail.models}:
                 raise NotFoundError(
-                    f"calibration {calibration_id} has no model {model_id}", "one of its models"
+                    Message("calibration {number} has no model {model}", calibration_id, model_id),
+                    "one of its models",
                 )
             model = load_model(self._registry.model(model_id).check_file()).model
             torque = model.predict(data.features(model.n_features_in_))
@@ -352,7 +369,9 @@ class RecordQueries:
         """Return span, zero and checks of a transducer over time, with control charts."""
         known = {each.serial for each in self._registry.equipment("transducer")}
         if transducer_serial not in known:
-            raise NotFoundError(f"no transducer {transducer_serial[:80]!r}", ", ".join(known))
+            raise NotFoundError(
+                Message("no transducer {serial!r}", transducer_serial[:80]), ", ".join(known)
+            )
         models = self._registry.models(transducer_serial)
         return drift_of(
             self._registry,
@@ -385,7 +404,7 @@ class RecordQueries:
         """
         if not self.has_report(run_id):
             raise NotFoundError(
-                f"no report of {run_id[:80]!r}",
+                Message("no report of {run!r}", run_id[:80]),
                 "the first run of a reducer test on this panel",
                 "test the specimen again",
             )
@@ -404,13 +423,13 @@ class RecordQueries:
         entries = [entry for entry in self._registry.certificates() if entry.number == number]
         if not entries or name not in entries[0].files:
             raise NotFoundError(
-                f"no file {name[:80]!r} of a certificate {number[:80]!r}",
+                Message("no file {name!r} of a certificate {number!r}", name[:80], number[:80]),
                 "a file of the list of certificates",
             )
         path = archive_folder(self._registry, entries[0].number) / name
         if not path.is_file() or sha256_of_file(path) != entries[0].files[name]:
             raise RecordError(
-                f"{name} of certificate {number} is missing or was changed",
+                Message("{name} of certificate {number} is missing or was changed", name, number),
                 "the file as it was issued",
                 "restore it from a backup",
             )

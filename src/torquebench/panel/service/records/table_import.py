@@ -31,6 +31,7 @@ from torquebench.calibration import (
 )
 from torquebench.campaign.external_calibration import ExternalCalibration, register_table
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
@@ -248,7 +249,8 @@ def read_table(content: bytes, name: str = "") -> str:
     """
     if len(content) > LONGEST_TABLE:
         raise InputError(
-            f"an upload of {len(content)} bytes", f"at most {LONGEST_TABLE} bytes of a table"
+            Message("an upload of {count} bytes", len(content)),
+            Message("at most {limit} bytes of a table", LONGEST_TABLE),
         )
     if is_csv(Path(name)):
         return decode_csv(content, "the upload")
@@ -363,7 +365,10 @@ class TableImport:
             counter_identity=indicator,
         )
         if read.range_nm > LARGEST_NM:
-            raise InputError(f"a range of {read.range_nm:g} N·m", f"at most {LARGEST_NM:g} N·m")
+            raise InputError(
+                Message("a range of {range:g} N·m", read.range_nm),
+                Message("at most {allowed:g} N·m", LARGEST_NM),
+            )
         return read, profile
 
 
@@ -378,10 +383,17 @@ def _check_size(content: str) -> None:
     """Refuse a text that would take long to parse."""
     lines = content.splitlines()
     if len(lines) > MOST_LINES:
-        raise InputError(f"a table of {len(lines)} lines", f"at most {MOST_LINES}", "divide it")
+        raise InputError(
+            Message("a table of {count} lines", len(lines)),
+            Message("at most {limit}", MOST_LINES),
+            "divide it",
+        )
     longest = max(map(len, lines), default=0)
     if longest > LONGEST_LINE:
-        raise InputError(f"a line of {longest} characters", f"at most {LONGEST_LINE}")
+        raise InputError(
+            Message("a line of {count} characters", longest),
+            Message("at most {limit}", LONGEST_LINE),
+        )
 
 
 def _deviations(

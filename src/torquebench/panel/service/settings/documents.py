@@ -12,6 +12,7 @@ from pydantic import BaseModel
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Role
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.settings.differences import Difference
@@ -125,12 +126,15 @@ def read_upload(content: bytes) -> dict[str, Any]:
     """
     if len(content) > LARGEST_UPLOAD:
         raise InputError(
-            f"an upload of {len(content)} bytes", f"at most {LARGEST_UPLOAD} bytes of TOML"
+            Message("an upload of {count} bytes", len(content)),
+            Message("at most {limit} bytes of TOML", LARGEST_UPLOAD),
         )
     try:
         text = content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise InputError(f"an upload that isn't UTF-8 at byte {error.start}", "UTF-8") from None
+        raise InputError(
+            Message("an upload that isn't UTF-8 at byte {place}", error.start), "UTF-8"
+        ) from None
     return parse_toml(text, "the upload")
 
 
@@ -143,7 +147,7 @@ def find_section(name: str) -> Section:
         There is none.
     """
     if name not in SECTIONS:
-        raise NotFoundError(f"no settings {name[:40]!r}", ", ".join(SECTIONS))
+        raise NotFoundError(Message("no settings {name!r}", name[:40]), ", ".join(SECTIONS))
     return SECTIONS[name]
 
 

@@ -17,6 +17,7 @@ from sqlalchemy import Connection, Row, insert, select
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import plain
 from torquebench.panel.service.problems import BusyError, NotFoundError
@@ -221,13 +222,15 @@ class SettingsStore:
         """Return a document before and after the change, and the checked version."""
         found = find_section(section)
         if depth(document) > DEEPEST:
-            raise InputError("tables nested too deeply", f"{DEEPEST} levels at most")
+            raise InputError("tables nested too deeply", Message("{limit} levels at most", DEEPEST))
         if section != BENCH and name in builtin_names(found.name):
             raise InputError(
-                f"{name} is part of the software", "another name", "copy it under a new name"
+                Message("{name} is part of the software", name),
+                "another name",
+                "copy it under a new name",
             )
         if section != BENCH and not NAME.fullmatch(name):
-            raise InputError(f"name {name[:80]!r}", "2 to 64 of a-z 0-9 . -")
+            raise InputError(Message("name {name!r}", name[:80]), "2 to 64 of a-z 0-9 . -")
         version = self._version(section, name)  # first, so that any later change is noticed
         try:
             before = dict(self.get(section, name).document)
@@ -244,7 +247,7 @@ class SettingsStore:
             _refuse_fixed(differences(before, document))
         model = validated(found.model, document, f"{section} {name}")
         if isinstance(model, Profile) and model.name != name:
-            raise InputError(f"name {model.name!r} in the document", repr(name))
+            raise InputError(Message("name {name!r} in the document", model.name), repr(name))
         return before, model.model_dump(mode="json"), version
 
     def _version(self, section: str, name: str) -> int:
@@ -271,8 +274,12 @@ class SettingsStore:
             last = _last(connection, section, name)
             if version != (0 if last is None else last.id):
                 raise BusyError(
-                    f"{name} was changed by {'somebody' if last is None else last.who} since then",
-                    f"version {0 if last is None else last.id}",
+                    Message(
+                        "{name} was changed by {who} since then",
+                        name,
+                        "somebody" if last is None else last.who,
+                    ),
+                    Message("version {number}", 0 if last is None else last.id),
                     "look at it again and repeat the change",
                 )
             row = connection.execute(
@@ -344,7 +351,7 @@ class SettingsStore:
         with self._store.transaction(reading=True) as connection:
             row = connection.execute(select(changes).where(changes.c.id == number)).one_or_none()
         if row is None:
-            raise NotFoundError(f"no change {number}", "a number of the history")
+            raise NotFoundError(Message("no change {number}", number), "a number of the history")
         require(actor, find_section(row.section).role)
         old, new = self._documents(row)
         made, old_leaves = differences(old, new), flat(old)
@@ -357,7 +364,7 @@ class SettingsStore:
         later = [each.key for each in made if leaves.get(each.key) != each.after]
         if later:
             raise BusyError(
-                f"{later[0]} was changed again since",
+                Message("{key} was changed again since", later[0]),
                 "a change that still counts",
                 "change it by hand, or undo the later change first",
             )
@@ -393,7 +400,9 @@ class SettingsStore:
 
 
 def _unknown(section: str, name: str) -> NotFoundError:
-    return NotFoundError(f"no {name[:80]!r} among {section}", "a name of the list")
+    return NotFoundError(
+        Message("no {name!r} among {section}", name[:80], section), "a name of the list"
+    )
 
 
 def _last(connection: Connection, section: str, name: str) -> Row[Any] | None:
@@ -414,7 +423,7 @@ def _refuse_fixed(found: tuple[Difference, ...]) -> None:
     for each in found:
         if _fixed(each.key):
             raise InputError(
-                f"{each.key} can't be changed in the panel",
+                Message("{key} can't be changed in the panel", each.key),
                 "channels, limits, safety, counter, recording, conditions",
                 "change it in the bench's own file",
             )
