@@ -21,7 +21,6 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.samples import (
-    FINE_WINDOW_S,
     AcquiredBlock,
     ChannelSamples,
     FineCount,
@@ -139,7 +138,7 @@ class BlockEvaluator:
         """Compensate blocks of which each follows the one before, with their accelerations."""
         bare = Stretch(tuple(self._accelerated(blocks)))
         fine = {
-            name: windows.count([block.edges[name] for block in blocks])
+            name: (windows.window_s, windows.count([block.edges[name] for block in blocks]))
             for name, windows in blocks[0].fine.items()
         }
         return Stretch(
@@ -156,7 +155,7 @@ class BlockEvaluator:
         stretch: Stretch,
         side: Side,
         active: ActiveChain,
-        fine: Sequence[TorqueSamples] | None,
+        fine: tuple[float, Sequence[TorqueSamples]] | None,
     ) -> Torque:
         probe = self._description.module(side).temperature_probe
         name, blocks = torque_channel(side), stretch.blocks
@@ -177,12 +176,11 @@ class BlockEvaluator:
         if fine is None:
             active.end_fine()
         else:
-            active.push_fine(
-                readings(
-                    [(each.time_s, each.torque_nm, each.standard_uncertainty_nm) for each in fine],
-                    FINE_WINDOW_S,
-                )
-            )
+            window_s, counted = fine
+            parts = [
+                (each.time_s, each.torque_nm, each.standard_uncertainty_nm) for each in counted
+            ]
+            active.push_fine(readings(parts, window_s))
         return active.push(
             readings(
                 [

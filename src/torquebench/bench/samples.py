@@ -83,7 +83,15 @@ class ChannelSamples:
 
 
 class FineCount(Protocol):
-    """Shorter windows of one channel, counted when a stretch of blocks is evaluated."""
+    """Shorter windows of one channel, counted when a stretch of blocks is evaluated.
+
+    Attributes
+    ----------
+    window_s : float
+        Their length, s.
+    """
+
+    window_s: float
 
     def count(self, edges: Sequence[EdgeBlock]) -> list[TorqueSamples]:
         """Return the windows that each of the next blocks completes."""
