@@ -74,18 +74,18 @@ def few_positions(positions: int) -> tuple[Unsampled, ...]:
     share = POSITION_SHARE / sqrt(positions)
     remark = Message(
         "output positions: {positions}, too few to show how values differ over a "
-        "turn; {position_share:.0%} of the value from position to position "
+        "turn; {position_percent:.0f} % of the value from position to position "
         "counts in U",
         positions,
-        POSITION_SHARE,
+        100.0 * POSITION_SHARE,
     )
     return (Unsampled("positions not sampled", remark, lambda value: share * abs(value)),)
 
 
 _COLD = Message(
     "the reducer wasn't warmed up: U contains a possible decrease of its "
-    "friction by {warming_share:.0%}",
-    WARMING_SHARE,
+    "friction by {warming_percent:.0f} %",
+    100.0 * WARMING_SHARE,
 )
 
 

@@ -74,10 +74,10 @@ def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[S
     return [
         Message(
             "the {side} torque is not compensated: its uncertainty is the "
-            "{uncompensated_share:.1%} of {range_nm:g} N·m, as published for such "
+            "{uncompensated_percent:.1f} % of {range_nm:g} N·m, as published for such "
             "chains",
             side,
-            UNCOMPENSATED_SHARE,
+            100.0 * UNCOMPENSATED_SHARE,
             bench.description.module(side).range_nm,
         )
         for side in sides
