@@ -128,7 +128,8 @@ def _content(answer: httpx.Response) -> Any:
     raise RefusedError(
         answer.status_code,
         problem.get("type", ""),
-        problem.get("detail", "") or f"{answer.request.url}: {answer.status_code}",
+        problem.get("detail", "")
+        or Message("{url}: {status}", answer.request.url, answer.status_code),
         problem.get("allowed", ""),
         problem.get("remedy", ""),
     )
