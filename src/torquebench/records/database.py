@@ -520,9 +520,15 @@ def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
 
 
 def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
-    code = _code(getattr(error, "orig", None))
+    original = getattr(error, "orig", None) or error
+    code = _code(original)
     known = next((said for start, said in _REMEDIES.items() if code.startswith(start)), "")
-    return known or "make room on its disk, or check whether it runs; what it has is unchanged"
+    if known:
+        return known
+    # A server may close the connection of a role that it refuses before its reason is read.
+    if isinstance(original, ConnectionError) or isinstance(original.__cause__, OSError):
+        return "check whether the server runs, and user and password in the URL; what it has is kept"
+    return "make room on its disk, or check whether it runs; what it has is unchanged"
 
 
 def _cause(error: SQLAlchemyError | ConnectionError) -> str:

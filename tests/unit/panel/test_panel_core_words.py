@@ -2,6 +2,8 @@
 
 import ast
 import re
+import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -188,6 +190,17 @@ def test_no_error_alarm_or_result_is_made_of_a_finished_sentence() -> None:
                 if call in inside and isinstance(part, ast.Name) and part.id == name
             ]
     assert wrong == []
+
+
+def test_no_template_is_translated_twice() -> None:
+    files = sorted((ROOT / "panel" / "text" / "core_zh").glob("*.toml"))
+    sections = [
+        section
+        for file in files
+        for section in tomllib.loads(file.read_text(encoding="utf-8")).values()
+    ]
+    found = Counter(english for section in sections for english in section)
+    assert [english for english, count in found.items() if count > 1] == []
 
 
 def test_every_message_has_a_value_for_each_placeholder() -> None:

@@ -349,7 +349,7 @@ def test_a_plant_made_again_in_its_database_registers_benches(plant: Plant, tmp_
         with pytest.raises(RecordError, match=r"already exists.*choose another name"):
             again.add_reader(f"anna_{again.url.database}")
     wrong = url.set(username="nobody_known")
-    with pytest.raises(RecordError, match="check user and password in the URL"):
+    with pytest.raises(RecordError, match="user and password in the URL"):
         Plant.open(wrong)
     refused = pytest.raises(RecordError, match="role that may do this")
     with BenchLink(url) as link, refused, link.transaction() as connection:
