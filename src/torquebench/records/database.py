@@ -527,7 +527,9 @@ def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
         return known
     # A server may close the connection of a role that it refuses before its reason is read.
     if isinstance(original, ConnectionError) or isinstance(original.__cause__, OSError):
-        return "check whether the server runs, and user and password in the URL; what it has is kept"
+        return (
+            "check whether the server runs, and user and password in the URL; what it has is kept"
+        )
     return "make room on its disk, or check whether it runs; what it has is unchanged"
 
 

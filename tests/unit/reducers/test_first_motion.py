@@ -59,6 +59,31 @@ def test_creep_that_begins_the_other_way_does_not_hide_the_motion(
     assert abs(found.time_s - 9.0) < 0.6
 
 
+@settings(max_examples=40, deadline=None)
+@given(
+    creep=st.floats(2e-4, 1e-3),
+    moves=st.floats(5.0, 12.0),
+    back=st.floats(0.0, 0.5),
+    rest=st.floats(0.3, 0.6),
+)
+def test_a_shaft_that_stops_or_swings_back_after_its_motion_moved(
+    creep: float, moves: float, back: float, rest: float
+) -> None:
+    """The drive is stopped once the shaft turns; what it does then isn't its rest."""
+    time = np.arange(0.0, moves + 0.9, 0.01)
+    angle = creep * time**2 + 0.1 * np.maximum(time - moves, 0.0) ** 3
+    expected = first_motion(time, angle, threshold_rad=8.7e-3)
+    assert abs(expected.time_s - moves) < 0.5
+    swing = np.linspace(0.0, np.pi / 2.0, int(100 * rest))[1:]
+    after = angle[-1] - 0.07 * back * np.sin(swing) ** 2
+    found = first_motion(
+        np.concatenate((time, time[-1] + 0.01 * np.arange(1, swing.size + 1))),
+        np.concatenate((angle, after)),
+        threshold_rad=8.7e-3,
+    )
+    assert found == expected
+
+
 def test_torque_that_stands_still_once_it_turns_is_read_there() -> None:
     """The inertia takes up what the drive adds: a late date costs little then."""
     time = np.arange(0.0, 9.0, 0.01)

@@ -83,6 +83,10 @@ def first_motion(
     time, angle = finite_columns(8, time_s=time_s, angle_rad=angle_rad)
     if np.any(np.diff(time) < 0.0):
         raise InputError("times that go back", "times that rise within a run", "sort the run")
+    if threshold_rad > 0.0:
+        farthest = int(np.argmax(np.abs(angle - angle[0])))
+        if farthest > time.size // 2:  # it may swing back after its motion
+            time, angle = time[: farthest + 1], angle[: farthest + 1]
     crossing, line, noise, level = _crossing(time, angle, threshold_rad)
     if threshold_rad > 0.0 and time.size >= 4 * CREEP_WINDOWS:
         creeping = _creeping(time, angle, threshold_rad, moves=crossing < time.size)
@@ -170,8 +174,11 @@ def _creeping(
         if after * before <= 0.0 or abs(after) > ACCELERATION_OF_CREEP * abs(before):
             return None
     fastest = 1.5 * abs(growth) * since + threshold / (time[-1] - time[0])
-    slow = np.flatnonzero(np.abs(speed) <= fastest)
-    if not slow.size or slow[-1] < CREEP_WINDOWS // 3 or slow[-1] + 1 == CREEP_WINDOWS:
+    # At its turning point the shaft is slow, too: creep is what precedes the fastest motion.
+    begun = CREEP_WINDOWS // 3
+    peak = begun + int(np.argmax(np.abs(speed[begun:])))
+    slow = np.flatnonzero(np.abs(speed[:peak]) <= fastest[:peak])
+    if not slow.size or slow[-1] < begun or abs(speed[peak]) <= fastest[peak]:
         return None
     rows = slice(angle.size // 10, int(edges[slow[-1]]))
     creep = np.polynomial.Polynomial.fit(time[rows], angle[rows], 2)
