@@ -38,8 +38,13 @@ settings.register_profile(
 settings.load_profile("torquebench")
 
 
-_LONG = ("test_installation.py", "test_demo_acceptance.py", "test_http_api_schema.py")
-"""Minutes of one processor each: begun last, they would leave the other idle at the end."""
+_LONG = (
+    "test_http_api_schema.py",
+    "test_demo_acceptance.py",
+    "test_papers_command.py",
+    "test_panel_calibration.py",
+)
+"""A minute of one processor each: begun last, they would leave the other idle at the end."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

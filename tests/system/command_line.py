@@ -6,9 +6,7 @@ import errno
 import fcntl
 import functools
 import os
-import pty
 import select
-import signal
 import struct
 import subprocess
 import sys
@@ -17,7 +15,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from tests.system.prepared_commands import PreparedCommands
+from tests.system.prepared_commands import PreparedCommands, RunningCommand
 
 COMMAND = str(Path(sys.executable).parent / "torquebench")
 TIMEOUT_S = 240.0
@@ -30,7 +28,8 @@ def environment(**changes: str) -> dict[str, str]:
 
 @functools.cache
 def prepared() -> PreparedCommands:
-    commands = PreparedCommands(environment())
+    ours = {k: v for k, v in environment().items() if not k.startswith("TORQUEBENCH_")}
+    commands = PreparedCommands(ours | {"TORQUEBENCH_PRIORITY": "usual"})  # whoever asks first
     atexit.register(commands.close)
     return commands
 
@@ -64,22 +63,31 @@ def laboratory(data: Path, *, people: str = "", policy: str = "state") -> None:
 
 
 @contextlib.contextmanager
-def started(*arguments: object, cwd: Path) -> Iterator[subprocess.Popen[str]]:
-    """Start the command without a terminal; it is gone when the block ends."""
-    process = subprocess.Popen(
-        [COMMAND, *map(str, arguments)],
-        cwd=cwd,
-        env=environment(),
-        stdin=subprocess.DEVNULL,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
+def started(
+    *arguments: object, cwd: Path, fresh: bool = False
+) -> Iterator[RunningCommand | subprocess.Popen[str]]:
+    """Start the command without a terminal; it is gone when the block ends.
+
+    It is prepared as `run` is, unless it is to be started afresh, as a user does.
+    """
+    command = [COMMAND, *map(str, arguments)]
+    process = (
+        subprocess.Popen(
+            command,
+            cwd=cwd,
+            env=environment(),
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        if fresh
+        else prepared().start(command, cwd, environment())
     )
     try:
         yield process
     finally:
-        if process.poll() is None:
-            process.kill()
+        process.kill()
         process.communicate()
 
 
@@ -97,11 +105,11 @@ def at_terminal(*arguments: object, cwd: Path, dialogue: list[tuple[str, str]]) 
 
     Each pair of `dialogue` waits for a text and then types an answer ("\\x03" is Ctrl-C).
     """
-    process, terminal = pty.fork()
-    if process == 0:  # pragma: no cover - the child becomes the command
-        os.chdir(cwd)
-        os.execvpe(COMMAND, [COMMAND, *map(str, arguments)], environment(TERM="xterm"))
+    terminal, its_end = os.openpty()
     fcntl.ioctl(terminal, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 80, 0, 0))
+    command = [COMMAND, *map(str, arguments)]
+    process = prepared().start_at_terminal(command, cwd, environment(TERM="xterm"), its_end)
+    os.close(its_end)
     shown, answered, waiting = b"", 0, list(dialogue)
     deadline = time.monotonic() + TIMEOUT_S
     try:
@@ -121,11 +129,11 @@ def at_terminal(*arguments: object, cwd: Path, dialogue: list[tuple[str, str]]) 
                 os.write(terminal, waiting.pop(0)[1].encode())
                 answered = len(shown)
         else:
-            os.kill(process, signal.SIGKILL)
+            process.kill()
     finally:
-        _, status = os.waitpid(process, 0)
+        code = process.wait()
         os.close(terminal)
-    return os.waitstatus_to_exitcode(status), shown.decode()
+    return code, shown.decode()
 
 
 def widest_line(text: str) -> int:

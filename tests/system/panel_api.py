@@ -9,6 +9,7 @@ from pathlib import Path
 import httpx
 import pytest
 from tests.system.command_line import TIMEOUT_S, started
+from tests.system.prepared_commands import RunningCommand
 
 PASSWORD = "correct horse battery"
 SLOW = pytest.mark.timeout(1200)
@@ -19,7 +20,7 @@ SLOW = pytest.mark.timeout(1200)
 class Server:
     """A running panel."""
 
-    process: subprocess.Popen[str]
+    process: RunningCommand | subprocess.Popen[str]
     url: str
     code: str
 
@@ -31,9 +32,10 @@ class Server:
 
 
 @contextlib.contextmanager
-def serving(folder: Path, *options: str) -> Iterator[Server]:
+def serving(folder: Path, *options: str, fresh: bool = False) -> Iterator[Server]:
     """Start a panel in a folder; it is gone when the block ends."""
-    with started("panel", "--port", "0", "--data", "data", *options, cwd=folder) as process:
+    command = ("panel", "--port", "0", "--data", "data", *options)
+    with started(*command, cwd=folder, fresh=fresh) as process:
         assert process.stdout is not None
         url = code = ""
         while not code:

@@ -3,7 +3,6 @@
 import contextlib
 import re
 import signal
-import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -19,8 +18,9 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select, WebDriverWait
-from tests.system.command_line import COMMAND, environment, wait_until
+from tests.system.command_line import COMMAND, environment, prepared, wait_until
 from tests.system.panel_api import SLOW
+from tests.system.prepared_commands import RunningCommand
 
 CHROMIUM, CHROMEDRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
 FLAGS = (
@@ -85,7 +85,7 @@ class Panel:
         self.folder, self.options = folder, options
         self.port = 0
         self._log = folder / "panel.log"
-        self.process: subprocess.Popen[bytes] | None = None
+        self.process: RunningCommand | None = None
 
     @property
     def url(self) -> str:
@@ -98,15 +98,9 @@ class Panel:
 
     def start(self) -> None:
         """Start the server, on the port that it had before."""
-        with self._log.open("w") as file:  # a pipe that nobody reads would hold it up one day
-            self.process = subprocess.Popen(
-                [COMMAND, "panel", "--data", "data", "--port", str(self.port), *self.options],
-                cwd=self.folder,
-                env=environment(),
-                stdin=subprocess.DEVNULL,
-                stdout=file,
-                stderr=subprocess.STDOUT,
-            )
+        with self._log.open("wb") as file:  # a pipe that nobody reads would hold it up one day
+            command = [COMMAND, "panel", "--data", "data", "--port", str(self.port), *self.options]
+            self.process = prepared().start(command, self.folder, environment(), file)
 
         def served() -> bool:
             found = re.search(r"http://\S+:(\d+)", self.said)
@@ -119,8 +113,7 @@ class Panel:
     def end(self, how: signal.Signals = signal.SIGTERM) -> None:
         """End the server."""
         if self.process is not None:
-            if self.process.poll() is None:
-                self.process.send_signal(how)
+            self.process.send_signal(how)
             self.process.wait(timeout=PATIENCE_S)
             self.process = None
 

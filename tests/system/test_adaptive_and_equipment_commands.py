@@ -26,6 +26,9 @@ def test_an_adaptive_calibration_says_how_many_points_and_why(tmp_path: Path) ->
     placement = json.loads((folder / "results.json").read_text())["placement"]
     assert [each["points"] for each in placement["rounds"]] == [24, 40]
 
+    adjusted = ("records", "adjust", "transducer", "SIM-T2000", "moved", "--by", "Kim")
+    earlier = run(*adjusted, "--performed", "2025-03-01", "--data", "data", cwd=tmp_path)
+    assert "calibrate again" not in earlier.stderr
     shown = run("records", "show", "calibration-1", "--data", "data", cwd=tmp_path)
     assert "24 even ones" in shown.stdout
     laboratory(tmp_path / "data")
@@ -56,6 +59,17 @@ def test_equipment_is_entered_and_shown(tmp_path: Path) -> None:
     assert code == 0
     assert re.search(r"adjusted \d{4}-\d\d-\d\d span set by Kim; span 1.0 to 0.995", shown)
     assert "output.transducer T-1 since" in records("equipment", "Bench 4")[1]
+    assert (
+        records("adjust", "transducer", "T-1", *done, "--performed", "2025-03-01T00:30+02:00")[0]
+        == 0
+    )
+    assert "adjusted 2025-02-28 span set by Kim" in records("equipment", "T-1")[1]
+    code, said = records("adjust", "transducer", "T-1", *done, "--performed", "2200-01-01")
+    assert code == 2
+    assert "a measurement performed on 2200-01-01" in said
+    code, said = records("adjust", "transducer", "T-1", *done, "--performed", "1.3.2025")
+    assert code == 2
+    assert "2026-01-31T14:05+01:00" in said
     code, said = records("adjust", "transducer", "T-2", *done)
     assert code == 2
     assert "add-equipment transducer T-2" in said

@@ -114,7 +114,11 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     ana.press(CHINESE("elsewhere.look"))
     ana.sees("'many'")
     all_chinese(ana, "elsewhere.title")
-    chosen.send_keys(str(TABLE))
+    stated = tmp_path / "stated.csv"
+    stated.write_text(f"# reference_uncertainty = 0.02\n{TABLE.read_text('utf-8')}", "utf-8")
+    chosen.send_keys(str(stated))
+    options = "return [...document.querySelectorAll('select')].map(each => each.value)"
+    ana.wait(lambda: "table" in ana.driver.execute_script(options), "the table's own uncertainty")
     ana.press(CHINESE("elsewhere.look"))
     all_chinese(ana, "elsewhere.circumstances", "elsewhere.simulated")
     for key, value in (

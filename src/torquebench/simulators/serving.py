@@ -9,7 +9,7 @@ from types import TracebackType
 from typing import Any, Protocol, Self
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.instruments import InstrumentsOptions
+from torquebench.bench.drivers.instruments import ROLES, InstrumentsOptions
 from torquebench.bench.drivers.links import split_address
 from torquebench.bench.drivers.plugins import require_library
 from torquebench.errors import InputError
@@ -20,19 +20,6 @@ from torquebench.simulators.plant import Plant
 from torquebench.validation import validated
 
 __all__ = ["Served", "Simulators"]
-
-ROLES = (
-    "counter",
-    "angles",
-    "input_drive",
-    "output_drive",
-    "reference",
-    "temperature",
-    "modes",
-    "clamp",
-    "guide_rail",
-    "power_supply",
-)
 
 
 class Served(Protocol):
