@@ -19,6 +19,7 @@ __all__ = [
     "RPM_PER_RAD_S",
     "TURN",
     "UNITS",
+    "minus_signs",
     "plain_unit",
 ]
 
@@ -51,6 +52,17 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 
 _SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "℃": "degc", "µs": "us"}
 _SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")
+
+
+def minus_signs(text: str) -> str:
+    """Return text with the minus sign before its numbers; exponents keep the hyphen.
+
+    Examples
+    --------
+    >>> minus_signs("-3.2e-07")
+    '−3.2e-07'
+    """
+    return re.sub(r"(?<![eE])-", "−", text)
 
 
 def plain_unit(unit: str) -> str:

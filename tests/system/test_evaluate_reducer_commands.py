@@ -223,7 +223,7 @@ def test_german_tables_with_decimal_commas_semicolons_and_units_are_read(tmp_pat
     assert quantities(tmp_path / "understood") == quantities(tmp_path / "out")
     named = data.with_name("named.csv")
     named.write_text(data.read_text(encoding="utf-8").replace("Drehzahl", "Motor"), "utf-8")
-    refused(evaluate("friction", named), "no column speed_rpm", "--column 'speed=motor")
+    refused(evaluate("friction", named), "no column speed_rpm", "--column 'speed=Motor")
     latin = tmp_path / "latin.csv"
     latin.write_text("\n".join([header, *rows]), encoding="latin-1")
     found = evaluate("friction", latin, *columns, "--output", tmp_path / "latin")

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import polars as pl
 import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 from sklearn.model_selection import cross_val_score
 
@@ -71,6 +72,30 @@ def test_readings_come_back_as_they_came(
     assert float(single.value_nm[0]) == pytest.approx(up)
     with pytest.raises(tb.InputError, match="torque_nm already"):
         compensation.apply(torque)
+
+
+def test_a_file_of_readings_gives_an_arrow_table(
+    compensation: tb.Compensation, tmp_path: Path
+) -> None:
+    csv = tmp_path / "readings.csv"
+    csv.write_text("# simulated = true\nAnzeige [Nm];Ast;Prüfer\n50,0;auf;Ana\n50,0;ab;Ana\n")
+    by_csv = compensation.apply(csv)
+    assert by_csv.column_names[:4] == ["Anzeige [Nm]", "Ast", "Prüfer", "torque_nm"]
+    assert by_csv.schema.metadata == {b"simulated": b"true"}
+    pq.write_table(by_csv.select(["Anzeige [Nm]", "Ast", "Prüfer"]), tmp_path / "readings.parquet")
+    assert compensation.apply(tmp_path / "readings.parquet").equals(by_csv)
+    with pytest.raises(tb.InputError, match="No such file"):
+        compensation.apply(tmp_path / "none.csv")
+
+
+@pytest.mark.parametrize("given", ["x", pl.DataFrame({"reading_nm": [1.0], "branch": ["up"]})])
+def test_a_table_in_the_place_of_readings_is_named(
+    compensation: tb.Compensation, given: Any
+) -> None:
+    with pytest.raises(tb.InputError, match="give a table to `apply`"):
+        compensation.torque(given)
+    with pytest.raises(tb.InputError, match="branch 'sideways'"):
+        compensation.torque(1.0, branch="sideways")
 
 
 def test_an_index_of_pandas_stays_with_its_rows(compensation: tb.Compensation) -> None:

@@ -20,6 +20,7 @@ from .classes import (
     limits_of_class as limits_of_class,
 )
 from .data import (
+    OPTIONAL_COLUMNS as OPTIONAL_COLUMNS,
     RANGE_MARGIN as RANGE_MARGIN,
     CalibrationData as CalibrationData,
     infer_branch as infer_branch,

@@ -158,7 +158,7 @@ class Placement:
         """
         first, last = self.rounds[0], self.rounds[-1]
         rounds, before = len(self.rounds) - 1, first.points - self.coarse
-        earlier = Message("{before} placed before an interruption and ", before) if before else ""
+        turns = "1 round" if rounds == 1 else Message("{rounds} rounds", rounds)
         target = (
             ""
             if self.target_percent is None
@@ -169,22 +169,32 @@ class Placement:
         else:
             missed = Message(", target {target} not reached", target) if target else ""
             why = Message("budget of {budget} points used{missed}", self.budget, missed)
+        placed, at_first = last.points - first.points, first.expanded_percent
+        if before:
+            return Message(
+                "{points} points: {coarse} even ones, {before} placed before an interruption and "
+                "{placed} placed in {turns} after it; largest U (k = 2) of the model "
+                "{at_first:.2g} % FS after the first {first} points, {at_last:.2g} % FS at the "
+                "end; {why}",
+                last.points,
+                self.coarse,
+                before,
+                placed,
+                turns,
+                at_first,
+                first.points,
+                last.expanded_percent,
+                why,
+            )
         return Message(
-            "{points} points: {coarse} even ones{before} {earlier}{last_points} "
-            "placed in {rounds} round{value}{before_2}; largest U (k = 2) of the "
-            "model {expanded_percent:.2g} % FS after the {before_3} {first_points}, "
-            "{last_expanded_percent:.2g} % FS at the end; {why}",
+            "{points} points: {coarse} even ones and {placed} placed in {turns}; largest U "
+            "(k = 2) of the model {at_first:.2g} % FS after the even ones, {at_last:.2g} % FS "
+            "at the end; {why}",
             last.points,
             self.coarse,
-            "," if before else " and",
-            earlier,
-            last.points - first.points,
-            rounds,
-            "" if rounds == 1 else "s",
-            " after it" if before else "",
-            first.expanded_percent,
-            "first" if before else "even",
-            Message("{count} points", first.points) if before else "ones",
+            placed,
+            turns,
+            at_first,
             last.expanded_percent,
             why,
         )

@@ -4,7 +4,8 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Self
+from functools import reduce
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,7 +16,10 @@ from torquebench.errors import InputError
 from torquebench.html_table import html_table
 from torquebench.message import Message
 
-__all__ = ["RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
+if TYPE_CHECKING:
+    from torquebench.chain import Reference
+
+__all__ = ["OPTIONAL_COLUMNS", "RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
 
 RANGE_MARGIN = 0.02
 """Share of the range by which readings and standard values may exceed it."""
@@ -24,7 +28,7 @@ UNLOADED_SHARE = 0.001
 """Standard values below this share of the range are treated as unloaded, without a direction."""
 
 _REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
-_OPTIONAL = (
+OPTIONAL_COLUMNS = (
     "nominal_nm",
     "position_deg",
     "speed_rpm",
@@ -38,6 +42,7 @@ _OPTIONAL = (
     "zero_nm",
     "standard_temperature_c",
 )
+"""Columns of a calibration beside readings, standard, series and branch."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -83,6 +88,9 @@ class CalibrationData:
         The true torque in N·m; simulated bench only.
     simulated : bool
         Whether the points come from a simulated bench; always true with a true torque.
+    reference : Reference, optional
+        The standard with its uncertainty, as a table states it. A run of a bench has it in its
+        metadata instead.
 
     Raises
     ------
@@ -120,6 +128,7 @@ class CalibrationData:
     zero_temperature_c: NDArray[np.float64] | None = None
     zero_nm: NDArray[np.float64] | None = None
     standard_temperature_c: NDArray[np.float64] | None = None
+    reference: "Reference | None" = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -132,7 +141,7 @@ class CalibrationData:
         n = int(np.size(self.reading_nm))
         if n == 0:
             raise InputError("a calibration without points", "at least one point")
-        for name in (*_REQUIRED, *_OPTIONAL):
+        for name in (*_REQUIRED, *OPTIONAL_COLUMNS):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _column(name, value, n))
@@ -170,7 +179,7 @@ class CalibrationData:
 
         present = {
             name: value
-            for name in (*_REQUIRED, *_OPTIONAL)
+            for name in (*_REQUIRED, *OPTIONAL_COLUMNS)
             if (value := getattr(self, name)) is not None
         }
         return pyarrow.table(present).__arrow_c_stream__(requested_schema)
@@ -302,7 +311,7 @@ class CalibrationData:
         where = np.asarray(index)
         changes = {
             name: value[where]
-            for name in (*_REQUIRED, *_OPTIONAL)
+            for name in (*_REQUIRED, *OPTIONAL_COLUMNS)
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **changes)
@@ -320,7 +329,7 @@ class CalibrationData:
             "counter_identity": self.counter_identity,
         }
         digest = hashlib.sha256(json.dumps(meta, sort_keys=True).encode())
-        for name in (*_REQUIRED, *_OPTIONAL):
+        for name in (*_REQUIRED, *OPTIONAL_COLUMNS):
             value = getattr(self, name)
             if value is not None:
                 digest.update(name.encode())
@@ -344,7 +353,7 @@ class CalibrationData:
             sign = next(iter(present))
             notes.append(
                 Message(
-                    "only {names} points: nothing is known of {names_2} torque",
+                    "only {known} points: nothing is known of {unknown} torque",
                     names[sign],
                     names[-sign],
                 )
@@ -420,7 +429,9 @@ class CalibrationData:
             return (np.bincount(label, weights=values) / count)[order]
 
         changes: dict[str, Any] = {
-            name: mean(value) for name in _OPTIONAL if (value := getattr(self, name)) is not None
+            name: mean(value)
+            for name in OPTIONAL_COLUMNS
+            if (value := getattr(self, name)) is not None
         }
         changes["standard_error_nm"] = self._error_of_means(label, count)[order]
         if not np.all(count >= 2):
@@ -479,6 +490,8 @@ class CalibrationData:
     def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return several tables of one chain as one, series renumbered so that none coincide.
 
+        Of different standards the larger uncertainty counts.
+
         Parameters
         ----------
         parts : sequence of CalibrationData
@@ -496,16 +509,19 @@ class CalibrationData:
             values = {getattr(part, name) for part in parts}
             if len(values) > 1:
                 raise InputError(
-                    Message("tables of different {name}: {map}", name, sorted(map(str, values))),
+                    Message("tables of different {name}: {values}", name, sorted(map(str, values))),
                     "tables of one measuring chain",
                 )
         changes: dict[str, Any] = {}
-        for name in ("reading_nm", "standard_nm", "branch", *_OPTIONAL):
+        for name in ("reading_nm", "standard_nm", "branch", *OPTIONAL_COLUMNS):
             columns = [getattr(part, name) for part in parts]
             known = all(column is not None for column in columns)
             changes[name] = np.concatenate(columns) if known else None
         changes["series"] = np.concatenate(list(_renumbered(part.series for part in parts)))
         changes["simulated"] = any(part.simulated for part in parts)
+        stated = [part.reference for part in parts if part.reference is not None]
+        larger = reduce(lambda one, other: one.larger(other), stated) if stated else None
+        changes["reference"] = larger
         return replace(head, **changes)
 
 

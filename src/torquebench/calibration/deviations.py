@@ -8,10 +8,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import CalibrationData
+from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
 from torquebench.calibration.profile import Consequence, Profile
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.units import minus_signs
 
 __all__ = [
     "CalibrationRecord",
@@ -214,8 +215,9 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
 def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """Return the data with the profile's nearest step as nominal torque of each point.
 
-    Data that have nominal torques already are returned as they are. In an adaptive calibration,
-    points further than 1 % of the range from every step were placed, and are their own nominal.
+    Data that have nominal torques already are returned as they are. Only torques within 0.1 %
+    of the range can be zeros. In an adaptive calibration, points further than 1 % of the range from
+    every step were placed, and are their own nominal.
 
     Raises
     ------
@@ -232,10 +234,15 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     if data.nominal_nm is not None:
         return data
     if profile.loading.pattern == "random":
-        raise InputError(Message("profile {name} has no steps", profile.name), "a profile of steps")
+        raise InputError(
+            Message("profile {name} has no steps", profile.name),
+            "a profile of steps",
+            "choose the profile that was followed, or the nearest: deviations are named",
+        )
     rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
     nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
-    nominal = rising[nearest] * np.where(data.standard_nm < 0, -1.0, 1.0)
+    nearest[(nearest == 0) & (np.abs(data.standard_nm) > UNLOADED_SHARE * data.range_nm)] = 1
+    nominal = np.where(data.standard_nm < 0, 0.0 - rising[nearest], rising[nearest])
     if profile.adaptive is not None:
         placed = np.abs(data.standard_nm - nominal) > 0.01 * data.range_nm
         nominal[placed] = data.standard_nm[placed]
@@ -301,7 +308,7 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 "missing_series",
                 expected.clause,
                 Message("no series {words}", words),
-                Message("a series of {shape} torque", shape),
+                Message("a series of {count} torque", shape),
                 "missing_series_up_down" if expected.decreasing else "missing_series_up",
                 direction=_KEYS[expected.sign],
                 position=expected.position_deg,
@@ -376,7 +383,7 @@ def _missing_steps(
     if lacking:
         key = "steps_percent" if loading.steps_percent else "step_percent"
         more = Message(" and {count} more", len(lacking) - 4) if len(lacking) > 4 else ""
-        shown = ", ".join(lacking[:4] + ["…"] * (len(lacking) > 4)).replace("-", "−")
+        shown = minus_signs(", ".join(lacking[:4] + ["…"] * (len(lacking) > 4)))
         yield _deviation(
             profile,
             "missing_step",

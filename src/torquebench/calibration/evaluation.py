@@ -155,7 +155,7 @@ class StaticEvaluation:
                     degree,
                     self.torque_nm.size,
                 ),
-                Message("the degrees {map}", ", ".join(map(str, self.interpolations))),
+                Message("the degrees {degrees}", ", ".join(map(str, self.interpolations))),
             )
         return self.interpolations[degree]
 

@@ -356,7 +356,7 @@ class Profile(_Settings):
         for name in given:
             if name not in allowed:
                 raise InputError(
-                    Message("option {name} for the profile {name_2}", name, self.name),
+                    Message("option {option} for the profile {profile}", name, self.name),
                     Message("the options {allowed}", ", ".join(sorted(allowed))),
                 )
         document = self.model_dump(mode="python")

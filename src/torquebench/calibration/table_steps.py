@@ -88,9 +88,14 @@ def own_steps(data: CalibrationData) -> EvaluablePoints:
         for step, reason in _lacking(data, here):
             kept &= ~(here & (np.abs(data.nominal_nm) == step))
             remarks.append(Message("{name}, {reason}: the step is left out", name, reason))
-        if reason := _not_in_steps(data, here & kept):
+        if (repeated := _repeated(data, here & kept)).size:
+            kept &= ~(here & np.isin(np.abs(data.nominal_nm), repeated))
+            remarks.append(_left_out(name, repeated))
+        if np.any(here) and np.unique(data.nominal_nm[here & kept]).size < 2:
             kept &= ~here
-            remarks.append(Message("{name}, {reason}: not evaluated", name, reason))
+            remarks.append(
+                Message("{name}, fewer than two steps that every series has: not evaluated", name)
+            )
     left = np.any(kept & loaded)
     return EvaluablePoints(data.subset(kept) if left else None, False, tuple(remarks))
 
@@ -105,7 +110,7 @@ def _clusters(standard_nm: NDArray[np.float64], range_nm: float) -> NDArray[np.f
     mean[mean <= UNLOADED_SHARE * range_nm] = 0.0
     nominal = np.empty_like(size)
     nominal[order] = np.array([_plain(float(value)) for value in mean])[number]
-    return nominal * np.where(standard_nm < 0, -1.0, 1.0)
+    return np.where(standard_nm < 0, 0.0 - nominal, nominal)
 
 
 def _plain(value: float) -> float:
@@ -114,22 +119,23 @@ def _plain(value: float) -> float:
     return next((each for each in near if abs(each - value) <= 1e-3 * abs(value)), value)
 
 
-def _not_in_steps(data: CalibrationData, here: NDArray[np.bool_]) -> str:
-    """Return why a direction can't be evaluated step by step; "" where it can, or has no points."""
+def _repeated(data: CalibrationData, here: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return the steps of a direction that a series has more than once on one branch."""
     assert data.nominal_nm is not None
-    nominal = data.nominal_nm[here]
-    if nominal.size and np.unique(nominal).size < 2:
-        return "fewer than two steps that every series has"
-    loaded = np.stack([nominal, data.series[here], data.branch[here]])
+    loaded = np.stack([np.abs(data.nominal_nm[here]), data.series[here], data.branch[here]])
     values, counts = np.unique(loaded, axis=1, return_counts=True)
-    if np.any(counts > 1):
-        step, number, _ = values[:, np.argmax(counts > 1)]
-        return Message(
-            "series {number:.0f} has the step {step:g} N·m more than once on one branch",
-            number,
-            step,
-        )
-    return ""
+    return np.unique(values[0, counts > 1])
+
+
+def _left_out(name: str, steps: NDArray[np.float64]) -> Message:
+    more = Message(" and {count} more", steps.size - 4) if steps.size > 4 else ""
+    return Message(
+        "{name}, more than once on one branch of a series, or too close to another step: "
+        "{steps} N·m{more}; left out",
+        name,
+        ", ".join(f"{step:g}" for step in steps[:4]),
+        more,
+    )
 
 
 def _lacking(data: CalibrationData, here: NDArray[np.bool_]) -> Iterator[tuple[float, str]]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import secrets
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
+from torquebench.chain import Reference
 from torquebench.compensation import load_model
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -143,7 +144,7 @@ def register_table(
         writer.write_file("table.csv", table_text(table, called))
         writer.write_results(
             {
-                "data": data,
+                "data": replace(data, reference=None),  # the metadata have the standard
                 "unsettled": 0,
                 "standard_serial": circumstances.reference.serial,
                 "resolution_nm": circumstances.resolution_nm,
@@ -231,6 +232,7 @@ def _metadata(
             "performed": reference.performed,
             "due": reference.due,
             **_stated(circumstances.reference_uncertainty, data),
+            **_limits(circumstances.reference_uncertainty, data.reference),
         },
     }
 
@@ -252,6 +254,15 @@ def _stated(uncertainty: CertifiedUncertainty | float, data: CalibrationData) ->
         "expanded_uncertainty_of": "range",
         "certified": {data.side: points},
     }
+
+
+def _limits(
+    uncertainty: CertifiedUncertainty | float, reference: Reference | None
+) -> dict[str, float]:
+    """Return the limits of a standard whose uncertainty is the table's own."""
+    if reference is None or reference.certified != uncertainty:
+        return {}
+    return {name: getattr(reference, name) for name in Reference.LIMITS}
 
 
 def _documents(writer: Any, profile: Profile, circumstances: ExternalCalibration) -> None:

@@ -21,6 +21,7 @@ from torquebench.cli.options import (
     RangeOption,
     check_kept,
     check_output,
+    moment_in_utc,
     stated_reference,
 )
 from torquebench.cli.reducer_tables import check_reports
@@ -60,15 +61,16 @@ def static(
     data: Annotated[
         Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
     ],
+    resolution: Annotated[float, typer.Option(min=0, help="Resolution of the indication, N·m.")],
     reference_uncertainty: Annotated[
-        str,
+        str | None,
         typer.Option(
             metavar="%|FILE",
             help="U (k = 2) of the standard: % of the torque, `0.02 of range`, or the CSV file of "
-            "its certificate with torque_nm and expanded_uncertainty_nm.",
+            "its certificate with torque_nm and expanded_uncertainty_nm; that of the table's "
+            "comments by default.",
         ),
-    ],
-    resolution: Annotated[float, typer.Option(min=0, help="Resolution of the indication, N·m.")],
+    ] = None,
     profile: Annotated[
         str, typer.Option(help="The profile that was followed: a name, or the path of a .toml.")
     ] = "staircase",
@@ -78,10 +80,18 @@ def static(
         Path | None, typer.Option(help="A model file: results after its compensation too.")
     ] = None,
     performed: Annotated[
-        datetime | None, typer.Option(help="Day of the measurement; today by default.")
+        datetime | None,
+        typer.Option(
+            parser=moment_in_utc,
+            metavar="DAY",
+            help="Day of the measurement, as 2026-01-31; today by default.",
+        ),
     ] = None,
     reference_due: Annotated[
-        datetime | None, typer.Option(help="Last day of the standard's certificate.")
+        datetime | None,
+        typer.Option(
+            parser=moment_in_utc, metavar="DAY", help="Last day of the standard's certificate."
+        ),
     ] = None,
     reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = "",
     reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = "",
@@ -152,14 +162,14 @@ def static(
         mapping=column or (),
     )
     points = assign_nominal(read, chosen)
-    moment = (performed or datetime.now(UTC)).replace(tzinfo=UTC)
+    moment = performed or datetime.now(UTC)
     due = None if reference_due is None else reference_due.date()
     standard = ReferenceStandard(reference_serial, reference_certificate, due)
     deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
     _print_heading(points, chosen)
     _print_deviations(deviations)
     evaluable = evaluable_points(read, points, chosen, deviations)
-    stated = _reference(reference_uncertainty, points)
+    stated = _reference(reference_uncertainty, points, data.name)
     found = _evaluate(evaluable, resolution, stated, model)
     if report:
         from torquebench.reports.evaluation_report import static_page
@@ -167,7 +177,7 @@ def static(
 
         shown = points if evaluable.data is None else evaluable.data
         torque = None if model is None else _compensated(model, shown)
-        page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable.remarks)
+        page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable)
         for path in report:
             say_file("Report", write_report(page, path))
     content = {
@@ -216,8 +226,30 @@ def static(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _reference(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
+def _reference(
+    stated: str | None, points: CalibrationData, source: str
+) -> CertifiedUncertainty | float:
     """Return the standard's U (k = 2): % of the torque, or over the torque."""
+    from torquebench.campaign.chains import remark_another_standard
+
+    if stated is None:
+        if points.reference is None:
+            raise InputError(
+                Message("{source} without U of the standard", source),
+                "a table with a comment reference_uncertainty, or the option",
+                "give --reference-uncertainty",
+            )
+        return points.reference.certified
+    from torquebench.uncertainty import CertifiedUncertainty
+
+    given = _given(stated, points)
+    certified = CertifiedUncertainty.of_torque(1e-2 * given) if isinstance(given, float) else given
+    remark_another_standard(points, certified, source, warn)
+    return given
+
+
+def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
+    """Return U as the option states it."""
     try:
         percent = float(stated.removesuffix(" of torque").rstrip("% "))
     except ValueError:
@@ -240,16 +272,15 @@ def _evaluate(
 ) -> CalibrationResults | None:
     """Evaluate and print; the resolution is in N·m, a reference's U as a number in % of torque."""
     from torquebench.calibration import calibration_results
+    from torquebench.reports.evaluation_report import own_steps_words
     from torquebench.uncertainty import CertifiedUncertainty
 
     for remark in points.remarks:
         warn(remark)
     if points.data is None:
         return None
-    if not points.of_profile:
-        assert points.data.nominal_nm is not None
-        steps = ", ".join(f"{step:g}" for step in sorted(set(points.data.nominal_nm.tolist())))
-        say(f"evaluated by the table's own steps: {steps} N·m")
+    for words in own_steps_words(points):
+        say(f"evaluated by {words}")
     if isinstance(reference, float):
         reference = CertifiedUncertainty.of_torque(1e-2 * reference)
     results = calibration_results(
@@ -325,8 +356,11 @@ def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
 
 
 def _print_results(results: CalibrationResults) -> None:
+    from torquebench.reports.evaluation_report import QUANTITIES
+
     for direction in results.directions:
         _print_direction(direction)
+    say(QUANTITIES)
     for title, zero in (("before", results.zero_before), ("after", results.zero_after)):
         if zero is not None:
             say(
@@ -356,7 +390,7 @@ def _print_direction(direction: DirectionResults) -> None:
 
 def _quantities(evaluation: StaticEvaluation) -> Any:
     """Return the table of all quantities, one line a step."""
-    from torquebench.reports.evaluation_report import static_quantities
+    from torquebench.reports.evaluation_report import residual_zero, static_quantities
 
     table = narrow_table()
     header, rows = static_quantities(evaluation)
@@ -364,6 +398,5 @@ def _quantities(evaluation: StaticEvaluation) -> Any:
         table.add_column(name, justify="right")
     for row in rows:
         table.add_row(*row)
-    zero = evaluation.zero_residual_percent
-    table.caption = "f₀ " + ("not measured" if zero is None else f"{zero:.4f} % of the span")
+    table.caption = residual_zero(evaluation)
     return table

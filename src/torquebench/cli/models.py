@@ -124,7 +124,9 @@ def fit(
     line or quadratic. With --empty, temperature, rotation and inertia are identified, too, from
     runs with nothing mounted and from points at other temperatures and speeds. --compare compares
     it with all other kinds by cross-validation over steps; --model selects another kind. The
-    options that state uncertainties enter U of every torque; `budget` lists what is missing.
+    options that state uncertainties enter U of every torque; `budget` lists what is missing. U of
+    the standard is that of the tables' comments, as `turn` and `export` write it, unless
+    --reference states another.
     --dynamics makes the inverse filter part of the chain, in files and live. If the points
     contradict each other, the exit code is 1 and the model file is marked.
     """
@@ -170,8 +172,9 @@ def fit(
     from torquebench.cli.tables import effects_table
     from torquebench.compensation import RECOMMENDED
 
-    points = joined_tables(tables)
+    points = joined_tables(tables, warn)
     certified = stated_reference(reference, points.range_nm, points.side)
+    standard = reference_effect(points, certified, ", ".join(tables), warn)
     off: tuple[Effect, ...] = ()
     if without:
         off = (SwitchedOff.of("stated with the fit", *without),)
@@ -203,7 +206,7 @@ def fit(
         table_metrics(fitted),
         (
             *turning.effects,
-            *reference_effect(certified),
+            *standard,
             *mounting_effect(turning.points),
             *off,
         ),

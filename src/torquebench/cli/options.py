@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -38,6 +39,7 @@ __all__ = [
     "check_output_folder",
     "data_directory",
     "has_registry",
+    "moment_in_utc",
     "stated_reference",
 ]
 
@@ -79,8 +81,9 @@ ReferenceOption = Annotated[
     str | None,
     typer.Option(
         metavar="%|FILE",
-        help="U (k = 2) of the reference standard: % of range, `0.02 of torque`, or the CSV file "
-        "of its certificate with torque_nm and expanded_uncertainty_nm.",
+        help="U (k = 2) of the reference standard, in the place of what a file states: % of range, "
+        "`0.02 of torque`, or the CSV file of its certificate with torque_nm and "
+        "expanded_uncertainty_nm.",
     ),
 ]
 WithoutOption = Annotated[
@@ -197,9 +200,11 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         return path
     if path.is_dir():
         raise InputError(Message("{path} is a folder", path), "a file name", "name a file in it")
-    if not path.resolve().parent.is_dir():
+    folder = path.resolve().parent
+    if not folder.is_dir():
+        named = folder if path.is_symlink() else path.parent
         raise InputError(
-            Message("{path}: there is no folder {parent}", path, path.parent),
+            Message("{path}: there is no folder {parent}", path, named),
             "a folder that exists",
             "create it first",
         )
@@ -210,6 +215,12 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
                 "two different files",
                 "name another --out",
             )
+    if path.exists() and not os.access(path, os.W_OK):
+        raise InputError(
+            Message("{path} has no write permission", path),
+            "a file that can be written",
+            "name another file",
+        )
     if path.is_file() or not path.exists():
         claim_file(path)
     return path
@@ -247,6 +258,17 @@ def check_output_folder(path: Path) -> Path:
     return path
 
 
+def moment_in_utc(text: str) -> datetime:
+    """Return the moment of an option; a day, or a time without a zone, is in UTC."""
+    try:
+        moment = datetime.fromisoformat(text.strip())
+        return moment.replace(tzinfo=UTC) if moment.tzinfo is None else moment.astimezone(UTC)
+    except (ValueError, OverflowError) as error:
+        raise typer.BadParameter(
+            f"{text!r}; allowed: a day such as 2026-01-31, or 2026-01-31T14:05+01:00"
+        ) from error
+
+
 def stated_reference(
     stated: str | None, range_nm: float, side: str = "", *, option: str = "--reference"
 ) -> CertifiedUncertainty | None:
@@ -254,19 +276,16 @@ def stated_reference(
     if stated is None:
         return None
     from torquebench.bench.certificate import read_uncertainty
-    from torquebench.bench.description import flat_of_range
     from torquebench.uncertainty import CertifiedUncertainty
 
-    number, _, of = stated.partition(" of ")
     try:
-        share = 1e-2 * float(number.rstrip("% "))
+        float(stated.partition(" of ")[0].rstrip("% "))
     except ValueError:
         return read_uncertainty(stated, side)
-    if not (0.0 <= share <= 1.0 and of in ("", "range", "torque")):
+    try:
+        return CertifiedUncertainty.of_text(stated, range_nm)
+    except InputError as error:
         raise InputError(
             Message("{option} {stated!r}", option, stated),
             "% of range such as 0.02, % of the torque such as '0.02 of torque', or a file",
-        )
-    return (
-        CertifiedUncertainty.of_torque(share) if of == "torque" else flat_of_range(share, range_nm)
-    )
+        ) from error

@@ -16,7 +16,9 @@ from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import read_calibration_csv
-from torquebench.records.table_files import cells_of
+from torquebench.records.csv_text import read_csv
+from torquebench.records.table_files import cells_of, read_arrow
+from torquebench.records.table_formats import is_csv
 from torquebench.records.tables import calibration_of
 
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
@@ -102,14 +104,7 @@ def arrow_table(source: Any) -> Any:
         It can't be read, or isn't a table.
     """
     if isinstance(source, str | Path):
-        import pyarrow.parquet as pq
-
-        try:
-            return pq.read_table(source)
-        except (OSError, pa.ArrowInvalid) as error:
-            raise InputError(
-                Message("can't read {source}: {error}", source, error), "a CSV or Parquet file"
-            ) from error
+        return _of_file(Path(source))
     if isinstance(source, Mapping):
         return pa.table({name: pa.array(np.asarray(each)) for name, each in source.items()})
     frame = nw.from_native(source, eager_only=True, pass_through=True)
@@ -121,6 +116,19 @@ def arrow_table(source: Any) -> Any:
         Message("a {name} for a table", type(source).__name__),
         "a path, a frame of pandas, polars or pyarrow, or a mapping of names to columns",
     )
+
+
+def _of_file(path: Path) -> Any:
+    if not is_csv(path):
+        return read_arrow(path)[0]
+    table = read_csv(path)
+    columns: dict[str, Any] = {}
+    for name, header in zip(table.names, table.header, strict=True):
+        try:
+            columns[name] = table.numbers(header)
+        except InputError:
+            columns[name] = table.texts(header)
+    return pa.table(columns).replace_schema_metadata(table.remarks)
 
 
 def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:

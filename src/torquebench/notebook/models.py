@@ -12,7 +12,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from torquebench.bench.description import flat_of_range
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.chains import mounting_effect, reference_effect
 from torquebench.campaign.fitting import (
@@ -36,6 +35,7 @@ from torquebench.compensation import compare as compare_models
 from torquebench.compensation import load_model as load_stored
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
+from torquebench.message import Message
 from torquebench.notebook.frames import (
     Columns,
     arrow_table,
@@ -46,6 +46,7 @@ from torquebench.notebook.frames import (
 )
 from torquebench.records.arrow_table import ArrowReadings
 from torquebench.records.tables import ADDED_COLUMNS
+from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["Compensation", "FitWarning", "compare", "fit", "load_model"]
 
@@ -121,7 +122,8 @@ class Compensation:
             torque.value_nm - known.reading_nm,
             torque.expanded_uncertainty_nm,
         )
-        return with_columns(readings, dict(zip(ADDED_COLUMNS, values, strict=True)))
+        kept = table if isinstance(readings, str | Path | Mapping) else readings
+        return with_columns(kept, dict(zip(ADDED_COLUMNS, values, strict=True)))
 
     def torque(
         self,
@@ -141,7 +143,12 @@ class Compensation:
             "up" where the size of the torque grows, "down" where it falls.
         speed_rpm, temperature_c : array of shape (n,) or float, optional
         """
-        reading = np.atleast_1d(np.asarray(reading_nm, dtype=np.float64))
+        try:
+            reading = np.atleast_1d(np.asarray(reading_nm, dtype=np.float64))
+        except (TypeError, ValueError) as error:
+            raise _no_readings(reading_nm) from error
+        if reading.ndim != 1:
+            raise _no_readings(reading_nm)
 
         def each(values: ArrayLike | None) -> Any:
             if values is None:
@@ -192,7 +199,8 @@ def fit(
     model : str
         Kind of model; the recommended one averages over a chain's possible effects.
     reference_percent : float, optional
-        U (k = 2) of the reference standard, % of range; it counts in every U.
+        U (k = 2) of the reference standard, % of range, in the place of what the table states; it
+        counts in every U.
     outliers : {"downweight", "refuse", "keep"}
         Treatment of outliers, which are always named.
 
@@ -204,7 +212,8 @@ def fit(
     Warns
     -----
     FitWarning
-        Points that contradict each other, outliers, a model worse than the raw reading.
+        Points that contradict each other, outliers, a model worse than the raw reading, another
+        standard than the table's.
 
     Examples
     --------
@@ -219,14 +228,16 @@ def fit(
     data = _calibration(calibration)
     check_kind(model)
     found = fit_table(data, "the calibration", model, outliers=outliers)
-    for remark in (*found.remarks, *map(str, found.contradictions)):
-        warnings.warn(remark, FitWarning, stacklevel=2)
     stated = (
         None
         if reference_percent is None
-        else flat_of_range(1e-2 * reference_percent, data.range_nm)
+        else CertifiedUncertainty.of_range(1e-2 * reference_percent, data.range_nm)
     )
-    effects = (*reference_effect(stated), *mounting_effect(data))
+    remarks = [*found.remarks, *map(str, found.contradictions)]
+    standard = reference_effect(data, stated, "the calibration", remarks.append)
+    for remark in remarks:
+        warnings.warn(remark, FitWarning, stacklevel=2)
+    effects = (*standard, *mounting_effect(data))
     stored = described_model(found.model, data, table_metrics(found), effects, found.contradictions)
     return Compensation(stored, data)
 
@@ -247,6 +258,8 @@ def compare(
     folds : int, default 10
     """
     data = _calibration(calibration)
+    if isinstance(models, str):
+        models = (models,)
     return compare_models(
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
@@ -265,6 +278,14 @@ def load_model(path: str | Path) -> Compensation:
         It can't be read, or was changed.
     """
     return Compensation(load_stored(path))
+
+
+def _no_readings(given: Any) -> InputError:
+    return InputError(
+        Message("readings as {name}", type(given).__name__),
+        "a number, or an array of numbers, in N·m",
+        "give a table to `apply`",
+    )
 
 
 def _calibration(source: Any) -> CalibrationData:

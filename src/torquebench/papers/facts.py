@@ -7,6 +7,7 @@ import io
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
+from torquebench.atomic_write import atomic_write
 from torquebench.bench.description import (
     GuideRailDescription,
     ModuleDescription,
@@ -127,7 +128,7 @@ def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:
     """Write rows of words and numbers as CSV."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows(rows)
-    path.write_text(text.getvalue(), encoding="utf-8")
+    atomic_write(path, text.getvalue())
     return path
 
 

@@ -59,7 +59,6 @@ __all__ = [
 
 LIMIT_PERCENT = 0.1
 """Error and repeatability stated by the papers, % FS."""
-ALONE_PERCENT = 0.5
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,13 +9,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.atomic_write import atomic_write
 from torquebench.bench.certificate import ReferenceCertificate
 from torquebench.bench.channels import certificates
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
+from torquebench.campaign.bench_chains import referenced
 from torquebench.campaign.measuring import (
+    Measured,
     measure_calibration,
     measure_friction,
     measure_verification,
@@ -30,7 +33,7 @@ from torquebench.papers.facts import (
     write_facts,
     write_rows,
 )
-from torquebench.procedures import FrictionSettings
+from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.table_files import read_table
 from torquebench.records.table_formats import ENDINGS, READ
@@ -228,9 +231,9 @@ def measure_tables(
             for profile in ((same, settings.verification) if settings.others else (same,))
         ]
         modules[side] = ModuleTables(
-            calibrations[side].result.data,
-            parts[0].result.data,
-            parts[1].result.data if settings.others else None,
+            _referenced(calibrations[side]),
+            _referenced(parts[0]),
+            _referenced(parts[1]) if settings.others else None,
             _alone(station, side, calibrations[side].result.data),
             certificates(station.description, station.drivers, "calibrator").get(side),
         )
@@ -284,7 +287,15 @@ def measure_module(
     same = settings.verification.with_options(same_points=True)
     verified = measure_verification(station, side, same, settings.seed, progress=progress)
     data = calibrated.result.data
-    return ModuleTables(data, verified.result.data, None, _alone(station, side, data))
+    return ModuleTables(
+        _referenced(calibrated), _referenced(verified), None, _alone(station, side, data)
+    )
+
+
+def _referenced(measured: Measured[StaircaseResult]) -> CalibrationData:
+    """Return the points with the standard that was mounted."""
+    found = measured.result
+    return referenced(found.data, measured.record.metadata, found.standard_serial)
 
 
 def _alone(station: Station, side: Side, calibration: CalibrationData) -> CalibrationData | None:
@@ -354,7 +365,7 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
         written.append(write_rows(folder / REDUCER, [header, *values]))
     if tables.friction is not None:
         path = folder / "friction-standard-reducer.csv"
-        path.write_text(_friction_csv(tables), encoding="utf-8")
+        atomic_write(path, _friction_csv(tables))
         written.append(path)
     return written
 

@@ -48,7 +48,7 @@ class ArrowReadings:
         self.header = tuple(name.lower() for name in self.names)
         self.remarks = remarks_of(schema)
         self.simulated = self.remarks.get("simulated", "").lower() in ("true", "yes", "1")
-        self._table = CsvTable(origin, ",", self.header, (), (), self.remarks, "row")
+        self._table = CsvTable(origin, ",", self.header, (), (), self.remarks, "row", self.names)
         named, self._columns = understood(self._table, ("reading_nm",), mapping)
         self.timed = "time_s" in self._columns
         self._names = named.header

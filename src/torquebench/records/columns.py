@@ -116,6 +116,7 @@ _STEMS = {
     **dict.fromkeys(
         (
             *("anzeige", "messwert", "istwert", "prüfling", "prüfmoment", "aufnehmer"),
+            *("istmoment", "messmoment", "indicated", "indicated value", "measured value"),
             *("indication", "indicated torque", "measured torque", "measured", "dut", "uut"),
             *("示值", "读数", "测量值", "测量扭矩", "实测值", "实测扭矩", "被测值", "显示值"),
         ),
@@ -125,7 +126,8 @@ _STEMS = {
         (
             *("reference", "reference torque", "reference value", "standard torque"),
             *("referenz", "referenzmoment", "referenzwert", "normal", "normalmoment"),
-            *("bezugsmoment", "bezugswert"),
+            *("ref", "ref torque", "standard value", "reading of the standard"),
+            *("bezug", "bezugsmoment", "bezugswert", "bezugsdrehmoment", "referenzdrehmoment"),
             *("标准", "标准值", "标准扭矩", "标准转矩", "参考值", "参考扭矩", "参考转矩"),
         ),
         "standard",
@@ -255,14 +257,14 @@ def chosen_columns(
                     Message(
                         "{origin}: the columns {found} and {header} give one quantity twice",
                         table.origin,
-                        found[name][0],
-                        header,
+                        table.written(found[name][0]),
+                        table.written(header),
                     ),
                     Message("one of them, {name} by preference", _own_name(name, wanted[name])),
                     Message(
                         "remove one of them, or choose one by --column '{name}={header}'",
                         name,
-                        header,
+                        table.written(header),
                     ),
                 )
             found[name] = (header, factor)
@@ -278,7 +280,7 @@ def chosen_columns(
                     "{origin} has no column {name}; it has {header}",
                     table.origin,
                     _own_name(name, wanted[name]),
-                    ", ".join(table.header),
+                    ", ".join(table.names),
                 ),
                 Message("the columns {names}, or others with their unit", ", ".join(names)),
                 _remedy(table, name, wanted[name], taken - _optional(found, required, wanted)),
@@ -450,7 +452,7 @@ def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str
         header = _HEADER_UNIT.sub("", source).removeprefix("-").strip()
         raise InputError(
             Message("--column {text}: {origin} has no column {header}", text, table.origin, header),
-            Message("one of {list}", ", ".join(table.header)),
+            Message("one of {list}", ", ".join(table.names)),
         )
     header, unit, sign = found
     kind = wanted[name]
@@ -476,7 +478,10 @@ def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str
             else Message("--column {text} names no unit", text),
             Message("one of {factors}{more} in brackets", ", ".join(factors), more),
             Message(
-                "as in --column '{name}={header}[{shown_units}]'", name, header, _SHOWN_UNITS[kind]
+                "as in --column '{name}={header}[{shown_units}]'",
+                name,
+                table.written(header),
+                _SHOWN_UNITS[kind],
             ),
         )
     return name, (header, sign * factors[plain_unit(stated)])
@@ -533,6 +538,7 @@ def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
             name,
             _SHOWN_UNITS[kind],
         )
+    header = table.written(header)
     unit = unit_of(header)
     known = plain_unit(unit) in UNITS[kind] and plain_unit(unit) != plain_unit(_OWN_UNITS[kind])
     shown = unit if known else _SHOWN_UNITS[kind]

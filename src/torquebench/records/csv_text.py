@@ -22,6 +22,7 @@ __all__ = [
     "is_comment",
     "parse_csv",
     "read_csv",
+    "remarks_in",
 ]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
@@ -34,6 +35,7 @@ _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
+_FIRST_BYTES = 4096
 _SEPARATOR_NAMES = {",": "comma", ";": "semicolon", "\t": "tab"}
 
 
@@ -57,6 +59,8 @@ class CsvTable:
         Values of comment lines of the form ``# key = value``.
     counted : str
         Unit of `lines`.
+    names : tuple of str
+        Names of the columns as the file writes them.
 
     Examples
     --------
@@ -72,6 +76,11 @@ class CsvTable:
     lines: Sequence[int]
     remarks: dict[str, str]
     counted: str = "line"
+    names: tuple[str, ...] = ()
+
+    def written(self, column: str) -> str:
+        """Return a column's name as the file writes it."""
+        return dict(zip(self.header, self.names, strict=False)).get(column, column)
 
     def place(self, row: int, column: str) -> str:
         """Return the position of a cell, in words, for messages."""
@@ -213,8 +222,8 @@ def decode_csv(content: bytes, origin: str) -> str:
 def csv_encoding(content: bytes, origin: str) -> str:
     """Return the encoding of the beginning of a CSV file.
 
-    UTF-8, or UTF-16 with a byte order mark; otherwise GB 18030 if all non-ASCII bytes form Chinese
-    characters, and Windows-1252 (Latin-1 and more) if not.
+    UTF-8, or UTF-16 with a byte order mark or with the zero bytes of its digits; otherwise GB 18030
+    if all non-ASCII bytes form Chinese characters, and Windows-1252 (Latin-1 and more) if not.
 
     Raises
     ------
@@ -230,6 +239,11 @@ def csv_encoding(content: bytes, origin: str) -> str:
     """
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
+    head = content[:_FIRST_BYTES]
+    zeros = head.count(0)
+    for encoding, half in (("utf-16-le", head[1::2]), ("utf-16-be", head[::2])):
+        if half.count(0) == zeros and 4 * zeros > len(half):
+            return encoding
     try:
         codecs.getincrementaldecoder("utf-8-sig")().decode(content)
         return "utf-8-sig"
@@ -289,7 +303,7 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
             "a CSV file, not a binary one",
         )
     text = text.removeprefix("\N{ZERO WIDTH NO-BREAK SPACE}")
-    remarks = dict(_remarks(text))
+    remarks = dict(remarks_in(text))
     content = _uncommented(text)
     first = next((n for n, line in enumerate(content) if line.strip()), None)
     if first is not None and _SEPARATOR_LINE.fullmatch(content[first].strip()):
@@ -317,10 +331,12 @@ def parse_csv(text: str, origin: str, *, before: int = 0) -> CsvTable:
         rows=tuple(rows),
         lines=tuple(number for number, _ in records[1:]),
         remarks=remarks,
+        names=tuple(names[: len(header)]),
     )
 
 
-def _remarks(text: str) -> Iterator[tuple[str, str]]:
+def remarks_in(text: str) -> Iterator[tuple[str, str]]:
+    """Yield names, in lower case, and values of a table's comments."""
     for line in text.splitlines():
         match = COMMENT.match(line.strip())
         if match:

@@ -257,7 +257,7 @@ class _CsvSource:
         self._head_text = head.decode("utf-8", "replace")
         self._table = parse_csv(self._head_text, origin)
         self._header_line, self._rest = _after_header(self._rest, self._before)
-        self.header = self.names = self._table.header
+        self.header, self.names = self._table.header, self._table.names
         self.remarks = self._table.remarks
         self._mapping = mapping
         named, self._columns = understood(self._table, ("reading_nm",), mapping)

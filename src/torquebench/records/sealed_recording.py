@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from torquebench import __version__
 from torquebench.errors import RecordError
 from torquebench.message import Message
+from torquebench.validation import words_of
 
 __all__ = ["RECORDING", "from_plain", "recording_content", "recording_file"]
 
@@ -142,12 +143,12 @@ def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
         "Recorded", __config__=ConfigDict(arbitrary_types_allowed=True), value=(kind, ...)
     )
     try:
-        found: Kind = model(value=plain).value  # type: ignore[attr-defined]
+        found: Kind = dict(model(value=plain))["value"]
     except ValidationError as error:
-        first = error.errors(include_url=False, include_input=False)[0]
+        first = error.errors()[0]
         place = ".".join(str(part) for part in first["loc"][1:])
         raise RecordError(
-            Message("{origin}, {place}: {msg}", origin, place, first["msg"]),
+            Message("{origin}, {place}: {msg}", origin, place, words_of(first)),
             "the values that this version evaluates",
             "evaluate it with the version that recorded it",
         ) from error

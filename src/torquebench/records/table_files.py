@@ -31,6 +31,7 @@ __all__ = [
     "headers",
     "numbers_of",
     "open_table",
+    "read_arrow",
     "read_table",
     "remarks_of",
     "table_text",
@@ -86,8 +87,17 @@ def read_table(path: Path | str) -> CsvTable:
         Where the file can't be read, isn't a table, or its format's package isn't installed.
     """
     path = Path(path)
-    if is_csv(path):
-        return read_csv(path)
+    return read_csv(path) if is_csv(path) else cells_of(*read_arrow(path))
+
+
+def read_arrow(path: Path) -> tuple[Any, str, int]:
+    """Return the Arrow table in a file other than CSV, its name in messages, rows before the first.
+
+    Raises
+    ------
+    InputError
+        As `read_table`.
+    """
     check_readable(path)
     import pyarrow as pa
 
@@ -98,7 +108,7 @@ def read_table(path: Path | str) -> CsvTable:
         raise InputError(
             Message("{origin} holds a header but no values", path), "at least one line of values"
         )
-    return cells_of(table, file.origin, file.before)
+    return table, file.origin, file.before
 
 
 def cells_of(table: Any, origin: str, before: int = 0) -> CsvTable:
@@ -113,14 +123,16 @@ def cells_of(table: Any, origin: str, before: int = 0) -> CsvTable:
         Rows of its file before the first, for messages.
     """
     columns = [cell_texts(each) for each in table]
+    names = headers(table.schema, origin)
     return CsvTable(
         origin,
         ",",
-        tuple(name.lower() for name in headers(table.schema, origin)),
+        tuple(name.lower() for name in names),
         tuple(zip(*columns, strict=True)),
         range(before + 1, before + 1 + table.num_rows),
         remarks_of(table.schema),
         "row",
+        names,
     )
 
 
@@ -188,7 +200,7 @@ def table_text(path: Path, called: str = "") -> str:
     text = io.StringIO()
     for name, value in table.remarks.items():
         text.write(f"# {name} = {value}\n")
-    csv.writer(text, lineterminator="\n").writerows([table.header, *table.rows])
+    csv.writer(text, lineterminator="\n").writerows([table.names, *table.rows])
     return text.getvalue()
 
 
@@ -526,7 +538,7 @@ def _chosen(path: Path, part: str, parts: Mapping[str, Iterable[str]], called: s
         raise InputError(
             Message("{path} holds {count} tables", path, len(parts)),
             Message("one {called} of {listed}", called, listed),
-            Message("choose one: '{path}#{next}'", path, next(iter(parts))),
+            Message("choose one: '{path}#{sheet}'", path, next(iter(parts))),
         )
     return next(iter(parts))
 

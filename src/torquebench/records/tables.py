@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.calibration import RANGE_MARGIN, CalibrationData, infer_branch
+from torquebench.calibration import OPTIONAL_COLUMNS, RANGE_MARGIN, CalibrationData, infer_branch
 from torquebench.chain import EmptyRun, Readings, stretches
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -22,6 +22,7 @@ from torquebench.records.columns import (
     understood,
 )
 from torquebench.records.csv_text import CsvTable, parse_csv
+from torquebench.records.reference_remarks import reference_in, reference_remarks
 from torquebench.records.table_files import read_table
 
 __all__ = [
@@ -36,20 +37,6 @@ __all__ = [
     "write_torque_csv",
 ]
 
-_OPTIONAL = (
-    "nominal_nm",
-    "position_deg",
-    "speed_rpm",
-    "temperature_c",
-    "time_s",
-    "standard_error_nm",
-    "true_torque_nm",
-    "acceleration_rad_s2",
-    "angle_rad",
-    "zero_temperature_c",
-    "zero_nm",
-    "standard_temperature_c",
-)
 READING_QUANTITIES = (
     "time_s",
     "speed_rpm",
@@ -85,7 +72,8 @@ def read_calibration_csv(
     ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
     passed over. Lines are in measuring order, from which a missing branch follows. Comments such
     as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
-    counter's identity; arguments take precedence over them.
+    counter's identity; arguments take precedence over them. ``# reference_uncertainty = 0.02``
+    states U (k = 2) of the standard; see `CertifiedUncertainty.of_text`.
 
     Parameters
     ----------
@@ -212,6 +200,7 @@ def calibration_of(
         zero_nm=quantity(table, columns, "zero_nm"),
         standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
         simulated=is_simulated(noted),
+        reference=reference_in(noted, scale, table.origin),
     )
     _check_duplicates(table, data)
     if both_directions:
@@ -411,7 +400,7 @@ def write_torque_csv(
             )
     columns = [_finite(name, values, len(readings)) for name, values in added.items()]
     comma = any("," in cell for cell in table.texts(_name_of_reading(table)))
-    lines = [_line((*table.header, *added), table.separator)]
+    lines = [_line((*table.names, *added), table.separator)]
     for row, cells in enumerate(table.rows):
         numbers = [repr(float(column[row])) for column in columns]
         if comma:
@@ -456,12 +445,13 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
     """
     notes = {"range_nm": repr(data.range_nm)}
     notes |= {key: getattr(data, key) for key in _TEXTS if getattr(data, key)}
+    notes |= reference_remarks(data.reference)
     if data.simulated:
         notes["simulated"] = "true"
     text = io.StringIO()
     for key, value in {**notes, **(remarks or {})}.items():
         text.write(f"# {key} = {value}\n")
-    extra = [name for name in _OPTIONAL if getattr(data, name) is not None]
+    extra = [name for name in OPTIONAL_COLUMNS if getattr(data, name) is not None]
     text.write(_line(("reading_nm", "standard_nm", "series", "branch", *extra), ","))
     words = {1: "up", -1: "down", 0: "unknown"}
     for row in range(len(data)):
@@ -608,5 +598,5 @@ def _check_both_directions(table: CsvTable, data: CalibrationData) -> None:
             raise InputError(
                 Message("{origin} has no {direction} torque", table.origin, missing),
                 "both directions",
-                "measure it too, or calibrate for one direction only",
+                "measure it too, or add --one-direction if only one is loaded",
             )

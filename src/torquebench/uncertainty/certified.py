@@ -15,6 +15,10 @@ __all__ = ["CertifiedUncertainty"]
 
 FloatArray = NDArray[np.float64]
 
+FROM_SHARE = 0.02
+"""Smallest certified torque of a standard whose certificate isn't known as a table, as a share of
+its range: the first of 50 steps."""
+
 
 @dataclass(frozen=True)
 class CertifiedUncertainty:
@@ -44,6 +48,8 @@ class CertifiedUncertainty:
     [0.05, 1.0]
     >>> CertifiedUncertainty.of_table([0.0, 40.0, 2000.0], [0.0, 0.02, 0.2]).at(1020.0).round(3)
     np.float64(0.11)
+    >>> CertifiedUncertainty.of_text("0.02", 2000.0).text
+    '40.0: 0.4, 2000.0: 0.4'
     """
 
     torque_nm: tuple[float, ...]
@@ -73,6 +79,44 @@ class CertifiedUncertainty:
         return cls((from_nm, to_nm), (expanded_nm, expanded_nm))
 
     @classmethod
+    def of_range(cls, share: float, range_nm: float) -> CertifiedUncertainty:
+        """Return a U that is a share of a range for all its torques."""
+        return cls.flat(share * range_nm, FROM_SHARE * range_nm, range_nm)
+
+    @classmethod
+    def of_text(cls, text: str, range_nm: float) -> CertifiedUncertainty:
+        """Return a U that a person or a table states.
+
+        Parameters
+        ----------
+        text : str
+            % of range such as ``0.02``, % of the torque such as ``0.02 of torque``, or certified
+            torques with their U in N·m such as ``40: 0.4, 2000: 0.4``.
+        range_nm : float
+
+        Raises
+        ------
+        InputError
+            It is none of these.
+        """
+        number, _, of = text.strip().partition(" of ")
+        try:
+            if ":" in text:
+                pairs = [[float(each) for each in pair.split(":")] for pair in text.split(",")]
+                torque, expanded = zip(*pairs, strict=True)
+                return cls(torque, expanded)
+            share = 1e-2 * float(number.rstrip("% "))
+        except ValueError:
+            share = -1.0
+        if not (0.0 <= share <= 1.0 and of in ("", "range", "torque")):
+            raise InputError(
+                Message("U of a standard {text!r}", text),
+                "% of range such as 0.02, % of the torque such as '0.02 of torque', or torques "
+                "with their U in N·m such as '40: 0.4, 2000: 0.4'",
+            )
+        return cls.of_torque(share) if of == "torque" else cls.of_range(share, range_nm)
+
+    @classmethod
     def of_torque(cls, share: float) -> CertifiedUncertainty:
         """Return a U that is a share of every torque."""
         return cls((1.0,), (share,))
@@ -91,20 +135,34 @@ class CertifiedUncertainty:
             torque, expanded = np.concatenate(sides, axis=1)
         return cls(tuple(torque.ravel().tolist()), tuple(expanded.ravel().tolist()))
 
+    @property
+    def text(self) -> str:
+        """Torques with their U, as `of_text` reads them."""
+        pairs = zip(self.torque_nm, self.expanded_nm, strict=True)
+        return ", ".join(f"{torque!r}: {expanded!r}" for torque, expanded in pairs)
+
+    def larger(self, other: CertifiedUncertainty) -> CertifiedUncertainty:
+        """Return a U that is nowhere less than either: the larger one at every certified torque."""
+        torque = np.array([*self.torque_nm, *other.torque_nm])
+        sizes = np.unique(np.abs(torque))
+        if (torque < 0).any():
+            sizes = np.concatenate([-sizes[::-1], sizes])
+        return CertifiedUncertainty.of_table(sizes, np.maximum(self.at(sizes), other.at(sizes)))
+
     @cached_property
-    def _sides(self) -> tuple[tuple[FloatArray, FloatArray], ...]:
-        """Sizes and U of the points of both directions of torque, negative first."""
-        torque, expanded = np.array(self.torque_nm), np.array(self.expanded_nm)
-        up = torque > 0
-        sides = ((-torque[~up][::-1], expanded[~up][::-1]), (torque[up], expanded[up]))
-        return tuple(side for side in sides if side[0].size)
+    def directions(self) -> tuple[FloatArray, FloatArray]:
+        """Sizes of the certified torques, and U, of negative and of positive torques."""
+        points = np.array([self.torque_nm, self.expanded_nm])
+        up = points[0] > 0
+        down, upward = np.abs(points[:, ~up][:, ::-1]), points[:, up]
+        return (down if down.size else upward), (upward if upward.size else down)
 
     def at(self, torque_nm: ArrayLike) -> FloatArray:
         """Return U (k = 2) at torques, N·m."""
         torque = np.asarray(torque_nm, dtype=np.float64)
         size = np.abs(torque)
-        found = [_interpolated(size, *side) for side in self._sides]
-        return found[0] if len(found) == 1 else np.where(torque < 0, *found)
+        found = [_interpolated(size, *direction) for direction in self.directions]
+        return np.where(torque < 0, *found)
 
     def largest_nm(self, range_nm: float) -> float:
         """Return the largest U up to a torque, N·m."""

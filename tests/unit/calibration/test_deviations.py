@@ -51,6 +51,16 @@ def test_a_calibration_that_follows_its_profile_has_no_deviation(name):
     assert find_deviations(record(measured(profile)), profile) == ()
 
 
+def test_a_torque_below_the_first_step_is_no_zero_that_returned_badly():
+    torque = [0.06, 4.0, 9.9, 4.0, 0.08]
+    data = CalibrationData([*torque[:4], 0.2], torque, [1] * 5, [1, 1, 1, -1, -1], RANGE_NM)
+    staircase = load_profile("staircase")
+    assert assign_nominal(data, staircase).nominal_nm.tolist() == [0.0, 10.0, 10.0, 10.0, 0.0]
+    found = find_deviations(record(assign_nominal(data, staircase)), staircase)
+    returned = [each.found for each in found if each.kind == "zero_return"]
+    assert returned == ["the zero after series 1 returned to 0.2 N·m, 0.2 % of full scale"]
+
+
 def test_repeats_are_series_of_their_own():
     profile = load_profile("rapid-in-situ").with_options(repeats=3, step_percent=20.0)
     data = measured(profile)
@@ -198,7 +208,7 @@ def test_nominal_torques_are_found_from_the_profile():
     rough = replace(data, nominal_nm=None, standard_nm=data.standard_nm * 1.003)
     assert np.allclose(assign_nominal(rough, profile).nominal_nm, data.nominal_nm)
     assert assign_nominal(data, profile) is data
-    with pytest.raises(InputError, match="has no steps"):
+    with pytest.raises(InputError, match=r"has no steps.*choose the profile that was followed"):
         assign_nominal(rough, load_profile("verification"))
 
 

@@ -266,3 +266,27 @@ def test_a_guess_from_the_standard_is_named() -> None:
         [5.0, 10.0, 0.0], [5.0, 10.0, 0.005], [1] * 3, [1, 1, -1], 10.0, nominal_nm=[5.0, 10.0, 0.0]
     )
     assert not any("treated as zeros" in note for note in told.notes())
+
+
+def test_small_steps_are_loads_and_never_zeros_and_keep_their_commanded_direction() -> None:
+    """Steps of ±0.1 % of the range, whose standard scatters beyond zero; zeros return 0.45 N·m."""
+    steps = [step for step in load_profile("small-torques").staircase(2000.0) if step.recorded]
+    target = np.array([step.target_nm for step in steps])
+    standard = target + np.random.default_rng(5).normal(0.0, 3.0, target.size)
+    branch = np.array([step.branch for step in steps])
+    zero = (target == 0.0) & (branch < 0)
+    before = np.sign(np.concatenate([[0.0], target[:-1]]))
+    data = CalibrationData(
+        reading_nm=np.where(zero, 0.225 * before, standard),
+        standard_nm=standard,
+        series=[step.series for step in steps],
+        branch=branch,
+        range_nm=2000.0,
+        nominal_nm=target,
+    )
+    assert np.any(standard[target == 2.0] < 0.0)  # what a guess by the standard would miss
+    assert data.direction.tolist() == np.sign(target).tolist()
+    assert data.unloaded.tolist() == (target == 0.0).tolist()
+    hysteresis = zero_hysteresis(data)
+    assert hysteresis.cycles == 8
+    assert hysteresis.worst_nm == pytest.approx(0.45)

@@ -57,10 +57,26 @@ def test_a_direction_that_is_not_in_steps_is_named_and_the_other_evaluated() -> 
     ramp = [(value, 1, 1) for value in np.linspace(50.0, 60.0, 200)]
     data = table((20.0, 1, 1), *ramp, (-20.0, 1, 1), (-40.0, 1, 1))
     assert nominal(data) == [-20.0, -40.0]
-    (remark,) = own_steps(data).remarks
-    assert remark == (
-        "clockwise, series 1 has the step 55 N·m more than once on one branch: not evaluated"
+    assert own_steps(data).remarks == (
+        "clockwise, more than once on one branch of a series, or too close to another step: "
+        "55 N·m; left out",
+        "clockwise, fewer than two steps that every series has: not evaluated",
     )
+
+
+def test_small_steps_that_merge_leave_the_other_steps_to_be_evaluated() -> None:
+    small = [(0.30, 1, 1), (0.34, 1, 1), (0.38, 2, 1), (0.42, 2, 1)]
+    data = table(*small, (20.0, 1, 1), (50.0, 1, 1), (20.0, 2, 1), (50.0, 2, 1))
+    assert nominal(data) == [20.0, 50.0, 20.0, 50.0]
+    assert own_steps(data).remarks == (
+        "clockwise, more than once on one branch of a series, or too close to another step: "
+        "0.36 N·m; left out",
+    )
+
+
+def test_an_unloaded_point_has_no_sign() -> None:
+    rows = [(-0.01, 1, 1), (-30.0, 1, 1), (-60.0, 1, 1)]
+    assert not np.any(np.signbit(nominal(table(*rows))[:1]))
 
 
 def test_one_step_is_nothing_to_evaluate() -> None:

@@ -9,7 +9,7 @@ import pytest
 from tests.unit.reports.calibrated_bench import points
 
 from torquebench.calibration import CalibrationData, load_profile
-from torquebench.campaign.chains import recorded_effects
+from torquebench.campaign.bench_chains import recorded_effects, referenced
 from torquebench.campaign.external_calibration import (
     ExternalCalibration,
     RegisteredTable,
@@ -28,7 +28,7 @@ from torquebench.records import (
     read_calibration_csv,
     write_calibration_csv,
 )
-from torquebench.reports.certificate import Issue, build_record
+from torquebench.reports.certificate import Issue, build_record, run_data
 from torquebench.reports.certificate.record import Party
 from torquebench.reports.certificate.source import Source
 from torquebench.uncertainty import CertifiedUncertainty
@@ -153,6 +153,20 @@ def test_a_later_certificate_of_the_standard_hides_no_expired_one(
     entered = enter(registry, data, replace(CIRCUMSTANCES, reference=due))
     with pytest.raises(RecordError, match=r"expired on 2026-03-01 \(clause reference.in_date"):
         build_record(registry, entered.calibration, ISSUE)
+
+
+def test_the_standard_of_its_own_comments_counts_once_with_its_limits(
+    registry: Registry, data: CalibrationData
+) -> None:
+    own = Reference("A", CertifiedUncertainty.of_torque(2e-4), 1e-4, 3e-5)
+    stated = replace(CIRCUMSTANCES, reference_uncertainty=own.certified)
+    entered = enter(registry, replace(data, reference=own), stated)
+    folder = RunFolder(registry.run(entered.run_id).folder)
+    points = run_data(folder)
+    assert points.reference is None  # the run's metadata have it
+    (effect,) = recorded_effects(folder.metadata, points)
+    assert effect == replace(own, record="certificate K-77 of R-9")
+    assert referenced(points, folder.metadata).reference == effect
 
 
 @pytest.mark.parametrize(

@@ -9,7 +9,7 @@ from torquebench.bench import default_bench
 from torquebench.bench.chain_effects import standard_effect
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import load_profile
-from torquebench.campaign.chains import bench_effects
+from torquebench.campaign.bench_chains import bench_effects
 from torquebench.campaign.finishing import finish_calibration, registers_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration

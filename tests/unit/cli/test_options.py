@@ -22,6 +22,13 @@ def test_outputs_that_cannot_be_written_are_refused(tmp_path: Path) -> None:
             check_output(bad, source)
 
 
+def test_a_link_into_a_missing_folder_names_that_folder(tmp_path: Path) -> None:
+    link = tmp_path / "link.csv"
+    link.symlink_to("missing/out.csv")
+    with pytest.raises(InputError, match=f"there is no folder {tmp_path / 'missing'}"):
+        check_output(link)
+
+
 def test_a_folder_without_records_is_refused_and_not_created(tmp_path: Path) -> None:
     missing = tmp_path / "nothing"
     with pytest.raises(InputError, match="no records"):

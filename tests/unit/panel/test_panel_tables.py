@@ -12,7 +12,11 @@ from torquebench.bench.description import default_bench
 from torquebench.calibration import load_profile
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.panel.service import Actor, NotFoundError, PermissionDeniedError, read_table
-from torquebench.panel.service.records.table_import import LONGEST_TABLE, TableImport
+from torquebench.panel.service.records.table_import import (
+    LONGEST_TABLE,
+    TableImport,
+    states_reference,
+)
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
 from torquebench.records import Registry, RunFolder, calibration_csv, check_records
@@ -87,6 +91,18 @@ def test_a_table_is_judged_and_nothing_is_kept(looking: TableImport, table: str)
     assert view.raw.worst_nm == max(map(abs, view.error_nm))
     assert {each.name for each in view.directions} <= {"clockwise", "counter-clockwise"}
     assert all(each.uncertainty_percent for each in view.directions)
+
+
+def test_the_uncertainty_that_a_table_states_counts_where_none_is_given(
+    looking: TableImport, table: str
+) -> None:
+    request = {**CIRCUMSTANCES, "reference_uncertainty_percent": None}
+    own = f"# reference_uncertainty = 0.5 of torque\n{table}"
+    assert (states_reference(own), states_reference(table)) == (True, False)
+    found = looking.preview({**request, "content": own}).directions
+    stated = {**request, "reference_uncertainty_percent": 0.5, "content": table}
+    assert found == looking.preview(stated).directions
+    assert found != looking.preview({**CIRCUMSTANCES, "content": own}).directions
 
 
 def test_what_a_profile_misses_is_named(looking: TableImport) -> None:

@@ -28,6 +28,8 @@ def read(folder: Path, content: str, *mapping: str, encoding: str = "utf-8") -> 
         ("Prüfling [Nm];Bezugswert [Nm];Reihe;Auf/Ab", "utf-8-sig"),
         ("DUT (N·m);Standard torque (N·m);Series;Load direction", "utf-8"),
         ("测量扭矩[Nm];标准转矩[Nm];系列;加载方向", "gb18030"),
+        ("Anzeige [N·m];Bezug [N·m];Reihe;Richtung", "utf-16-le"),
+        ("示值(N·m);标准值(N·m);序列;方向", "utf-16-be"),
     ],
 )
 def test_common_names_are_understood(tmp_path: Path, header: str, encoding: str) -> None:
@@ -49,6 +51,7 @@ def test_common_names_are_understood(tmp_path: Path, header: str, encoding: str)
         ("direction", "Ascending", "DESCENDING"),
         ("Richtung", "aufsteigend", "absteigend"),
         ("加载方向", "正行程", "反行程"),
+        ("方向", "上升", "下降"),
     ],
 )
 def test_a_direction_of_loading_is_a_branch(
@@ -79,7 +82,7 @@ def test_the_line_by_which_spreadsheets_name_the_separator_is_passed_over(tmp_pa
 
 
 def test_a_header_of_something_else_is_suggested(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"standard=sollwert\[Nm\]"):
+    with pytest.raises(InputError, match=r"standard=Sollwert\[Nm\]"):
         read(tmp_path, "Anzeige [Nm];Sollwert [Nm]\n10,1;10\n")
 
 
@@ -133,9 +136,10 @@ def test_readings_too(tmp_path: Path) -> None:
         ("a,b", ["reading=a"], "names no unit.*as in --column 'reading=a"),
         ("a,b", ["reading=a[V]"], "the unit v in reading=a"),
         ("a,b", ["reading=a[Nm]", "reading=b[Nm]"], "two columns for reading_nm"),
-        ("Drehmoment,b", [], "--column 'reading=drehmoment\\[Nm\\]'"),
+        ("Drehmoment,b", [], "--column 'reading=Drehmoment\\[Nm\\]'"),
+        ("T [kN·m],Ref [kN·m]", [], "it has T .*--column 'reading=T\\[kN·m\\]'"),
         ("扭矩 [Nm],b", [], "--column 'reading=扭矩\\[Nm\\]'"),
-        ("Anzeige,Referenz", [], "--column 'reading=anzeige\\[Nm\\]'"),
+        ("Anzeige,Referenz", [], "--column 'reading=Anzeige\\[Nm\\]'"),
     ],
 )
 def test_what_is_missing_is_suggested(

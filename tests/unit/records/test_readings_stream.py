@@ -63,6 +63,25 @@ def test_summary_and_progress(tmp_path: Path) -> None:
     assert watching.done[-1] == 100
 
 
+@pytest.mark.parametrize("name", ["a.csv", "a.parquet"])
+def test_memory_holds_a_block_and_never_the_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setattr(readings_stream, "_BLOCK_BYTES", 1 << 12)
+    monkeypatch.setattr(readings_stream, "_BLOCK_ROWS", 1 << 10)
+    (tmp_path / "a.csv").write_text("reading_nm\n" + "1.5\n" * 20_000)
+    pq.write_table(pa.table({"reading_nm": [1.5] * 20_000}), tmp_path / "a.parquet")
+    sizes = []
+
+    def counted(table: ReadingsTable) -> tuple[np.ndarray, ...]:
+        sizes.append(len(table))
+        return compensate(table)
+
+    compensate_file(tmp_path / name, tmp_path / f"torque{name[1:]}", counted)
+    assert sum(sizes) >= 20_000
+    assert max(sizes) <= 1 << 11
+
+
 @pytest.mark.parametrize(
     "content",
     [
@@ -93,6 +112,11 @@ def test_what_laboratories_write(tmp_path: Path, content: str) -> None:
 def test_encodings(tmp_path: Path, encoding: str) -> None:
     content = "reading_nm;prüfer\n" + "1,5;Müller\n" * 40
     assert "1,5;Müller;1,5;" in result(tmp_path, content, encoding)
+
+
+def test_headers_stay_as_the_file_writes_them(tmp_path: Path) -> None:
+    text = result(tmp_path, "Reading_Nm,Operator\n" + "1.5,Ana\n" * 40)
+    assert text.startswith("Reading_Nm,Operator,torque_nm,")
 
 
 def test_chinese(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from torquebench.bench.roles import Side
 from torquebench.chain import EffectState
 from torquebench.panel.components.elements import box, on_press, panel, scrolling, tag, words
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.units import minus_signs
 
 __all__ = ["EffectsTable"]
 
@@ -50,7 +51,7 @@ class EffectsTable:
         decimals = DECIMALS[self._side]
         if value is None:
             return "–"
-        return f"{value:{'+' if sign else ''}.{decimals}f}".replace("-", "−")
+        return minus_signs(f"{value:{'+' if sign else ''}.{decimals}f}")
 
     def _build(self, states: Sequence[EffectState], *, may: bool) -> None:
         text, label = self._text, self._text(f"live.effects_{self._side}")

@@ -19,6 +19,7 @@ from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.records.table_import import profile_titles
 from torquebench.panel.pages.settings.editor import shown
+from torquebench.units import minus_signs
 
 if TYPE_CHECKING:
     from torquebench.panel.pages.calibrate.page import CalibratePage
@@ -240,7 +241,7 @@ class MeasureStep:
         if points:
             last = points[-1]
             said = {
-                key: f"{last[f'{key}_nm']:.3f}".replace("-", "−")
+                key: minus_signs(f"{last[f'{key}_nm']:.3f}")
                 for key in ("reading", "standard", "error")
             }
             self._said.set_text(text("measure.last", number=len(points), **said))

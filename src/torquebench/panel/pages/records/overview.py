@@ -27,6 +27,7 @@ from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
+from torquebench.units import minus_signs
 
 __all__ = ["drift_lines", "records_page"]
 
@@ -291,7 +292,7 @@ def _drift(visitor: Visitor) -> None:
                         moments=True,
                     )
                 else:
-                    said = f"{series.values[0]:.4g} {series.unit}".replace("-", "−")
+                    said = minus_signs(f"{series.values[0]:.4g} {series.unit}")
                     when = f"{series.moments[0]:%Y-%m-%d}"
                     words("p", text("records.one_value", value=said, when=when))
                 if chart is None:

@@ -27,6 +27,7 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
 from torquebench.records.stream_export import STREAM_FORMATS, StreamFormat, stream_ending
+from torquebench.units import minus_signs
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]
 
@@ -196,7 +197,7 @@ class RunPanel:
             self._plot(numbers, first)
         names = list(numbers)
         rows = [
-            tuple(f"{numbers[name][row]:.6g}".replace("-", "−") for name in names)
+            tuple(minus_signs(f"{numbers[name][row]:.6g}") for name in names)
             for row in range(min(SHOWN_ROWS, len(numbers[names[0]])))
         ]
         table(title, [(column_with_unit(text, name), True) for name in names], rows)

@@ -18,7 +18,7 @@ from torquebench.panel.components.elements import box, note, pairs, panel, table
 from torquebench.panel.pages.job_panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
-from torquebench.panel.service.records.table_import import LONGEST_TABLE
+from torquebench.panel.service.records.table_import import LONGEST_TABLE, states_reference
 from torquebench.records.table_formats import ENDINGS
 from torquebench.reports.certificate.labels import labels_of
 
@@ -103,7 +103,8 @@ class TableEntry:
                 today = datetime.now(UTC).date().isoformat()
                 self._field("performed", today, kind="date", max=today)
                 stated = {
-                    each: text(f"elsewhere.stated_{each}") for each in ("torque", "range", "points")
+                    each: text(f"elsewhere.stated_{each}")
+                    for each in ("torque", "range", "points", "table")
                 }
                 self._field(
                     "reference_uncertainty_of", "torque", options=stated, on_change=self._stated
@@ -138,7 +139,7 @@ class TableEntry:
     def _stated(self, way: str) -> None:
         """Ask for the standard's uncertainty in this way."""
         for name in ("reference_uncertainty_percent", "reference_points"):
-            asked = (name == "reference_points") == (way == "points")
+            asked = way != "table" and (name == "reference_points") == (way == "points")
             self._fields[name].frame.set_visibility(asked)
 
     def _points(self) -> dict[str, list[float]]:
@@ -153,6 +154,8 @@ class TableEntry:
     def _reference(self) -> dict[str, Any] | None:
         """Return the standard's uncertainty as it was entered; None where it isn't one."""
         way = self._fields["reference_uncertainty_of"].value
+        if way == "table":
+            return {}
         name = "reference_points" if way == "points" else "reference_uncertainty_percent"
         field, wrong = self._fields[name], ""
         asked: dict[str, Any] | None = None
@@ -176,6 +179,10 @@ class TableEntry:
         try:
             raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
             self._content = read_table(raw, self._called)
+            way = self._fields["reference_uncertainty_of"]
+            if states_reference(self._content) or way.value == "table":
+                way.set("table" if states_reference(self._content) else "torque")
+                self._stated(way.value)
         except TorquebenchError as error:
             with self._found:
                 problem_note(self._text, error)

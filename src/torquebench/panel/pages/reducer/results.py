@@ -18,6 +18,7 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobResult
 from torquebench.panel.text import Text
 from torquebench.uncertainty import stated
+from torquebench.units import minus_signs
 
 __all__ = ["comparison", "outcomes"]
 
@@ -35,7 +36,7 @@ def number(value: float) -> str:
     >>> number(0.123456), number(-12.0), number(float("nan"))
     ('0.12346', '−12', '—')
     """
-    return "—" if value != value else f"{value:.5g}".replace("-", "−")
+    return "—" if value != value else minus_signs(f"{value:.5g}")
 
 
 def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
@@ -49,7 +50,7 @@ def with_uncertainty(value: float, uncertainty: float) -> tuple[str, str]:
     if not (math.isfinite(value) and math.isfinite(uncertainty)):
         return number(value), number(uncertainty)
     shown, expanded = stated(value, uncertainty)
-    return shown.replace("-", "−"), expanded
+    return minus_signs(shown), expanded
 
 
 @dataclass(frozen=True)

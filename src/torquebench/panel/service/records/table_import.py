@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal, Self, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from torquebench.bench.description import flat_of_range
+from torquebench.bench.description import CertifiedPoints
 from torquebench.calibration import (
     CalibrationData,
     CalibrationRecord,
@@ -36,6 +36,8 @@ from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
+from torquebench.records.csv_text import remarks_in
+from torquebench.records.reference_remarks import UNCERTAINTY
 from torquebench.records.table_files import table_text
 from torquebench.records.table_formats import is_csv
 from torquebench.reports.certificate import person_among
@@ -50,6 +52,7 @@ __all__ = [
     "TableRequest",
     "TableView",
     "read_table",
+    "states_reference",
 ]
 
 LONGEST_TABLE = 512 * 1024
@@ -68,28 +71,17 @@ Words = Annotated[str, Field(max_length=120, pattern=r"^[^\x00-\x1f\x7f]*$")]
 Needed = Annotated[str, Field(min_length=1, max_length=120, pattern=r"^[^\x00-\x1f\x7f]+$")]
 
 
-class ReferencePoints(BaseModel):
+class ReferencePoints(CertifiedPoints):
     """Expanded uncertainty (k = 2) of the standard at its certified torques, N·m."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-    torque_nm: Annotated[tuple[Number, ...], Field(min_length=1, max_length=MOST_CERTIFIED)]
-    expanded_uncertainty_nm: Annotated[
-        tuple[Number, ...], Field(min_length=1, max_length=MOST_CERTIFIED)
-    ]
-
-    @model_validator(mode="after")
-    def _usable(self) -> Self:
-        self.certified()
-        return self
-
-    def certified(self) -> CertifiedUncertainty:
-        """Return it over the torque."""
-        return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)
+    torque_nm: Annotated[list[Number], Field(min_length=1, max_length=MOST_CERTIFIED)]
+    expanded_uncertainty_nm: Annotated[list[Number], Field(min_length=1, max_length=MOST_CERTIFIED)]
 
 
 class TableRequest(BaseModel):
     """A calibration of another bench, as CSV text, and the profile for comparison.
+
+    Without an uncertainty of the standard, that of the table's comments counts.
 
     The columns are `reading_nm` and `standard_nm`, in measuring order, and `series`, `branch`,
     `direction`, `nominal_nm`, `position_deg`, `temperature_c`, … if they are known.
@@ -121,23 +113,31 @@ class TableRequest(BaseModel):
 
     @model_validator(mode="after")
     def _one_uncertainty(self) -> Self:
-        if (self.reference_uncertainty_percent is None) == (self.reference_points is None):
+        if not (self.reference_uncertainty_percent is None or self.reference_points is None):
             raise ConflictError(
                 "reference_uncertainty_percent",
-                "none" if self.reference_points is None else "both it and reference_points",
+                "both it and reference_points",
                 "a percentage or the table of the standard's certificate",
                 "state the standard's uncertainty in one way",
             )
         return self
 
-    def uncertainty(self, range_nm: float) -> CertifiedUncertainty:
-        """Return U (k = 2) of the standard over the torque."""
+    def uncertainty(self, points: CalibrationData) -> CertifiedUncertainty:
+        """Return U (k = 2) of the standard over the torque: stated here, or by the table."""
         if self.reference_points is not None:
             return self.reference_points.certified()
-        assert self.reference_uncertainty_percent is not None
+        if self.reference_uncertainty_percent is None:
+            if points.reference is None:
+                raise InputError(
+                    "reference_uncertainty_percent: none, and none in the table",
+                    "a percentage, the table of the standard's certificate, or a comment "
+                    "reference_uncertainty in the table",
+                    "state the standard's uncertainty",
+                )
+            return points.reference.certified
         share = 1e-2 * self.reference_uncertainty_percent
         if self.reference_uncertainty_of == "range":
-            return flat_of_range(share, range_nm)
+            return CertifiedUncertainty.of_range(share, points.range_nm)
         return CertifiedUncertainty.of_torque(share)
 
 
@@ -258,6 +258,11 @@ def read_table(content: bytes, name: str = "") -> str:
         table = Path(scratch) / Path(name).name
         table.write_bytes(content)
         return table_text(table)
+
+
+def states_reference(content: str) -> bool:
+    """Return whether a table's comments state U of its standard."""
+    return UNCERTAINTY in dict(remarks_in(content))
 
 
 class TableImport:
@@ -413,7 +418,7 @@ def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDire
     results = calibration_results(
         points.data,
         resolution_nm=asked.resolution_nm,
-        reference=asked.uncertainty(points.data.range_nm),
+        reference=asked.uncertainty(points.data),
     )
     found = []
     for direction in results.directions:
@@ -459,6 +464,6 @@ def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> Externa
             asked.reference_uncertainty_percent
             if asked.reference_uncertainty_percent is not None
             and asked.reference_uncertainty_of == "torque"
-            else asked.uncertainty(points.range_nm)
+            else asked.uncertainty(points)
         ),
     )
