@@ -155,15 +155,16 @@ class LivePath:
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
         start_s = self.index * BLOCK_S
         time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
-        rpm = 600.0 * np.sin(0.5 * time_s)
+        rpm = float(np.mean(600.0 * np.sin(0.5 * time_s)))
+        celsius = 23.0 + 5.0 * float(np.sin(0.1 * start_s))
         counts = np.round(360_000 / 60.0 * 1200.0 * (1.0 - np.cos(0.5 * time_s)))
         angles = AngleSamples(time_s, counts.astype(np.int64), 360_000)
         compensated = {
             name: self.chains[name].push(
                 StreamReadings.joined(
                     [(each.time_s, each.torque_nm, each.counter_nm)],
-                    [float(rpm.mean())],
-                    [23.0 + 5.0 * float(np.sin(0.1 * start_s))],
+                    [rpm],
+                    [celsius],
                     [self.shafts[name](time_s, counts, 360_000)],
                 )
             )

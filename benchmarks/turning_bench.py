@@ -36,10 +36,11 @@ from rich.console import Console
 from benchmarks.chain_shapes import FloatArray
 from benchmarks.compensation import show
 from benchmarks.section import BENCHMARKS, write_section
-from torquebench.bench.description import BenchDescription, default_bench
+from torquebench.bench.description import default_bench
 from torquebench.bench.devices.ramp import RampTo
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import load_profile
+from torquebench.campaign.bench_chains import referenced
 from torquebench.campaign.chains import reference_effect
 from torquebench.campaign.fitting import fit_table
 from torquebench.campaign.measuring import measure_calibration, measure_verification
@@ -98,9 +99,13 @@ class Result:
 
 
 def bench_of(seed: int) -> Any:
-    """Return the packaged simulated bench with another seed."""
+    """Return the packaged simulated bench with another seed, stated for the benchmark's climate."""
     bench = default_bench()
-    return bench.model_copy(update={"driver": {**bench.driver, "seed": seed}})
+    conditions = bench.conditions.model_copy(
+        update={"temperature_low_c": min(USED_C), "temperature_high_c": max(USED_C)}
+    )
+    driver = {**bench.driver, "seed": seed}
+    return bench.model_copy(update={"driver": driver, "conditions": conditions})
 
 
 def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> MeasuringChain:
@@ -113,26 +118,26 @@ def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> 
         else:  # the calibrator's own span changes with temperature, the standard's hardly
             measured = measure_verification(station, side, _FEW, seed=round(celsius))
         tables.append(folder / f"{side}-static-{celsius:g}.csv")
-        write_calibration_csv(tables[-1], measured.result.data)
+        found = measured.result  # as `records export` writes it
+        stated = referenced(found.data, measured.record.metadata, found.standard_serial)
+        write_calibration_csv(tables[-1], stated)
         runs.append(folder / f"{side}-empty-{celsius:g}.csv")
         measure_turning(station, side, load_turning_profile("empty-run"), runs[-1])
     soak(CALIBRATED_C[0])
     tables.append(folder / f"{side}-turning.csv")
     measure_turning(station, side, _TURNING, tables[-1])
-    return fitted_chain(tables, runs, station.description, side)
+    return fitted_chain(tables, runs, side)
 
 
-def fitted_chain(
-    tables: Sequence[Path], runs: Sequence[Path], description: BenchDescription, side: Side
-) -> MeasuringChain:
-    """Fit a chain to its files, as ``fit --reference`` with the calibrator's certificate does."""
+def fitted_chain(tables: Sequence[Path], runs: Sequence[Path], side: Side) -> MeasuringChain:
+    """Fit a chain to its files, as ``fit`` does: the tables state U of their standards."""
     points = joined_tables({path.name: read_calibration_csv(path) for path in tables})
     turning = identify_turning(points, [read_empty_run(path) for path in runs])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         fitted = fit_table(turning.points, side)
-    certified = reference_effect(description.calibrator.uncertainty(side))
-    return MeasuringChain(fitted.model, (*turning.effects, *certified))
+    standard = reference_effect(points, None, side, str)
+    return MeasuringChain(fitted.model, (*turning.effects, *standard))
 
 
 @dataclass
@@ -300,12 +305,12 @@ def module_rows(results: Sequence[Result]) -> tuple[list[str], list[list[str]]]:
 
 
 INTRODUCTION = """Simulated benches (preset nominal), both modules, by the files of the commands:
-`calibrate` at 23 °C; `verification` at 12, 35 and 48 °C; `turn` against the turning calibrator at
-the largest speed; empty runs at the four temperatures; `fit` with all tables, `--empty` and
-`--reference`. Then random torques and speeds over the whole range, ramps up to 300 1/min per s
-(output 3.75), at five temperatures from 10 to 50 °C and with shafts 3 K behind their transducers,
-all with one zero. A reading is the mean over 0.1 s; in the counter's single windows of 10 ms, for
-which U and coverage hold, misalignment's ripple stays. "Static only" is without temperature,
+`calibrate` at 23 °C; `verification` at 12, 35 and 48 °C; `turn` against the turning calibrator;
+empty runs at the four temperatures; `fit` with all of them. Then random torques and speeds over the
+whole range, ramps up to 300 1/min per s (output 3.75), at five temperatures from 10 to 50 °C and
+with shafts 3 K behind their transducers, all with one zero. A reading is the mean over 0.1 s; U and
+coverage are of single windows of 10 ms. One scatter is common to each of the 30 torques of a module
+and one zero to all, so single modules' coverage varies. "Static only" is without temperature,
 rotation, inertia and ripple.
 """
 

@@ -12,11 +12,7 @@ from torquebench.bench import default_bench
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.description import (
-    BenchDescription,
-    CertifiedPoints,
-    flat_of_range,
-)
+from torquebench.bench.description import BenchDescription, CertifiedPoints
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
 from torquebench.calibration import CalibrationData, verify
@@ -30,7 +26,7 @@ from torquebench.panel.service.live.hub import LiveHub
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
-from torquebench.uncertainty import BudgetLine
+from torquebench.uncertainty import BudgetLine, CertifiedUncertainty
 
 RANGE_NM = 2000.0
 READING_NM = 1500.0
@@ -152,7 +148,10 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
         temperature_c=[TEMPERATURE_C], time_s=[0.0], standard_error_nm=[COUNTER_NM],
     )  # fmt: skip
     checked, expanded, _ = judge_check(
-        point, chain, standard=flat_of_range(0.0, RANGE_NM), tolerance_percent_fs=0.1
+        point,
+        chain,
+        standard=CertifiedUncertainty.of_range(0.0, RANGE_NM),
+        tolerance_percent_fs=0.1,
     )
     told["check"] = Told(float(checked[0]), float(expanded[0]))
     found = verify(point, {"chain": chain}).of("chain")

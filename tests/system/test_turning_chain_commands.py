@@ -17,6 +17,7 @@ from tests.unit.chain.test_turning_chains import (
     zero_shift,
 )
 
+from torquebench.chain import Reference, load_chain
 from torquebench.cli.answers import ANSWERS
 from torquebench.units import RAD_S_PER_RPM
 
@@ -171,6 +172,9 @@ def test_what_turn_writes_is_what_fit_and_apply_take(tmp_path: Path) -> None:
     words = ("fit", "points.csv", "--empty", "empty.csv", "--out", "m.json", "--report", "m.html")
     fitted = run(*words, cwd=tmp_path)
     assert fitted.returncode == 0, fitted.stderr
+    kept = load_chain(tmp_path / "m.json").stored
+    (standard,) = (each for each in kept if isinstance(each, Reference))
+    assert standard.record == "certificate SIM-CERT-1 of SIM-CAL-1"
     page = (tmp_path / "m.html").read_text()
     assert "bearing drag" in page
     assert "not identified: zero over temperature" in page

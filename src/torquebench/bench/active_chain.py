@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,6 @@ from torquebench.bench.acceleration import Acceleration
 from torquebench.chain import (
     ChainStream,
     Component,
-    Dynamics,
     EffectState,
     MeasuredRotation,
     MeasuringChain,
@@ -189,7 +188,7 @@ class ActiveChain:
 
     def _acted_s(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times of torques: those by a dynamic filter are later than their readings."""
-        dynamics = next((each for each in self.chain.stored if isinstance(each, Dynamics)), None)
+        dynamics = self.chain.dynamics
         return time_s if dynamics is None else dynamics.acted_s(time_s)
 
     def end_fine(self) -> None:
@@ -296,14 +295,18 @@ class _Recent:
 
 def _rows(torque: Torque) -> NDArray[np.float64]:
     """Return torques, then uncertainty, addition and place of one component after the other."""
-    columns: list[NDArray[np.float64] | float] = [torque.value_nm]
-    for each in torque.components:
-        columns += (each.uncertainty_nm, each.value_nm)
-        if each.place is not None:
-            columns.extend(each.place.T)
-    rows = np.empty((len(columns), torque.value_nm.size))
-    for row, column in zip(rows, columns, strict=True):
-        row[:] = column
+    places = sum(each.place.shape[1] for each in torque.components if each.place is not None)
+    rows = np.zeros((1 + 2 * len(torque.components) + places, torque.value_nm.size))
+    rows[0] = torque.value_nm
+    row = 1
+    for _, _, uncertainty_nm, value_nm, place, _ in torque.components:
+        rows[row] = uncertainty_nm
+        if isinstance(value_nm, np.ndarray) or value_nm:
+            rows[row + 1] = value_nm
+        row += 2
+        if place is not None:
+            rows[row : row + place.shape[1]] = place.T
+            row += place.shape[1]
     return rows
 
 
@@ -316,6 +319,6 @@ def _torque(rows: NDArray[np.float64], components: tuple[Component, ...]) -> Tor
         next_row = first + (0 if each.place is None else each.place.shape[1])
         place = None if each.place is None else np.ascontiguousarray(rows[first:next_row].T)
         found.append(
-            replace(each, uncertainty_nm=rows[first - 2], value_nm=rows[first - 1], place=place)
+            each._replace(uncertainty_nm=rows[first - 2], value_nm=rows[first - 1], place=place)
         )
     return Torque(rows[0], tuple(found))

@@ -75,12 +75,14 @@ def standard_effect(
     side: Side,
     calibrated_on: date | None = None,
     standard_c: Sequence[float] = (),
+    mounted: StandardDescription | None = None,
 ) -> Reference:
-    """Return the effect of the calibrator: its certificate, and possible changes since.
+    """Return the effect of a standard: its certificate, and possible changes since.
 
-    A temperature of the calibrator that wasn't measured lies between the limits of the bench.
+    A temperature of the standard that wasn't measured lies between the limits of the bench. Without
+    `mounted` it is the calibrator.
     """
-    standard, conditions = description.calibrator, description.conditions
+    standard, conditions = mounted or description.calibrator, description.conditions
     transducer = standard.transducer(side)
     reached = standard_c or (conditions.temperature_low_c, conditions.temperature_high_c)
     largest_k = max(abs(each - standard.certificate_temperature_c) for each in reached)

@@ -37,7 +37,6 @@ __all__ = [
     "StandardDescription",
     "TransducerDescription",
     "default_bench",
-    "flat_of_range",
     "load_bench",
     "parse_bench",
     "stated_uncertainty",
@@ -102,7 +101,7 @@ class TransducerDescription(_Section):
                     key,
                     Message("{value:g} Hz/(N·m)", value),
                     Message(
-                        "{nominal:g} to {nominal_2:g} Hz/(N·m), within 5 % of nominal",
+                        "{lowest:g} to {highest:g} Hz/(N·m), within 5 % of nominal",
                         0.95 * nominal,
                         1.05 * nominal,
                     ),
@@ -355,19 +354,8 @@ def stated_uncertainty(
     share = 1e-2 * float(standard["expanded_uncertainty_percent"])
     if standard.get("expanded_uncertainty_of") == "torque":
         return CertifiedUncertainty.of_torque(share)
-    return flat_of_range(share, (standard.get(side) or {}).get("nominal_torque_nm", range_nm))
-
-
-CERTIFIED_FROM_SHARE = 0.02
-"""Smallest certified torque of a standard whose certificate isn't known as a table, as a share of
-its range: the first of 50 steps."""
-
-
-def flat_of_range(share: float, range_nm: float) -> CertifiedUncertainty:
-    """Return a U that is a share of a range for all its torques."""
-    from torquebench.uncertainty import CertifiedUncertainty
-
-    return CertifiedUncertainty.flat(share * range_nm, CERTIFIED_FROM_SHARE * range_nm, range_nm)
+    nominal_nm = (standard.get(side) or {}).get("nominal_torque_nm", range_nm)
+    return CertifiedUncertainty.of_range(share, nominal_nm)
 
 
 class SafetyDescription(_Section):

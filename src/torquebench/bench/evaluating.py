@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torquebench.bench.acceleration import (
     LEAST_SPAN_S,
     UNKNOWN,
-    BlockSamples,
+    Acceleration,
     EncoderAcceleration,
 )
 from torquebench.bench.active_chain import ActiveChain, StreamPart, StreamReadings
@@ -110,33 +110,25 @@ class BlockEvaluator:
             fine=fine,
         )
 
-    def _bent(self, side: Side, angle: AngleSamples) -> BlockSamples:
-        """Return the samples from which the acceleration over a block is evaluated."""
-        time_s = angle.time_s
+    def _acceleration(self, side: Side, angle: AngleSamples) -> Acceleration:
+        """Return the acceleration over a block; a short one includes samples before it."""
+        time_s, counts = angle.time_s, angle.counts
         if time_s.size and time_s[-1] - time_s[0] < LEAST_SPAN_S:
             time_s, counts = self.angles[side].window(
                 time_s[-1] - LEAST_SPAN_S, np.nextafter(time_s[-1], np.inf)
             )
-            return time_s, counts
-        return time_s, angle.counts
+        return self._accelerations[side](time_s, counts, angle.counts_per_revolution)
 
-    def _accelerated(self, blocks: Sequence[AcquiredBlock]) -> Iterator[AcquiredBlock]:
-        """Return blocks with the accelerations of both sides."""
-        found = {
-            side: self._accelerations[side].of_blocks(
-                [self._bent(side, block.angles[side]) for block in blocks],
-                angle.counts_per_revolution,
-            )
-            for side, angle in blocks[0].angles.items()
-        }
-        for number, block in enumerate(blocks):
-            yield replace(block, accelerations={side: each[number] for side, each in found.items()})
+    def _accelerated(self, block: AcquiredBlock) -> AcquiredBlock:
+        """Return a block with the accelerations of both sides."""
+        found = {side: self._acceleration(side, angle) for side, angle in block.angles.items()}
+        return replace(block, accelerations=found)
 
     def stretch(
         self, blocks: Sequence[AcquiredBlock], compensations: Mapping[Side, ActiveChain]
     ) -> Stretch:
         """Compensate blocks of which each follows the one before, with their accelerations."""
-        bare = Stretch(tuple(self._accelerated(blocks)))
+        bare = Stretch(tuple(map(self._accelerated, blocks)))
         fine = {
             name: (windows.window_s, windows.count([block.edges[name] for block in blocks]))
             for name, windows in blocks[0].fine.items()

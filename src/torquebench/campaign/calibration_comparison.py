@@ -232,8 +232,8 @@ def _common(before: CalibrationEntry, after: CalibrationEntry) -> tuple[float, f
     if not low < high:
         raise InputError(
             Message(
-                "calibrations of {valid_nm:g} to {before_valid_nm:g} N·m and "
-                "{after_valid_nm:g} to {valid_nm_2:g} N·m",
+                "calibrations of {before_low_nm:g} to {before_high_nm:g} N·m and "
+                "{after_low_nm:g} to {after_high_nm:g} N·m",
                 before.valid_nm[0],
                 before.valid_nm[1],
                 after.valid_nm[0],
@@ -289,7 +289,7 @@ def _remarks(
         if abs(reached[1] - reached[0]) > SAME_RANGE * max(reached):
             said.append(
                 Message(
-                    "{direction} the calibrations reach {reached:g} and {reached_2:g} N·m: "
+                    "{direction} the calibrations reach {before_nm:g} and {after_nm:g} N·m: "
                     "only the common range is compared",
                     direction,
                     reached[0],

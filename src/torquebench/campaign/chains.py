@@ -1,16 +1,12 @@
-"""Effects of a measuring chain as a person or a bench states them."""
+"""Effects of a measuring chain as a person states them or its calibration shows them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from datetime import date
-from typing import Any
 
 import numpy as np
 
-from torquebench.bench.chain_effects import chain_effects
-from torquebench.bench.description import BenchDescription, stated_uncertainty
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
     Drift,
@@ -25,27 +21,58 @@ from torquebench.message import Message
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
-    "bench_effects",
     "mounting_effect",
-    "recorded_effects",
     "reference_effect",
+    "remark_another_standard",
     "stated_effects",
 ]
 
 
 def reference_effect(
-    certified: CertifiedUncertainty | None, record: str = "stated with the fit"
+    data: CalibrationData,
+    certified: CertifiedUncertainty | None,
+    source: str,
+    remark: Callable[[str], object],
 ) -> tuple[Effect, ...]:
-    """Return the effect of a reference standard; none if none is stated.
+    """Return the effect of the standard of a table that is fitted; none if none is stated.
 
     Parameters
     ----------
+    data : CalibrationData
+        Whose standard counts by default.
     certified : CertifiedUncertainty or None
-        U (k = 2) over the torque.
-    record : str
-        Where that comes from.
+        U (k = 2) over the torque that a person states instead.
+    source : str
+        Of the table, for messages.
+    remark : callable
+        Called with a sentence where the table states another.
     """
-    return () if certified is None else (Reference(record, certified),)
+    if certified is None:
+        return () if data.reference is None else (data.reference,)
+    remark_another_standard(data, certified, source, remark)
+    return (Reference("stated with the fit", certified),)
+
+
+def remark_another_standard(
+    data: CalibrationData,
+    certified: CertifiedUncertainty,
+    source: str,
+    remark: Callable[[str], object],
+) -> None:
+    """Call `remark` with a sentence if a table states another U than a person."""
+    if data.reference is not None and data.reference.certified != certified:
+        noted, given = (
+            each.largest_nm(data.range_nm) for each in (data.reference.certified, certified)
+        )
+        remark(
+            Message(
+                "{source} says U of the standard up to {noted:.4g} N·m; up to {given:.4g} N·m was "
+                "given and is taken",
+                source,
+                noted,
+                given,
+            )
+        )
 
 
 def stated_effects(
@@ -74,7 +101,7 @@ def stated_effects(
     """
     known = {type(effect): effect for effect in chain.stored}
     record = "stated on the command line"
-    effects = list(reference_effect(reference, record))
+    effects: list[Effect] = [] if reference is None else [Reference(record, reference)]
     if span_percent_per_10k is not None or zero_percent_per_10k is not None:
         warmth = known.get(Temperature)
         assert warmth is None or isinstance(warmth, Temperature)
@@ -89,41 +116,6 @@ def stated_effects(
     if zero_nm is not None and Zero not in known:
         effects.append(Zero(record, 0.0))
     return tuple(effects)
-
-
-def bench_effects(
-    description: BenchDescription, data: CalibrationData, day: date | None = None
-) -> tuple[Effect, ...]:
-    """Return the effects of a calibration that was measured on a bench, on a day if it is known."""
-    temperature, standard = data.temperature_c, data.standard_temperature_c
-    return chain_effects(
-        description,
-        "input" if data.side == "input" else "output",
-        None if temperature is None else float(np.mean(temperature)),
-        day,
-        () if standard is None else (float(np.min(standard)), float(np.max(standard))),
-    )
-
-
-def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tuple[Effect, ...]:
-    """Return the effects of a calibration as its run has recorded them.
-
-    Parameters
-    ----------
-    metadata : mapping
-        Of the run: the bench's description at the time, or the standard of an external calibration.
-    data : CalibrationData
-    """
-    if "bench" in metadata:
-        return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
-    standard = metadata["standard"]
-    certified = stated_uncertainty(standard, data.side, data.range_nm)
-    record = Message(
-        "certificate {certificate_number} of {serial}",
-        standard["certificate_number"] or "unknown",
-        standard["serial"],
-    )
-    return reference_effect(certified, record)
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:

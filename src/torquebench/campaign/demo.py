@@ -41,7 +41,7 @@ class DemoSettings:
     Parameters
     ----------
     calibration, verification : Profile
-        By default the rapid calibration in place (50 points per direction, up and down) and ten
+        By default the rapid calibration in place (50 points per direction, up and down) and three
         groups of 50 fresh points.
     friction : FrictionSettings or None
         By default 20 to 1200 rpm with three repeats; None omits the reducer.
@@ -52,7 +52,9 @@ class DemoSettings:
     """
 
     calibration: Profile = field(default_factory=lambda: load_profile("rapid-in-situ"))
-    verification: Profile = field(default_factory=lambda: load_profile("verification"))
+    verification: Profile = field(
+        default_factory=lambda: load_profile("verification").with_options(groups=3)
+    )
     friction: FrictionSettings | None = field(default_factory=FrictionSettings)
     models: tuple[ModelChoice, ...] = (
         ModelChoice("bayesian-network"),

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from hashlib import sha256
 from pathlib import Path
@@ -38,6 +38,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import json_text
 from torquebench.records.columns import quantity, understood
+from torquebench.records.csv_text import CsvTable
 from torquebench.records.table_files import read_table
 from torquebench.records.tables import is_simulated
 
@@ -134,21 +135,22 @@ def identify_dynamics(
 
     if not runs:
         raise InputError("no table with a known torque", "one at least")
-    on_bench = [path for path in runs if "segment" in read_table(path).header]
-    if on_bench and len(on_bench) < len(runs):
+    tables = {path: read_table(path) for path in runs}
+    on_bench = [path for path, table in tables.items() if "segment" in table.header]
+    if on_bench and len(on_bench) < len(tables):
         raise InputError(
             Message("{on_bench} of `turn --profile dynamics` beside other tables", on_bench[0]),
             "one kind of tables",
         )
     known, hashes, simulated = [], {}, False
-    for path in [] if on_bench else runs:
-        table = _Table(path, ("time_s", "reading_nm", "standard_nm"))
+    for path, content in {} if on_bench else tables.items():
+        table = _Table(path, content, ("time_s", "reading_nm", "standard_nm"))
         known.append(Known(table.interval_s, torque_of(table["reading_nm"]), table["standard_nm"]))
         hashes[path.name] = table.sha256
         simulated = simulated or table.simulated
     inertia = None
     if empty is not None:
-        table = _Table(empty, ("time_s", "reading_nm", "speed_rpm"))
+        table = _Table(empty, read_table(empty), ("time_s", "reading_nm", "speed_rpm"))
         inertia = identify_inertia(
             table["time_s"],
             torque_of(table["reading_nm"]),
@@ -162,7 +164,7 @@ def identify_dynamics(
         hashes[empty.name] = table.sha256
         simulated = simulated or table.simulated
     if on_bench:
-        found = _OnBench.of(on_bench)
+        found = _OnBench.of(tables)
         transfer, identified = found.chain(motor, inertia)
         step_s = _interval(transfer) if interval_s is None else interval_s
         transfer = replace(transfer, window_s=step_s if window_s is None else window_s)
@@ -204,7 +206,7 @@ class _OnBench:
     sha256: dict[str, str]
 
     @classmethod
-    def of(cls, paths: Sequence[Path]) -> _OnBench:
+    def of(cls, tables: Mapping[Path, CsvTable]) -> _OnBench:
         """Return what runs with steps and sines show.
 
         Raises
@@ -214,8 +216,8 @@ class _OnBench:
         """
         steps, sines = list[NDArray[np.float64]](), list[Sine]()
         hashes, remarks, interval_s = {}, dict[str, str](), 0.0
-        for path in paths:
-            table, columns = understood(read_table(path), _STEPS[:3])
+        for path, content in tables.items():
+            table, columns = understood(content, _STEPS[:3])
             hashes[path.name], remarks = sha256(path.read_bytes()).hexdigest(), table.remarks
             time, reading, standard = (
                 np.asarray(quantity(table, columns, name), np.float64) for name in _STEPS[:3]
@@ -343,8 +345,8 @@ def load_dynamics(path: Path) -> Dynamics:
 class _Table:
     """A table with an even sample rate."""
 
-    def __init__(self, path: Path, required: tuple[str, ...]) -> None:
-        table, columns = understood(read_table(path), required)
+    def __init__(self, path: Path, content: CsvTable, required: tuple[str, ...]) -> None:
+        table, columns = understood(content, required)
         self.values = {key: quantity(table, columns, key) for key in required}
         self.simulated = is_simulated(table.remarks)
         self.sha256 = sha256(path.read_bytes()).hexdigest()

@@ -13,7 +13,7 @@ from datetime import datetime
 from typing import Any
 
 from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
-from torquebench.campaign.chains import recorded_effects
+from torquebench.campaign.bench_chains import recorded_effects
 from torquebench.campaign.checking import finish_check
 from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models, model_in_use
 from torquebench.campaign.measuring import Measured

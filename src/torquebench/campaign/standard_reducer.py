@@ -149,7 +149,7 @@ def within_certificate(
                 settings.speeds_rpm[-1],
             ),
             Message(
-                "speeds within the certificate's {speeds:g} to {speeds_2:g} rpm",
+                "speeds within the certificate's {lowest:g} to {highest:g} rpm",
                 speeds[0],
                 speeds[-1],
             )

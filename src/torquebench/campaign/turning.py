@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -92,13 +92,19 @@ def identify_turning(
     return TurningChain(corrected, found.effects, found.remarks)
 
 
-def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
+def joined_tables(
+    tables: Mapping[str, CalibrationData], remark: Callable[[str], object] = str
+) -> CalibrationData:
     """Return the points of several tables of one chain, at several temperatures and speeds.
+
+    Of several standards the larger U counts; a table that doesn't state one takes the others'.
 
     Parameters
     ----------
     tables : mapping of str to CalibrationData
         By their names, for messages. One without a speed was measured at standstill.
+    remark : callable
+        Called with a sentence where the tables' standards differ.
 
     Raises
     ------
@@ -119,7 +125,30 @@ def joined_tables(tables: Mapping[str, CalibrationData]) -> CalibrationData:
             part if part.speed_rpm is not None else replace(part, speed_rpm=zeros)
             for part, zeros in zip(parts, still, strict=True)
         ]
-    return parts[0] if len(parts) == 1 else CalibrationData.concatenate(parts)
+    if len(parts) == 1:
+        return parts[0]
+    joined = CalibrationData.concatenate(parts)
+    if joined.reference is not None:
+        _remark_standards(tables, joined.reference.record, remark)
+    return joined
+
+
+def _remark_standards(
+    tables: Mapping[str, CalibrationData], records: str, remark: Callable[[str], object]
+) -> None:
+    """Say where tables have different standards, or none."""
+    unstated = [name for name, table in tables.items() if table.reference is None]
+    stated = {table.reference.certified for table in tables.values() if table.reference is not None}
+    if unstated:
+        remark(
+            Message(
+                "{tables} without U of the standard; that of the other tables is taken: {records}",
+                ", ".join(unstated),
+                records,
+            )
+        )
+    if len(stated) > 1:
+        remark(Message("tables of several standards, the larger U is taken: {records}", records))
 
 
 def _circumstances(points: CalibrationData) -> bool:

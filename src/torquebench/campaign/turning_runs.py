@@ -11,12 +11,14 @@ from numpy.typing import NDArray
 from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
+from torquebench.campaign.bench_chains import referenced
 from torquebench.campaign.measuring import OnPause, measure, operator_name
+from torquebench.dynamics import MotorInertia
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures import Plan, Rehearsal, rehearse
 from torquebench.procedures.turning.calibrating import calibrate_turning
-from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, turn_empty
+from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, SeriesTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
 from torquebench.progress import NO_PROGRESS, Progress
@@ -136,7 +138,8 @@ def measure_turning(
                     series=np.concatenate([before.points.series, points.series]),
                 )
             remarks = _remarks(station, side, profile, series_done)
-            write_calibration_csv(target, points, remarks)
+            stated = referenced(points, {"bench": station.description})
+            write_calibration_csv(target, stated, remarks)
 
         def loading(*, kept: bool = True) -> Plan[CalibrationData]:
             on_series = keep if kept else None
@@ -169,8 +172,7 @@ def measure_turning(
     def write(done: EmptyTable) -> None:
         _write(target, done, station, profile)
 
-    begins_s = table.rows[-1, 0] + _RESUMED_AFTER_S if len(table.rows) else 0.0
-    table.shift_s = begins_s - station.clock.now() if begins_s else 0.0
+    _follow_on(table, station)
     found = measure(
         station,
         lambda: turn_empty(station.devices, side, profile, table, wait=wait, on_series=write),
@@ -182,6 +184,12 @@ def measure_turning(
         on_pause=on_pause,
     )
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
+
+
+def _follow_on(table: SeriesTable, station: Station) -> None:
+    """Let the rows of a resumed run follow the earlier ones."""
+    if len(table.rows):
+        table.shift_s = table.rows[-1, 0] + _RESUMED_AFTER_S - station.clock.now()
 
 
 def _measure_steps(
@@ -198,12 +206,13 @@ def _measure_steps(
     module, standard = station.description.module(side), station.description.calibrator
     remarks = {"reference_delay_s": f"{standard.transducer(side).group_delay_s:.6g}"}
     if module.motor_inertia_kgm2 is not None:
-        u = 0.005 * module.motor_inertia_uncertainty_percent * module.motor_inertia_kgm2
-        remarks["motor_inertia_kgm2"] = f"{module.motor_inertia_kgm2:.6g}"
+        motor = MotorInertia.stated(
+            module.motor_inertia_kgm2, module.motor_inertia_uncertainty_percent
+        )
+        remarks["motor_inertia_kgm2"] = f"{motor.inertia_kgm2:.6g}"
+        u = motor.standard_uncertainty_kgm2
         remarks["motor_inertia_standard_uncertainty_kgm2"] = f"{u:.6g}"
-    if len(table.rows):
-        begins_s = float(table.rows[-1, 0]) + _RESUMED_AFTER_S
-        table.shift_s = begins_s - station.clock.now()
+    _follow_on(table, station)
 
     def write(done: StepTable) -> None:
         stated = {**_remarks(station, side, profile, done.series_done), **remarks}
@@ -243,7 +252,7 @@ def _remarks(
         "transducer_serial": module.transducer.serial,
         "profile": profile.name,
         "profile_hash": profile.sha256,
-        "series_done": Message("{test} of {reducer}", series_done, series),
+        "series_done": f"{series_done} of {series}",
     }
 
 
@@ -308,5 +317,6 @@ def read_begun(
         + [table.numbers(ANGLE) if ANGLE in table.header else np.full(len(table.rows), np.nan)]
     )
     begun = EmptyTable(side)
-    begun.begin_with(rows, int(done), float(table.remarks.get("zero_hz", "nan")))
+    begun.begin_with(rows, int(done))
+    begun.zero_hz = float(table.remarks.get("zero_hz", "nan"))
     return begun

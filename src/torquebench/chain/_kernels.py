@@ -1,4 +1,4 @@
-"""Interpolation of measured effects at single readings, without the overhead of NumPy calls."""
+"""Effects at single readings, without the overhead of NumPy calls."""
 
 import math
 
@@ -6,7 +6,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["rotation", "temperature"]
+from torquebench.compensation.piecewise import interpolated
+
+__all__ = ["goes_on", "inertia", "rotation", "standard", "temperature"]
 
 FloatArray = NDArray[np.float64]
 
@@ -74,6 +76,50 @@ def temperature(
 
 
 @njit(cache=True)
+def goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: float) -> bool:
+    """Return whether times follow an earlier one, and each other, at an interval."""
+    for k in range(time_s.size):
+        if not abs(time_s[k] - before_s - interval_s) <= allowed_s:
+            return False
+        before_s = time_s[k]
+    return True
+
+
+@njit(cache=True)
+def inertia(
+    acceleration: FloatArray, uncertainty: FloatArray, moment: tuple[float, float], unknown: float
+) -> FloatArray:
+    """Return rows: u of the inertia's torque with the acceleration's sign, and its correction.
+
+    `moment` is followed by its u; `unknown` is the u of an acceleration that isn't known.
+    """
+    found = np.empty((2, acceleration.size))
+    for k in range(acceleration.size):
+        now, of_now = acceleration[k], uncertainty[k]
+        if math.isnan(now):
+            now, of_now = 0.0, unknown
+        found[0, k] = math.copysign(math.hypot(moment[1] * now, moment[0] * of_now), now)
+        found[1, k] = -moment[0] * now
+    return found
+
+
+@njit(cache=True)
+def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
+    """Return half of a standard's U with the torque's sign.
+
+    `down` and `up` have the sizes of the certified torques of each direction, and U.
+    """
+    found = np.empty(torque_nm.size)
+    for k in range(torque_nm.size):
+        side = down if torque_nm[k] < 0.0 else up
+        size = abs(torque_nm[k])
+        within = min(max(size, side[0, 0]), side[0, -1])
+        expanded = interpolated(within, side[0], side[1]) * (size / within)
+        found[k] = math.copysign(0.5 * expanded, torque_nm[k])
+    return found
+
+
+@njit(cache=True)
 def rotation(
     speed_rpm: FloatArray,
     now_c: FloatArray,
@@ -83,10 +129,17 @@ def rotation(
     blind: FloatArray,
     columns: FloatArray,
     loads: FloatArray,
+    noise: FloatArray,
     unknown: tuple[float, float],
     limits_rpm: tuple[float, float, float],
-) -> FloatArray:
-    """Return rows: u of the zero, its correction, u of the drag, its correction, running-in, its u.
+    lubrication: tuple[float, float],
+    widening: float,
+    places: tuple[float, float, float],
+) -> tuple[FloatArray, FloatArray]:
+    """Return rows of the components, and the readings' places.
+
+    The rows are u of the zero, its correction, u of the drag, its correction, u of the lubrication,
+    noise, running-in, its u.
 
     Parameters
     ----------
@@ -98,14 +151,24 @@ def rotation(
         Span over speed and its u, running-in and its u.
     loads : float64 array of shape (2, speeds, torques)
         Drag by the load and its u; no torques where it wasn't identified.
+    noise : float64 array of shape (speeds,)
+        Noise in a window of the empty runs; empty if unknown.
     limits_rpm : lowest and highest speed, and the largest speed of a standing shaft
+    lubrication : factor on the drag, and its u
+    widening : noise of a reading's window by that of the empty runs' windows
+    places : correlation lengths of speed and temperature, and the temperature if none is known
     """
-    found = np.zeros((6, speed_rpm.size))
+    found, place = np.zeros((8, speed_rpm.size)), np.empty((speed_rpm.size, 2))
     value = np.empty(4)
     for k in range(speed_rpm.size):
         speed, warm = speed_rpm[k], now_c[k]
+        place[k, 0] = (0.0 if math.isnan(speed) else speed) / places[0]
+        place[k, 1] = (places[2] if math.isnan(warm) else warm) / places[1]
+        if noise.size:
+            size = nodes[0][-1] if math.isnan(speed) else abs(speed)
+            found[5, k] = widening * interpolated(size, nodes[0], noise)
         if math.isnan(speed):
-            found[0, k], found[2, k] = unknown
+            found[0, k], found[2, k] = unknown[0], lubrication[0] * unknown[1]
             continue
         outside = speed < limits_rpm[0] or speed > limits_rpm[1]
         sign = 0.0
@@ -129,8 +192,10 @@ def rotation(
         if nodes[2].size:
             column = _place(nodes[2], abs(torque_nm[k]))
             load, load_u = _on_table(loads[0], row, column), _on_table(loads[1], row, column)
-        found[2, k] = sign * math.sqrt(value[3] * value[3] + load_u * load_u)
-        found[3, k] = -sign * (value[2] + load)
-        found[4, k] = sign * _on_line(columns[2], row)
-        found[5, k] = sign * _on_line(columns[3], row)
-    return found
+        drag = -sign * (value[2] + load)
+        found[2, k] = lubrication[0] * (sign * math.sqrt(value[3] * value[3] + load_u * load_u))
+        found[3, k] = lubrication[0] * drag
+        found[4, k] = lubrication[1] * drag
+        found[6, k] = sign * _on_line(columns[2], row)
+        found[7, k] = sign * _on_line(columns[3], row)
+    return found, place

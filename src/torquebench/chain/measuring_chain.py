@@ -96,6 +96,11 @@ class MeasuringChain:
         return (*own, self.curve, scatter, *after)
 
     @cached_property
+    def dynamics(self) -> Dynamics | None:
+        """The filter of quick changes, if the chain has one."""
+        return next((each for each in self.stored if isinstance(each, Dynamics)), None)
+
+    @cached_property
     def switched_off(self) -> frozenset[str]:
         """Names of components that are not corrected; their possible size stays in U."""
         return frozenset(
@@ -224,7 +229,7 @@ class MeasuringChain:
 
     def recorded(self) -> tuple[MeasuringChain, RecordedDynamics | None]:
         """Return the chain for one record in blocks, and its dynamics, which get them first."""
-        dynamics = next((each for each in self.stored if isinstance(each, Dynamics)), None)
+        dynamics = self.dynamics
         if dynamics is None:
             return self, None
         follows = dynamics.recorded()

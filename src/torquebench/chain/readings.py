@@ -96,5 +96,7 @@ def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
     ([nan, nan], [1.0, 5.0])
     """
     if isinstance(value, np.ndarray) and value.shape == (count,):
-        return value if np.isnan(otherwise) else known_or(value, otherwise)
-    return np.full(count, otherwise if value is None or np.isnan(value) else value)
+        return value if otherwise != otherwise else known_or(value, otherwise)
+    row = np.empty(count)
+    row.fill(otherwise if value is None or value != value else value)
+    return row

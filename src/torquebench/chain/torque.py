@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from enum import StrEnum
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -38,8 +39,7 @@ class Shared(StrEnum):
     NOTHING = "nothing"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Component:
+class Component(NamedTuple):
     """Contribution of one source to torques, and its uncertainty.
 
     Parameters
@@ -77,7 +77,7 @@ def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
         Standard uncertainty by that size: rectangular, unless it is known that it isn't corrected.
     """
     u = np.hypot(component.uncertainty_nm, share * component.value_nm)
-    return replace(component, value_nm=0.0, uncertainty_nm=u)
+    return component._replace(value_nm=0.0, uncertainty_nm=u)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -172,8 +172,7 @@ class Torque:
         return Torque(
             self.value_nm[index],
             tuple(
-                replace(
-                    each,
+                each._replace(
                     uncertainty_nm=chosen(each.uncertainty_nm),
                     value_nm=chosen(each.value_nm),
                     place=None if each.place is None else each.place[index],
@@ -229,8 +228,7 @@ class Torque:
             Shared.NOTHING: np.arange(count),
         }
         parts = tuple(
-            replace(
-                each,
+            each._replace(
                 uncertainty_nm=np.atleast_1d(
                     _spread(weight * each.uncertainty_nm, groups[each.shared], each.place)
                 ),
@@ -258,7 +256,7 @@ class Torque:
         parts = tuple(
             each
             if each.shared is not Shared.NOTHING
-            else replace(each, uncertainty_nm=np.maximum(each.uncertainty_nm, standard_error_nm))
+            else each._replace(uncertainty_nm=np.maximum(each.uncertainty_nm, standard_error_nm))
             for each in self.components
         )
         if not any(each.shared is Shared.NOTHING for each in parts):
@@ -341,8 +339,7 @@ def joined(parts: Sequence[Torque]) -> Torque:
         )
 
     components = tuple(
-        replace(
-            each,
+        each._replace(
             uncertainty_nm=column(number, "uncertainty_nm"),
             value_nm=column(number, "value_nm"),
             place=None

@@ -32,7 +32,7 @@ BRANCH_WORDS: Mapping[str, int] = {
             *("up", "increasing", "inc", "rising", "+1", "1", "1.0"),
             *("ascending", "loading", "upwards", "↑"),
             *("auf", "aufwärts", "aufsteigend", "steigend", "zunehmend", "belastung"),
-            *("加载", "上行", "进程", "正行程", "升程", "增载", "递增", "升"),
+            *("加载", "上行", "进程", "正行程", "升程", "增载", "递增", "升", "上升"),
         ),
         1,
     ),
@@ -41,7 +41,7 @@ BRANCH_WORDS: Mapping[str, int] = {
             *("down", "decreasing", "dec", "falling", "-1", "-1.0"),
             *("descending", "unloading", "downwards", "↓"),
             *("ab", "abwärts", "absteigend", "fallend", "abnehmend", "entlastung"),
-            *("卸载", "下行", "回程", "反行程", "降程", "减载", "递减", "降"),
+            *("卸载", "下行", "回程", "反行程", "降程", "减载", "递减", "降", "下降"),
         ),
         -1,
     ),
@@ -70,7 +70,8 @@ def branch_values(branch: ArrayLike) -> FloatArray:
         return values.astype(np.float64)
     numbers = np.empty(values.shape)
     for place, word in np.ndenumerate(values):
-        meaning = BRANCH_WORDS.get(str(word).strip().lower())
+        word = str(word)
+        meaning = BRANCH_WORDS.get(word.strip().lower())
         if meaning is None:
             row = Message(", row {place}", place[0]) if place else ""
             raise InputError(

@@ -193,7 +193,7 @@ class Estimator:
             ):
                 continue
             raise InputError(
-                Message("{name} = {value!r} of {name_2}", name, value, type(self).__name__),
+                Message("{parameter} = {value!r} of {kind}", name, value, type(self).__name__),
                 " or ".join("None" if limit is None else str(limit) for limit in allowed),
                 "give a value within the limits",
             )

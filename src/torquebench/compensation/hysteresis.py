@@ -24,11 +24,13 @@ from __future__ import annotations
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.compensation.piecewise import evaluate_piecewise, interpolated
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -64,8 +66,12 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
 
 
 @njit(cache=True)
-def _follow(reading, widths, weights, lowest, highest, low, high):  # type: ignore[no-untyped-def] # Numba infers
-    """Move the play operators along the readings; `lowest` and `highest` bound their states."""
+def _follow(reading, plays, low, high):  # type: ignore[no-untyped-def] # Numba infers
+    """Move the play operators along the readings.
+
+    The rows of `plays` are widths, weights, and the lower and upper bounds of their states.
+    """
+    widths, weights, lowest, highest = plays[0], plays[1], plays[2], plays[3]
     for k in range(reading.size):
         x = reading[k]
         state_low = 0.0
@@ -167,10 +173,7 @@ class HysteresisOperator:
         grid = grid[grid <= table.reading_high_nm]
         rising, falling = _rising_and_falling(table, grid)
         parts = np.column_stack(
-            [
-                np.subtract(*generic._only(play)._reference_at(grid)[::-1])
-                for play in range(generic.widths_nm.size)
-            ]
+            [generic._only(play)._loop_width_at(grid) for play in range(generic.widths_nm.size)]
         )
         std = 0.0
         if table.uncertainty_curve is not None and table.curve.branch_aware:
@@ -180,10 +183,6 @@ class HysteresisOperator:
     def tracker(self) -> BranchTracker:
         """Return a tracker without history."""
         return BranchTracker(self)
-
-    def reference(self, reading_nm: FloatArray) -> tuple[FloatArray, FloatArray]:
-        """States that the calibration passed through at readings, falling and rising."""
-        return self._reference_at(reading_nm)
 
     def _only(self, play: int) -> HysteresisOperator:
         return HysteresisOperator(
@@ -226,8 +225,8 @@ class HysteresisOperator:
         return step * np.arange(-steps, steps + 1, dtype=np.float64)
 
     @cached_property
-    def _reference(self) -> tuple[FloatArray, FloatArray]:
-        """Return the states on the grid when last passed falling and rising."""
+    def reference(self) -> FloatArray:
+        """Readings, and the states that the calibration passed there, falling and rising."""
         falling, rising = np.full((2, self._grid.size), np.nan)
         tracker = self.tracker()
         # a calibration starts at rest, with the operators in the middle
@@ -239,12 +238,12 @@ class HysteresisOperator:
                 passed = passed[::-1]
             state, _ = tracker.push(np.append(self._grid[passed], stop))
             (rising if stop > start else falling)[passed] = state[:-1]
-        return _filled(falling, rising), _filled(rising, falling)
+        return np.array([self._grid, _filled(falling, rising), _filled(rising, falling)])
 
-    def _reference_at(self, reading: FloatArray) -> tuple[FloatArray, FloatArray]:
-        falling, rising = self._reference
-        lower = np.interp(reading, self._grid, falling)
-        return lower, np.maximum(np.interp(reading, self._grid, rising), lower)
+    def _loop_width_at(self, reading: FloatArray) -> FloatArray:
+        grid, falling, rising = self.reference
+        width = np.interp(reading, grid, rising) - np.interp(reading, grid, falling)
+        return np.asarray(np.maximum(width, 0.0))
 
 
 class BranchTracker:
@@ -267,8 +266,8 @@ class BranchTracker:
 
     def __init__(self, operator: HysteresisOperator) -> None:
         self.operator = operator
-        self._widths = np.ascontiguousarray(operator.widths_nm, dtype=np.float64)
-        self._weights = np.ascontiguousarray(operator.weights, dtype=np.float64)
+        self._plays = np.empty((4, len(operator.widths_nm)))
+        self._plays[0], self._plays[1] = operator.widths_nm, operator.weights
         self.forget()
 
     def forget(self) -> None:
@@ -277,18 +276,17 @@ class BranchTracker:
         Limited by full scale only: no operator is farther out than full scale less its width.
         """
         largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
-        self._highest = np.maximum(largest - self._widths, 0.0)
-        self._lowest = -self._highest
+        self._plays[3] = np.maximum(largest - self._plays[0], 0.0)
+        self._plays[2] = -self._plays[3]
 
     def settle(self, reading_nm: float) -> None:
         """Start from a demagnetised state at a reading: every operator in its middle."""
-        self._lowest = np.full(self._widths.size, reading_nm)
-        self._highest = self._lowest.copy()
+        self._plays[2:] = reading_nm
 
     def copy(self) -> BranchTracker:
         """Return another tracker in the same state."""
         other = BranchTracker(self.operator)
-        other._lowest, other._highest = self._lowest.copy(), self._highest.copy()
+        other._plays = self._plays.copy()
         return other
 
     def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -311,18 +309,21 @@ class BranchTracker:
         """
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
         if reading.ndim != 1 or not np.all(np.isfinite(reading)):
-            raise InputError(
-                "readings with gaps (not a number)",
-                "finite readings in one row",
-                "call forget() after a gap",
-            )
+            raise _gaps()
         low, high = np.empty((2, reading.size))
-        _follow(reading, self._widths, self._weights, self._lowest, self._highest, low, high)
+        _follow(reading, self._plays, low, high)
         return low, high
 
 
-@dataclass(frozen=True)
-class LiveTorque:
+def _gaps() -> InputError:
+    return InputError(
+        "readings with gaps (not a number)",
+        "finite readings in one row",
+        "call forget() after a gap",
+    )
+
+
+class LiveTorque(NamedTuple):
     """Compensated live readings.
 
     Attributes
@@ -394,28 +395,64 @@ class HistoryCompensator:
         LiveTorque
         """
         reading = np.ascontiguousarray(reading_nm, dtype=np.float64)
-        return self._at(reading, self.tracker, self._even_tracker)
-
-    def peek(self, reading_nm: float) -> LiveTorque:
-        """Compensate a reading in N·m, such as a mean, without changing the state."""
-        reading = np.array([reading_nm])
-        return self._at(reading, self.tracker.copy(), self._even_tracker.copy())
+        curve, spread = self.table.curve, self.table.uncertainty_curve
+        result = np.empty((6, reading.size))
+        outside = _compensate(
+            reading,
+            (self.tracker._plays, self._even_tracker._plays),
+            (self.operator.reference, self._even.reference),
+            curve.packed,
+            (curve if spread is None else spread).packed,
+            (curve.branch_aware, spread is not None and spread.branch_aware, spread is not None),
+            (self.operator.amplitude_nm, self.operator.amplitude_std_nm),
+            result,
+        )
+        if outside < 0:
+            raise _gaps()
+        fault = np.zeros(reading.size, dtype=np.bool_)
+        if outside:
+            fault = (reading < self.table.reading_low_nm) | (reading > self.table.reading_high_nm)
+        return LiveTorque(result[0], result[1], result[2], fault, *result[3:])
 
     def forget(self) -> None:
         """Discard the history, as after a gap in the readings or a fault."""
         self.tracker.forget()
         self._even_tracker.forget()
 
-    def _at(self, reading: FloatArray, tracker: BranchTracker, even: BranchTracker) -> LiveTorque:
-        """Move along the readings and compensate between the bounds of the state."""
-        low, high = tracker.push(reading)
-        falling, rising = self.operator.reference(reading)
-        others = (*even.push(reading), *self._even.reference(reading))
-        torque, std, fault = self.table.of_both_curves(reading)
-        result = np.empty((6, reading.size))
-        amplitude = (self.operator.amplitude_nm, self.operator.amplitude_std_nm)
-        _mix(low, high, falling, rising, torque, std, amplitude, others, result)
-        return LiveTorque(result[0], result[1], result[2], fault, *result[3:])
+
+@njit(cache=True)
+def _compensate(reading, plays, references, curve, spread, flags, amplitude, result):  # type: ignore[no-untyped-def] # Numba infers
+    """Move both sets of play operators along the readings and fill in what `_mix` does.
+
+    Return the number of readings outside the table, or -1, without moving anything, if one isn't
+    finite. The flags are whether curve and spread have branches, and whether there is a spread.
+    """
+    count = reading.size
+    for k in range(count):
+        if not np.isfinite(reading[k]):
+            return -1
+    states = np.empty((8, count))
+    for number in range(2):
+        first = 4 * number
+        _follow(reading, plays[number], states[first], states[first + 1])
+        grid, falling, rising = references[number]
+        for k in range(count):
+            lower = interpolated(reading[k], grid, falling)
+            states[first + 2, k] = lower
+            states[first + 3, k] = max(interpolated(reading[k], grid, rising), lower)
+    both, branch = np.empty(2 * count), np.empty(2 * count, dtype=np.int8)
+    for k in range(count):
+        both[k] = both[count + k] = reading[k]
+        branch[k] = 1 if reading[k] >= 0.0 else -1
+        branch[count + k] = -branch[k]
+    torque, std = np.empty(2 * count), np.empty(2 * count if flags[2] else 0)
+    outside = evaluate_piecewise(both, branch[: 2 * count * flags[0]], torque, *curve)
+    if flags[2]:
+        evaluate_piecewise(both, branch[: 2 * count * flags[1]], std, *spread)
+    others = (states[4], states[5], states[6], states[7])
+    low, high, falling, rising = states[0], states[1], states[2], states[3]
+    _mix(low, high, falling, rising, torque, std, amplitude, others, result)
+    return outside
 
 
 @njit(cache=True)

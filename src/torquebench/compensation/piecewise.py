@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from math import ceil
 
 import numpy as np
@@ -11,7 +12,14 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["BRANCHES", "Curve", "PiecewisePolynomial", "approximate"]
+__all__ = [
+    "BRANCHES",
+    "Curve",
+    "PiecewisePolynomial",
+    "approximate",
+    "evaluate_piecewise",
+    "interpolated",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -67,8 +75,21 @@ def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # N
     return outside
 
 
+@njit(cache=True)
+def interpolated(value, nodes, values):  # type: ignore[no-untyped-def] # Numba infers
+    """Return what `np.interp` does for one value, for use in other kernels."""
+    last = nodes.size - 1
+    if np.isnan(value) or value < nodes[0]:
+        return value if np.isnan(value) else values[0]
+    if value >= nodes[last]:
+        return values[last]
+    below = np.searchsorted(nodes, value, side="right") - 1
+    slope = (values[below + 1] - values[below]) / (nodes[below + 1] - nodes[below])
+    return slope * (value - nodes[below]) + values[below]
+
+
 @njit(cache=True, nogil=True)
-def _evaluate(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
+def evaluate_piecewise(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
     """Evaluate block by block: locating is vectorised, fetching coefficients isn't."""
     first_of = np.empty(_BLOCK, dtype=np.int32)
     place = np.empty(_BLOCK)
@@ -173,10 +194,16 @@ class PiecewisePolynomial:
         outside : int
             Number of readings outside the limits, or not a number.
         """
-        grid = (self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain)
         signs = branch if self.branch_aware and branch is not None else _NO_BRANCHES
-        table, order = self.coefficients.reshape(-1), self.degree + 1
-        return int(_evaluate(reading, signs, out, table, self.intervals, order, grid))
+        return int(evaluate_piecewise(reading, signs, out, *self.packed))
+
+    @cached_property
+    def packed(
+        self,
+    ) -> tuple[FloatArray, int, int, tuple[float, float, float, float, float, float, float]]:
+        """Coefficients, intervals of a branch, coefficients of an interval, and the grid."""
+        grid = (self.scale, self.zero, self.extra, self.near, self.low, self.high, self.gain)
+        return self.coefficients.reshape(-1), self.intervals, self.degree + 1, grid
 
     def nodes(self) -> FloatArray:
         """Edges of the intervals in N·m in ascending order, from the lower to the upper limit."""

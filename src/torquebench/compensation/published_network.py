@@ -281,7 +281,7 @@ class PublishedNetworkModel(CompensationModel):
                         self.learning_rate,
                     ),
                     Message(
-                        "less than about {hidden:.2g} for {hidden_2} neurons",
+                        "less than about {error:.2g} for {neurons} neurons",
                         1.0 / (self.hidden + 1),
                         self.hidden,
                     ),

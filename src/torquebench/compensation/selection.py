@@ -163,8 +163,8 @@ def behind_raw(
     why = form.shortcoming(left_out.rms_nm)
     said = Message(
         "{name} is worse than the raw reading at steps that it wasn't fitted to: "
-        "{percent:.3g} % FS at worst and {percent_2:.3g} % FS RMS; the raw "
-        "reading's errors are {percent_3:.3g} and {percent_4:.3g} % FS",
+        "{worst:.3g} % FS at worst and {rms:.3g} % FS RMS; the raw "
+        "reading's errors are {raw_worst:.3g} and {raw_rms:.3g} % FS",
         name,
         percent * left_out.worst_nm,
         percent * left_out.rms_nm,

@@ -197,35 +197,6 @@ class CompensationTable:
         """
         return _scalar_function(self.curve)
 
-    def of_both_curves(
-        self, reading: FloatArray
-    ) -> tuple[FloatArray, FloatArray, NDArray[np.bool_]]:
-        """Return torques and standard uncertainties on the rising curve, then on the falling one.
-
-        Parameters
-        ----------
-        reading : float64 array of shape (n,)
-
-        Returns
-        -------
-        torque_nm, standard_uncertainty_nm : float64 array of shape (2n,)
-            As of `torque_with_faults`; the uncertainty is empty for a table without it.
-        fault : bool array of shape (n,)
-            True where the reading is outside the range or not a number.
-        """
-        count = reading.size
-        both, branch = np.empty(2 * count), np.empty(2 * count, dtype=np.int8)
-        both[:count] = both[count:] = reading
-        branch[:count] = np.where(reading >= 0.0, 1, -1)
-        np.negative(branch[:count], out=branch[count:])
-        torque, deviation = np.empty(2 * count), np.empty(0)
-        outside = self.curve.evaluate(both, branch, torque)
-        fault = ~self._inside(reading) if outside else np.zeros(count, dtype=np.bool_)
-        if self.uncertainty_curve is not None:
-            deviation = np.empty(2 * count)
-            self.uncertainty_curve.evaluate(both, branch, deviation)
-        return torque, deviation, fault
-
     def _inside(self, reading: FloatArray) -> NDArray[np.bool_]:
         return (reading >= self.reading_low_nm) & (reading <= self.reading_high_nm)
 

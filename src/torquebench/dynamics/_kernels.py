@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-__all__ = ["convolve", "convolve_uncertain", "run_recursive"]
+__all__ = ["convolve", "convolve_uncertain", "correct_uncertain", "run_recursive"]
 
 FloatArray = NDArray[np.float64]
 
@@ -58,6 +58,36 @@ def convolve_uncertain(
         by_weights = convolve(extended * extended, variances)
     past[0], past[1] = extended[count:], own[count:]
     return convolve(extended, weights), by_weights, convolve(own, squares)
+
+
+@njit(cache=True)
+def correct_uncertain(
+    past: FloatArray,
+    values: FloatArray,
+    spread: FloatArray,
+    weights: FloatArray,
+    factors: FloatArray,
+    variances: FloatArray,
+    squares: FloatArray,
+    rows: FloatArray,
+) -> bool:
+    """Filter values as `convolve_uncertain` does, and fill in rows about the filter's correction.
+
+    The rows are the correction, u by the weights, and what the filter adds to u of the values.
+    False, with nothing changed, if a value or its u isn't a number.
+    """
+    for i in range(values.size):
+        if not (np.isfinite(values[i]) and 0.0 <= spread[i] < np.inf):
+            return False
+    found, by_weights, by_values = convolve_uncertain(
+        past, values, spread, weights, factors, variances, squares
+    )
+    for i in range(values.size):
+        rows[0, i] = found[i] - values[i]
+        rows[1, i] = np.sqrt(by_weights[i])
+        noise = np.sqrt(by_values[i])
+        rows[2, i] = np.sqrt(max(noise * noise - spread[i] * spread[i], 0.0))
+    return True
 
 
 @njit(cache=True)

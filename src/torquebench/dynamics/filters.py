@@ -248,6 +248,23 @@ class FilterStream:
         """Restart with the next sample, as after a gap."""
         self._line.begun = False
 
+    def correct(self, values: FloatArray, uncertainty: FloatArray) -> FloatArray | None:
+        """Filter the next samples of a stream that goes on without a fault.
+
+        Parameters
+        ----------
+        values, uncertainty : float64 array of shape (n,)
+
+        Returns
+        -------
+        float64 array of shape (3, n) or None
+            Correction, standard uncertainty by the coefficients, and what the filter adds to that
+            of the samples. None, with nothing filtered, at the start, with a fault among the
+            samples, or for a filter with feedback; `push` filters those.
+        """
+        line = self._line
+        return line.correct(values, uncertainty) if isinstance(line, _Convolving) else None
+
     def push(self, values: ArrayLike, uncertainty: ArrayLike | None = None) -> Filtered:
         """Filter the next samples; a fault (NaN) gets no number.
 
@@ -334,6 +351,15 @@ class _Convolving:
             self.past, values, spread, self.weights, self.factors, self.variances, self.squares
         )
         return value, coefficients, noise
+
+    def correct(self, values: FloatArray, spread: FloatArray) -> FloatArray | None:
+        from torquebench.dynamics._kernels import correct_uncertain
+
+        rows = np.empty((3, values.size))
+        known = (self.weights, self.factors, self.variances, self.squares)
+        if self.begun and correct_uncertain(self.past, values, spread, *known, rows):
+            return rows
+        return None
 
 
 @dataclass

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import pi, sqrt
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,6 +116,11 @@ class MotorInertia:
     inertia_kgm2: float
     standard_uncertainty_kgm2: float
 
+    @classmethod
+    def stated(cls, inertia_kgm2: float, expanded_percent: float) -> Self:
+        """Return it by its expanded uncertainty (k = 2) in %."""
+        return cls(inertia_kgm2, 0.005 * expanded_percent * inertia_kgm2)
+
 
 def identify_vibration(steps: Steps) -> Vibration:
     """Identify frequency and damping of the vibration that follows steps of torque.
@@ -173,7 +179,7 @@ def identify_vibration(steps: Steps) -> Vibration:
     what: list[str] = []
     if gain < _LEAST_GAIN:
         what.append(
-            Message("no vibration stands out of the noise of {sqrt:.3g} N·m", sqrt(variance))
+            Message("no vibration stands out of the noise of {noise_nm:.3g} N·m", sqrt(variance))
         )
     else:
         for name, value, each in zip(_LARGEST_RELATIVE, (frequency, damping), u, strict=True):
@@ -230,7 +236,7 @@ def _after(steps: Steps) -> FloatArray:
     readings = np.asarray(steps.reading_nm, np.float64)
     if readings.ndim != 2 or readings.shape[0] < _FEWEST_STEPS:
         raise InputError(
-            Message("{shape} steps of torque", readings.shape[0] if readings.ndim == 2 else 0),
+            Message("{count} steps of torque", readings.shape[0] if readings.ndim == 2 else 0),
             Message("{fewest_samples} at least", _FEWEST_STEPS),
             _REMEDY,
         )

@@ -69,7 +69,7 @@ def allan_deviation(value: ArrayLike, interval_s: float) -> AllanDeviation:
     samples = np.asarray(value, dtype=np.float64)
     if samples.ndim != 1 or samples.size < 2 * _FEWEST_AVERAGES:
         raise InputError(
-            Message("{shape} samples", samples.shape),
+            Message("{count} samples", samples.shape),
             Message("a row of {fewest_averages} or more", 2 * _FEWEST_AVERAGES),
         )
     if not np.all(np.isfinite(samples)):

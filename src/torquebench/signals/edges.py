@@ -103,7 +103,7 @@ class EdgeBlock:
         ticks = as_ticks(values, name)
         if ticks.size and not (self.start_tick <= ticks[0] and ticks[-1] < self.stop_tick):
             raise InputError(
-                Message("{name} from {ticks} to {ticks_2}", name, ticks[0], ticks[-1]),
+                Message("{name} from {first} to {last}", name, ticks[0], ticks[-1]),
                 Message("inside [{start_tick}, {stop_tick})", self.start_tick, self.stop_tick),
             )
         return ticks
@@ -132,7 +132,7 @@ class EdgeBlock:
                 at = int(wrong[0])
                 raise InputError(
                     Message(
-                        "{name}[{at}] = {ticks} after {ticks_2}",
+                        "{name}[{at}] = {tick} after {before}",
                         name,
                         at + 1,
                         ticks[at + 1],

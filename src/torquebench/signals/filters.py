@@ -52,7 +52,7 @@ def zero_phase(
     padding = min(samples.size - 1, int(3 * sample_rate_hz / cutoff_hz))
     if samples.size < 3 * order:
         raise InputError(
-            Message("{shape} samples", samples.size), Message("at least {limit}", 3 * order)
+            Message("{count} samples", samples.size), Message("at least {limit}", 3 * order)
         )
     return np.asarray(sosfiltfilt(sections, samples, padlen=padding))
 

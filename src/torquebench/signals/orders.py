@@ -236,7 +236,7 @@ def fit_ripple(
     if rank < matrix.shape[1] or singular[-1] < 1e-3 * singular[0]:
         raise InputError(
             Message(
-                "{ptp:.3g} revolutions for orders {chosen}",
+                "{revolutions:.3g} revolutions for orders {chosen}",
                 np.ptp(angles) / (2 * np.pi),
                 chosen.tolist(),
             ),

@@ -95,7 +95,7 @@ class FrequencyScale:
         if not low <= self.zero <= high:
             raise InputError(
                 Message("zero {zero} Hz", self.zero),
-                Message("{modulation_hz} to {modulation_hz_2} Hz", low, high),
+                Message("{lowest_hz} to {highest_hz} Hz", low, high),
                 "check the transducer's option and unload it before zeroing",
             )
 
@@ -164,7 +164,7 @@ class FrequencyScale:
                 SignalFaultKind.OUT_OF_MODULATION,
                 Message("frequency {flat:.9g} Hz", frequency[outside].flat[0]),
                 Message(
-                    "{modulation_hz:g} to {modulation_hz_2:g} Hz",
+                    "{lowest_hz:g} to {highest_hz:g} Hz",
                     self.modulation_hz[0],
                     self.modulation_hz[1],
                 ),

@@ -215,7 +215,7 @@ def _checked(
     fewest = max(minimum_samples, 4)
     if times.size < fewest:
         raise InputError(
-            Message("{shape} samples", times.size),
+            Message("{count} samples", times.size),
             Message("at least {limit}", fewest),
             "record the step longer",
         )

@@ -168,7 +168,7 @@ class WindowCounter:
             ticks = trains[-1] if falls else trains[0]
             raise InputError(
                 Message(
-                    "edge at tick {ticks} after one at {ticks_2}", ticks[wrong], ticks[wrong - 1]
+                    "edge at tick {tick} after one at {before}", ticks[wrong], ticks[wrong - 1]
                 ),
                 "strictly increasing edges",
             )

@@ -1,4 +1,5 @@
 import gc
+import sys
 from functools import cache
 from itertools import pairwise
 
@@ -6,9 +7,24 @@ import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
-from torquebench.chain import Dynamics, MeasuringChain, Temperature, Torque, Zero, joined
+from torquebench.chain import (
+    Counter,
+    Dynamics,
+    Effect,
+    Inertia,
+    MeasuredRotation,
+    MeasuredTemperature,
+    MeasuringChain,
+    Mounting,
+    Reference,
+    Temperature,
+    Torque,
+    Zero,
+    joined,
+)
 from torquebench.compensation import MODELS, CompensationModel, features, make_model
 from torquebench.dynamics import TransferFunction, design_inverse
+from torquebench.uncertainty import CertifiedUncertainty
 
 FULL_SCALE_NM = 300.0
 SINGLE_CURVE = ["bayesian-network", "polynomial", "radial-basis", "spline"]
@@ -66,6 +82,46 @@ def test_live_windows_get_what_the_model_says(kind: str) -> None:
     np.testing.assert_array_equal(
         kept.torque.standard_uncertainty_nm, found.standard_uncertainty_nm
     )
+
+
+def all_effects() -> tuple[Effect, ...]:
+    speeds, celsius = (0.0, 1200.0), (10.0, 40.0)
+    table, small = ((0.0, 0.0), (0.1, 0.2)), ((0.01, 0.01), (0.01, 0.01))
+    return (
+        MeasuredTemperature("runs", 23.0, 10.0, 40.0, celsius, (0.0, 0.3), (0.01, 0.01)),
+        MeasuredRotation(
+            "runs", 23.0, -1200.0, 1200.0, 10.0, 40.0, speeds, celsius, table, small, table, small,
+            noise_nm=(0.01, 0.02), window_s=1e-3,
+        ),
+        Inertia("ramps", 0.0025, 0.00002, largest_rad_s2=300.0),
+        Dynamics("steps", 1e-3, late_s=1e-3),
+        Reference("certificate", CertifiedUncertainty.flat(0.06, 6.0, FULL_SCALE_NM)),
+        Counter("counter", 0.001),
+        Zero("description", 0.01, 4.0),
+        Mounting("three positions", 0.01),
+    )  # fmt: skip
+
+
+def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
+    """Half of those of a NumPy call for each operation: the live path consists of such windows."""
+    active = ActiveChain(MeasuringChain(loop_model("hybrid"), all_effects()), "1", "hybrid")
+    active.zero = ZeroTaken(0.0, 23.0)
+    known = (600.0, 25.0, None, 31.4, 2.0)
+    windows = [
+        StreamReadings(np.array([1e-3 * number]), np.array([10.0]), np.array([1e-3]), *known)
+        for number in range(1, 6)
+    ]
+    for window in windows[:-1]:
+        active.push(window)
+    calls = []
+    sys.setprofile(lambda frame, event, _: calls.append(frame) if event == "call" else None)
+    try:
+        torque = active.push(windows[-1])
+    finally:
+        sys.setprofile(None)
+    assert torque.has_number.all()
+    assert len({each.name for each in torque.components}) > 12
+    assert len(calls) < 120
 
 
 def test_what_is_remembered_is_nothing_for_the_garbage_collection_to_walk_through() -> None:

@@ -1,6 +1,5 @@
 """Acceleration from encoder samples, and what it is worth in the live stream."""
 
-import itertools
 from pathlib import Path
 
 import numpy as np
@@ -38,16 +37,20 @@ def test_a_ramp_is_known_within_its_uncertainty_and_its_begin_widens_it() -> Non
     assert found[5].uncertainty_rad_s2 > 5.0  # the block in which the ramp began lies before it
 
 
-def test_blocks_evaluated_together_state_the_same_to_the_last_bit() -> None:
-    """Other lengths, and blocks of too few samples, lie among them."""
-    generator = np.random.default_rng(2)
-    cuts = np.cumsum([0, 50, 50, 50, 49, 3, 50, 50, 11, 11, 0, 50, 50])
-    time_s = 100.0 + 0.001 * np.arange(cuts[-1])
-    counts = sampled(time_s, 30.0 * np.sin(9.0 * time_s) + generator.normal(0.0, 1e-4, time_s.size))
-    blocks = [(time_s[start:stop], counts[start:stop]) for start, stop in itertools.pairwise(cuts)]
-    single = EncoderAcceleration()
-    expected = [single(time, count, PER_REVOLUTION) for time, count in blocks]
-    np.testing.assert_array_equal(EncoderAcceleration().of_blocks(blocks, PER_REVOLUTION), expected)
+@pytest.mark.parametrize("size", [5, 10, 50])
+def test_it_is_the_bend_of_a_parabola_by_least_squares(size: int) -> None:
+    generator = np.random.default_rng(size)
+    time_s = 100.0 + 0.001 * np.arange(size)
+    angle = 30.0 * np.sin(9.0 * time_s) + generator.normal(0.0, 1e-4, size)
+    counts = sampled(time_s, angle)
+    found = EncoderAcceleration()(time_s, counts, PER_REVOLUTION)
+    count_rad = 2.0 * np.pi / PER_REVOLUTION
+    at, turned = time_s - time_s.mean(), count_rad * (counts - counts[0])
+    fitted, covariance = np.polyfit(at, turned, 2, cov="unscaled")
+    rest = np.sum((turned - np.polyval(fitted, at)) ** 2) / (size - 3)
+    noise = np.sqrt((rest + count_rad**2 / 12.0) * covariance[0, 0])
+    assert found.rad_s2 == pytest.approx(2.0 * fitted[0], rel=1e-9)
+    assert found.uncertainty_rad_s2 == pytest.approx(2.0 * noise, rel=1e-9)
 
 
 def test_too_few_samples_tell_nothing() -> None:

@@ -1,12 +1,11 @@
 import numpy as np
 import pytest
 
-from torquebench.bench.description import flat_of_range
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.checking import judge_check
 from torquebench.chain import MeasuringChain
 from torquebench.compensation import make_model
-from torquebench.uncertainty import Verdict
+from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
 
 def points(error):
@@ -25,7 +24,10 @@ def points(error):
 )
 def test_the_guard_band_is_the_uncertainty_of_the_standard(error, verdict):
     torque, expanded, decisions = judge_check(
-        points(error), None, standard=flat_of_range(2e-4, 100.0), tolerance_percent_fs=0.1
+        points(error),
+        None,
+        standard=CertifiedUncertainty.of_range(2e-4, 100.0),
+        tolerance_percent_fs=0.1,
     )
     assert np.array_equal(torque, points(error).reading_nm)
     assert expanded == pytest.approx([0.02] * 3)
@@ -40,7 +42,10 @@ def test_a_model_in_use_compensates_and_adds_its_uncertainty():
     model.fit(reading[:, None], standard)
     data = CalibrationData([19.8, 59.4, 99.0], [20.0, 60.0, 100.0], [1] * 3, [1] * 3, 100.0)
     torque, expanded, decisions = judge_check(
-        data, MeasuringChain(model), standard=flat_of_range(2e-4, 100.0), tolerance_percent_fs=0.1
+        data,
+        MeasuringChain(model),
+        standard=CertifiedUncertainty.of_range(2e-4, 100.0),
+        tolerance_percent_fs=0.1,
     )
     assert torque == pytest.approx([20.0, 60.0, 100.0], abs=0.02)
     assert np.all(expanded > 0.02)

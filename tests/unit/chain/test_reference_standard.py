@@ -61,6 +61,16 @@ def test_a_standard_that_was_as_warm_as_at_its_own_calibration_is_better_known()
     assert warm > unknown
 
 
+@pytest.mark.parametrize("torques", [(40.0, 900.0, 2000.0), (-2000.0, -50.0, 30.0, 1500.0)])
+def test_its_u_is_the_certificates_at_every_torque(torques):
+    certified = CertifiedUncertainty(torques, tuple(0.02 + 1e-4 * abs(each) for each in torques))
+    torque = np.array([-3000.0, -2000.0, -51.0, -0.0, 0.0, 7.0, 40.0, 899.0, 2000.0, np.nan])
+    found, *_ = Reference("certificate 7", certified).components(Readings(torque), torque)
+    np.testing.assert_array_equal(
+        found.uncertainty_nm, np.copysign(0.5 * certified.at(torque), torque)
+    )
+
+
 def test_its_drift_counts_from_its_own_calibration():
     bench = described(
         certificate_date="2025-01-15",

@@ -448,6 +448,41 @@ def test_many_points_tell_the_zero_over_temperature_and_a_single_zero_scatters()
     assert np.std(found.corrected_nm - truth) < 1.3 * NOISE_NM
 
 
+def unloaded(points: TurningCalibration, left_nm: tuple[float, ...]) -> TurningCalibration:
+    """Return points with an unloaded one after each direction, at which the chain still reads."""
+    assert points.zero_nm is not None
+    assert points.temperature_c is not None
+    each = points.standard_nm.size // 3
+    at = np.concatenate([each * k + each // 2 * (1 + np.arange(len(left_nm))) for k in range(3)])
+    warm, zero = points.temperature_c[at - 1], points.zero_nm[at - 1]
+    reading = np.tile(left_nm, 3) + zero_shift(warm) - (zero - 0.4)
+    added = {
+        "reading_nm": reading,
+        "standard_nm": 0.0,
+        "branch": -1.0,
+        "speed_rpm": 0.0,
+        "temperature_c": warm,
+        "zero_temperature_c": warm,
+        "zero_nm": zero,
+    }
+    columns = {name: np.insert(getattr(points, name), at, value) for name, value in added.items()}
+    return replace(points, **columns)
+
+
+def test_a_zero_in_use_follows_an_unloading_from_either_direction() -> None:
+    points, runs = seated(stated=True)
+
+    def zero(left_nm: tuple[float, ...]) -> float:
+        found = identify(unloaded(points, left_nm), runs, RANGE_NM).effects[-1]
+        assert isinstance(found, Zero)
+        return found.zero_nm
+
+    scatter = zero((0.0, 0.0))
+    assert scatter < 2.0 * float(np.std(SEATED_NM, ddof=1))
+    assert zero((0.06, -0.04)) == pytest.approx(np.hypot(scatter, 0.05), rel=0.05)
+    assert zero((0.06,)) < 1.2 * scatter  # one direction tells no difference
+
+
 def test_zeros_that_tables_dont_state_have_no_scatter() -> None:
     effects = identify(*seated(stated=False), RANGE_NM).effects
     assert not any(isinstance(each, Zero) for each in effects)

@@ -119,6 +119,26 @@ def test_one_quiet_cycle_tells_remanence_from_a_zero_that_creeps(density):
     assert _rms((live.torque_nm - _FS * share)[40:]) < 4e-5
 
 
+def test_live_torque_lies_between_both_curves_of_the_table_as_the_operators_state():
+    table = _calibrated(RelayChain(_DENSITIES["narrow"]), reversing=False)
+    compensator = HistoryCompensator(table)
+    operator = compensator.operator
+    reading = _FS * _work_path()[::7]
+    grid, falling, rising = operator.reference
+    fall = np.interp(reading, grid, falling)
+    rise = np.maximum(np.interp(reading, grid, rising), fall)
+    outward = np.where(reading >= 0.0, 1, -1)
+    up, down = table.torque(reading, outward), table.torque(reading, -outward)
+    bounds = []
+    for state in operator.tracker().push(reading):
+        inside = np.clip(state, fall, rise)
+        share = (inside - fall) / np.maximum(rise - fall, 1e-9)
+        bounds.append(down + share * (up - down) + operator.amplitude_nm * (state - inside))
+    live = compensator.push(reading)
+    np.testing.assert_array_equal(live.torque_nm, 0.5 * (bounds[0] + bounds[1]))
+    np.testing.assert_array_equal(live.middle_nm, 0.5 * (up + down))
+
+
 def test_calibrated_loop_gives_the_models_own_branches():
     """Along the very path of the calibration the result is the branch-aware model itself."""
     table = _calibrated(RelayChain(_DENSITIES["narrow"]), reversing=False)

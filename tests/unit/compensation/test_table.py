@@ -292,16 +292,3 @@ def test_bad_arguments_are_named(simple_table, call, message):
 def test_impossible_tolerance_is_refused(fitted):
     with pytest.raises(InputError, match="table tolerance"):
         compile_table(fitted["polynomial"], tolerance=0.0)
-
-
-def test_both_curves_are_what_the_table_states_of_each_branch(simple_table):
-    reading = np.array([0.0, -0.0, 500.0, -700.0, 3000.0, np.nan])
-    upward = np.where(reading >= 0.0, 1, -1)
-    torque, deviation, fault = simple_table.of_both_curves(reading)
-    for branch, part in ((upward, slice(0, 6)), (-upward, slice(6, 12))):
-        expected, outside = simple_table.torque_with_faults(reading, branch)
-        np.testing.assert_array_equal(torque[part], expected)
-        np.testing.assert_array_equal(fault, outside)
-        if deviation.size:
-            stated = simple_table.standard_uncertainty(reading, branch)
-            np.testing.assert_array_equal(deviation[part], stated)

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 from tests.watching import Watching
 
+from torquebench.campaign.bench_chains import bench_effects
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
+from torquebench.chain import Reference
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.procedures.turning.empty import EmptyTable
 from torquebench.procedures.turning.profile import (
@@ -134,6 +136,13 @@ def test_a_turning_module_is_calibrated_over_whole_revolutions(
     assert np.max(np.abs(data.reading_nm - data.standard_nm)) < 0.02 * 50.0
     at_zero = data.nominal_nm == 0.0
     assert np.max(np.abs(data.standard_nm[at_zero])) < 0.01 * 50.0
+    assert data.standard_temperature_c is not None
+    (effect, *_) = bench_effects(station.description, data)
+    assert isinstance(effect, Reference)
+    assert data.reference is not None
+    assert data.reference.certified == effect.certified
+    assert data.reference.temperature_of_torque == pytest.approx(effect.temperature_of_torque)
+    assert 0.0 < effect.temperature_of_torque < 1e-4  # of the measured temperature
 
 
 def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(

@@ -40,7 +40,13 @@ from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.validation import validated
 
-__all__ = ["InstrumentsOptions", "SimulationOptions", "open_instruments", "open_role"]
+__all__ = [
+    "ROLES",
+    "InstrumentsOptions",
+    "SimulationOptions",
+    "open_instruments",
+    "open_role",
+]
 
 _ROLES: dict[str, tuple[Role, Side | None]] = {
     "counter": ("counter", None),
@@ -54,6 +60,8 @@ _ROLES: dict[str, tuple[Role, Side | None]] = {
     "guide_rail": ("rail", None),
     "power_supply": ("supply", None),
 }
+ROLES = tuple(_ROLES)
+"""Sections of a bench description, one an instrument."""
 
 
 class SimulationOptions(BaseModel):

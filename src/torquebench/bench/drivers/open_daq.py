@@ -206,7 +206,7 @@ class OpenDaqCounter(LibraryCounter):
             if left_s <= 0.0:
                 raise BenchError(
                     Message(
-                        "openDAQ device at {address} sent {count} of {count_2} samples",
+                        "openDAQ device at {address} sent {count} of {wanted} samples",
                         self._options.address,
                         count - missing,
                         count,

@@ -218,7 +218,11 @@ class SimulatedBench:
                         transducer.nominal_torque_nm,
                         transducer.option_khz,
                     ),
-                    Message("{own:g} N·m, {own_2:g} kHz on the simulated bench", own[0], own[1]),
+                    Message(
+                        "{range_nm:g} N·m, {deviation_khz:g} kHz on the simulated bench",
+                        own[0],
+                        own[1],
+                    ),
                     "describe the simulated bench as it is, or choose another driver",
                 )
 
@@ -475,9 +479,7 @@ class SimulatedBench:
         time_s, torque = rows[0], rows[1 + SIDES.index(side)]
         if time_s.size == 0 or time_s[0] > edges_s[0] + around_s:
             raise BenchError(
-                Message(
-                    "true torque from {edges_s:.3f} to {edges_s_2:.3f} s", edges_s[0], edges_s[-1]
-                ),
+                Message("true torque from {start_s:.3f} to {end_s:.3f} s", edges_s[0], edges_s[-1]),
                 Message("the last {truth_kept_s:g} s of bench time", TRUTH_KEPT_S),
             )
         at = np.union1d(time_s, edges_s)

@@ -77,6 +77,7 @@ class _Held:
     highest_nm: float
 
 
+_SPEEDS = {side: Message("{side} speed", side) for side in SIDES}
 _REMEDIES = {
     AlarmKind.TORQUE_LIMIT: "find out what overloaded the chain before you continue",
     AlarmKind.SPEED_LIMIT: "find out why the drive ran away before you continue",
@@ -289,18 +290,19 @@ class SignalJudge:
     def _missing(self, block: AcquiredBlock) -> None:
         for side in SIDES:
             probe = self._description.module(side).temperature_probe
-            for signal, present in (
-                (Message("{side} encoder", side), side in block.speed_rad_s),
-                (Message("probe {probe}", probe), probe in block.temperatures),
-            ):
-                if not present:
-                    self._violated(
-                        AlarmKind.SIGNAL_LOST,
-                        signal,
-                        Message("no sample of the {signal}", signal),
-                        "samples in every block",
-                        "check its connection",
-                    )
+            if side not in block.speed_rad_s:
+                self._no_sample(Message("{side} encoder", side))
+            if probe not in block.temperatures:
+                self._no_sample(Message("probe {probe}", probe))
+
+    def _no_sample(self, signal: str) -> None:
+        self._violated(
+            AlarmKind.SIGNAL_LOST,
+            signal,
+            Message("no sample of the {signal}", signal),
+            "samples in every block",
+            "check its connection",
+        )
 
     def _faulty(self, block: AcquiredBlock) -> None:
         window_s = self._description.counter.window_s
@@ -446,7 +448,7 @@ class SignalJudge:
         if before is not None and self._commands.any_enabled and now_s > before[0]:
             self._level(
                 AlarmKind.RATE_LIMIT,
-                Message("{side} speed", side),
+                _SPEEDS[side],
                 abs(speed_rpm - before[1]) / (now_s - before[0]),
                 limits.speed_rate_rpm_per_s,
                 "{source} changes by {value:.0f} rpm/s",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -91,7 +92,7 @@ class Timebase(Effect):
             Component(
                 "time base",
                 Shared.CALIBRATION,
-                limit / np.sqrt(3.0),
+                limit / sqrt(3.0),
                 distribution=Distribution.RECTANGULAR,
             ),
         )

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
-
-import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
@@ -43,7 +42,7 @@ class Drift(Effect):
             Component(
                 "drift",
                 Shared.CALIBRATION,
-                limit / np.sqrt(3.0) * torque_nm,
+                limit / sqrt(3.0) * torque_nm,
                 distribution=Distribution.RECTANGULAR,
             ),
         )

@@ -9,8 +9,9 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 
+from torquebench.chain._kernels import goes_on
 from torquebench.chain.effect import Effect, register
-from torquebench.chain.readings import FloatArray, Readings, known_or
+from torquebench.chain.readings import FloatArray, Known, Readings, known_or
 from torquebench.chain.torque import Component, Shared
 from torquebench.dynamics import FilterStream, InverseFilter, UncertainFilter
 from torquebench.errors import InputError
@@ -156,17 +157,20 @@ class _Memory:
 
 
 @dataclass(frozen=True)
-class _FollowedDynamics(Effect):
-    """The filter along one stream."""
+class _AppliedDynamics(Effect):
+    """The filter at work, in the place of its effect."""
 
     title: ClassVar[str] = Dynamics.title
+    kind: ClassVar[str] = Dynamics.kind
     corrects_reading: ClassVar[bool] = True
     effect: Dynamics
-    memory: _Memory
 
-    @property
-    def kind(self) -> str:  # type: ignore[override] # a stream stands in the place of its effect
-        return self.effect.kind
+
+@dataclass(frozen=True)
+class _FollowedDynamics(_AppliedDynamics):
+    """The filter along one stream."""
+
+    memory: _Memory
 
     def copy(self) -> Effect:
         return _FollowedDynamics(self.record, self.effect, self.memory.copy())
@@ -179,6 +183,9 @@ class _FollowedDynamics(Effect):
         if time is None:
             return ()
         count = torque_nm.size
+        rows = self._going_on(time, torque_nm, readings.counter_nm)
+        if rows is not None:
+            return _components(*rows)
         added, curve, noise = np.zeros((3, count))
         if count:
             step = np.empty(count)
@@ -207,6 +214,22 @@ class _FollowedDynamics(Effect):
                 self.memory.settling = 0
             self.memory.last_s, self.memory.last_nm = float(time[-1]), float(torque_nm[-1])
         return _components(added, curve, noise)
+
+    def _going_on(
+        self, time: FloatArray, reading_nm: FloatArray, counter_nm: Known
+    ) -> FloatArray | None:
+        """Return correction and u of a settled stream's next readings; None where it isn't one."""
+        memory, interval_s = self.memory, self.effect.interval_s
+        if not isinstance(counter_nm, np.ndarray) or counter_nm.shape != reading_nm.shape:
+            return None
+        settled = time.size and memory.settling >= len(self.effect.weights) - 1
+        if not settled or not goes_on(time, memory.last_s, interval_s, _UNEVEN * interval_s):
+            return None
+        rows = memory.filtering.correct(reading_nm, counter_nm)
+        if rows is not None:
+            memory.settling += time.size
+            memory.last_s, memory.last_nm = float(time[-1]), float(reading_nm[-1])
+        return rows
 
     def _filter(
         self,
@@ -252,7 +275,7 @@ class _Prepared:
 
 
 @dataclass(frozen=True)
-class RecordedDynamics(Effect):
+class RecordedDynamics(_AppliedDynamics):
     """The filter along a record: every row gets the torque at its own time.
 
     `prepare` gets the blocks in order, each with the next one; `components` then returns the rows
@@ -260,15 +283,7 @@ class RecordedDynamics(Effect):
     that the filter needs don't exist: U of those rows contains their correction.
     """
 
-    title: ClassVar[str] = Dynamics.title
-    corrects_reading: ClassVar[bool] = True
-    effect: Dynamics
     prepared: _Prepared
-
-    @property
-    def kind(self) -> str:  # type: ignore[override] # a stream stands in the place of its effect
-        """Name of the effect."""
-        return self.effect.kind
 
     def prepare(self, readings: Readings, following: Readings | None) -> None:
         """Filter the rows of the next block."""

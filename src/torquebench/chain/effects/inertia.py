@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
 
-import numpy as np
-
+from torquebench.chain._kernels import inertia
 from torquebench.chain.effect import Effect, MeasuredPart, register
-from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
+from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 
 __all__ = ["Inertia"]
@@ -45,15 +45,11 @@ class Inertia(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""
-        acceleration = row_of(readings.acceleration_rad_s2, torque_nm.size)
-        known = ~np.isnan(acceleration)
-        now = np.where(known, acceleration, 0.0)
-        of_acceleration = np.where(
-            known,
-            known_or(readings.acceleration_uncertainty_rad_s2, 0.0),
-            self.largest_rad_s2 / np.sqrt(3.0),
+        count = torque_nm.size
+        u, added = inertia(
+            row_of(readings.acceleration_rad_s2, count),
+            row_of(readings.acceleration_uncertainty_rad_s2, count, 0.0),
+            (self.moment_nm_s2, self.uncertainty_nm_s2),
+            self.largest_rad_s2 / sqrt(3.0),
         )
-        u = np.hypot(self.uncertainty_nm_s2 * now, self.moment_nm_s2 * of_acceleration)
-        return (
-            Component("inertia", Shared.CALIBRATION, np.copysign(u, now), -self.moment_nm_s2 * now),
-        )
+        return (Component("inertia", Shared.CALIBRATION, u, added),)

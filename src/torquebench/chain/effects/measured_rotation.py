@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import sqrt
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -21,7 +22,7 @@ from torquebench.chain.grid import (
     located,
     numbers,
 )
-from torquebench.chain.readings import FloatArray, Readings, known_or, row_of
+from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 from torquebench.message import Message
 
@@ -194,6 +195,10 @@ class MeasuredRotation(Effect):
         return np.array(self.speeds_rpm), np.array(self.at_c), np.array(self.load_at_nm)
 
     @cached_property
+    def _noise(self) -> FloatArray:
+        return np.array(self.noise_nm)
+
+    @cached_property
     def _unknown(self) -> tuple[float, float]:
         """Zero and drag at an unknown speed, N·m: rectangular."""
         even, even_u, odd, odd_u = self._tables
@@ -223,7 +228,7 @@ class MeasuredRotation(Effect):
         if not rows.any():
             return None
         allowed = Message(
-            "{at_c:.4g} to {at_c_2:.4g} °C while it turns", self.at_c[0], self.at_c[-1]
+            "{lowest_c:.4g} to {highest_c:.4g} °C while it turns", self.at_c[0], self.at_c[-1]
         )
         return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
@@ -231,7 +236,9 @@ class MeasuredRotation(Effect):
         """Return the effect of rotation at speed, temperature, load and time of each reading."""
         count = torque_nm.size
         speed, celsius = row_of(readings.speed_rpm, count), row_of(readings.temperature_c, count)
-        zero_u, zero, drag_u, drag, running, running_u = rotation(
+        window_s = readings.window_s
+        longer = self.window_s / window_s if self.window_s and window_s else 1.0
+        found, place = rotation(
             speed,
             celsius,
             torque_nm,
@@ -240,27 +247,24 @@ class MeasuredRotation(Effect):
             self._blind,
             self._columns,
             self._loads,
+            self._noise,
             self._unknown,
             (*self._limits_rpm, STANDSTILL_RPM),
+            (self.lubrication, self.lubrication_uncertainty),
+            sqrt(longer),
+            (CORRELATION_RPM, CORRELATION_K, self.calibrated_c),
         )
-        factor, of_factor = self.lubrication, self.lubrication_uncertainty
-        place = np.empty((count, 2))
-        place[:, 0] = known_or(speed, 0.0) / CORRELATION_RPM
-        place[:, 1] = known_or(celsius, self.calibrated_c) / CORRELATION_K
-        found = [
+        zero_u, zero, drag_u, drag, lubrication, noise, running, running_u = found
+        parts = [
             Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
-            Component("bearing drag", Shared.MOUNTING, factor * drag_u, factor * drag, place),
-            Component("lubrication", Shared.MOUNTING, of_factor * drag),
+            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
+            Component("lubrication", Shared.MOUNTING, lubrication),
         ]
         if self.noise_nm:
-            size = np.where(np.isnan(speed), self.speeds_rpm[-1], np.abs(speed))
-            window_s = readings.window_s
-            longer = self.window_s / window_s if self.window_s and window_s else 1.0
-            u = np.sqrt(longer) * np.interp(size, self.speeds_rpm, self.noise_nm)
-            found.append(Component("noise in a window", Shared.NOTHING, u))
+            parts.append(Component("noise in a window", Shared.NOTHING, noise))
         if self.running_in_s > 0.0:
-            found.append(self._running_in(readings, running, running_u))
-        return tuple(found)
+            parts.append(self._running_in(readings, running, running_u))
+        return tuple(parts)
 
     def _running_in(self, readings: Readings, start: FloatArray, start_u: FloatArray) -> Component:
         """Return the effect of running-in; at an unknown time between none and all of it."""

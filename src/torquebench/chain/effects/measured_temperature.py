@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
+from math import sqrt
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -76,7 +77,7 @@ class MeasuredTemperature(Effect):
         """Return the largest changes of zero and span between the measured temperatures."""
         here = (self._nodes >= self.low_c) & (self._nodes <= self.high_c)
         zero, zero_u, span, span_u = self._curves[:, here]
-        where = Message("{at_c:.3g} to {at_c_2:.3g} °C", self.low_c, self.high_c)
+        where = Message("{lowest_c:.3g} to {highest_c:.3g} °C", self.low_c, self.high_c)
         parts = [MeasuredPart.of("zero over temperature", zero, zero_u, range_nm, where)]
         if self.span:
             parts.append(MeasuredPart.of("span over temperature", span, span_u, 1.0, where))
@@ -115,7 +116,7 @@ class MeasuredTemperature(Effect):
         rows = (now < self.at_c[0]) | (now > self.at_c[-1])
         if not rows.any():
             return None
-        allowed = Message("{at_c:.4g} to {at_c_2:.4g} °C", self.at_c[0], self.at_c[-1])
+        allowed = Message("{lowest_c:.4g} to {highest_c:.4g} °C", self.at_c[0], self.at_c[-1])
         return Refusal(rows, Message("temperature {now:.4g} °C", now[rows][0]), allowed)
 
     def gaps(self) -> tuple[str, ...]:
@@ -141,7 +142,7 @@ class MeasuredTemperature(Effect):
             Component(
                 "temperature gradient",
                 Shared.LOADING,
-                self.deviation_k / np.sqrt(3.0) * slope,
+                self.deviation_k / sqrt(3.0) * slope,
                 distribution=Distribution.RECTANGULAR,
             ),
         )

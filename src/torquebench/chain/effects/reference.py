@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
+from torquebench.chain._kernels import standard
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
@@ -33,29 +33,40 @@ class Reference(Effect):
     """
 
     title: ClassVar[str] = "reference standard"
+    LIMITS: ClassVar = {
+        "temperature_of_torque": "temperature of standard",
+        "drift_of_torque": "drift of standard",
+    }
+    """Fields with limits as a share of the torque, and their components."""
     certified: CertifiedUncertainty
     temperature_of_torque: float = field(default=0.0, metadata={"least": 0.0})
     drift_of_torque: float = field(default=0.0, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return half of U, and the limits; a span error affects both directions of torque."""
-        half = np.copysign(0.5 * self.certified.at(torque_nm), torque_nm)
-        limits = (
-            ("temperature of standard", self.temperature_of_torque),
-            ("drift of standard", self.drift_of_torque),
-        )
+        half = standard(torque_nm, *self.certified.directions)
+        limits = ((name, getattr(self, each)) for each, name in self.LIMITS.items())
         return (
             Component("reference standard", Shared.CALIBRATION, half),
             *(
                 Component(
                     name,
                     Shared.CALIBRATION,
-                    share / np.sqrt(3.0) * torque_nm,
+                    share / sqrt(3.0) * torque_nm,
                     distribution=Distribution.RECTANGULAR,
                 )
                 for name, share in limits
                 if share > 0.0
             ),
+        )
+
+    def larger(self, other: Reference) -> Reference:
+        """Return the effect of two standards whose points are fitted together."""
+        records = dict.fromkeys([*self.record.split("; "), *other.record.split("; ")])
+        return Reference(
+            "; ".join(records),
+            self.certified.larger(other.certified),
+            **{each: max(getattr(self, each), getattr(other, each)) for each in self.LIMITS},
         )
 
     def specification(self) -> dict[str, Any]:
@@ -65,8 +76,7 @@ class Reference(Effect):
             "record": self.record,
             "torque_nm": list(self.certified.torque_nm),
             "expanded_uncertainty_nm": list(self.certified.expanded_nm),
-            "temperature_of_torque": self.temperature_of_torque,
-            "drift_of_torque": self.drift_of_torque,
+            **{each: getattr(self, each) for each in self.LIMITS},
         }
 
     @classmethod

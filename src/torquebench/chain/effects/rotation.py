@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -51,13 +52,13 @@ class Rotation(Effect):
             Component(
                 "zero over speed",
                 Shared.CALIBRATION,
-                shift / np.sqrt(3.0),
+                shift / sqrt(3.0),
                 distribution=Distribution.RECTANGULAR,
             ),
             Component(
                 "bearing drag",
                 Shared.MOUNTING,
-                self.drag_nm / np.sqrt(3.0) * np.sign(turning),
+                self.drag_nm / sqrt(3.0) * np.sign(turning),
                 distribution=Distribution.RECTANGULAR,
             ),
         )

@@ -119,10 +119,8 @@ class StaticCurve(Effect):
     ) -> Component:
         length_nm = CORRELATION_SHARE * float(self.model.full_scale_nm_)
         place = np.empty((reading_nm.size, 2))
-        place[:, 0] = reading_nm
-        place[:, 0] /= length_nm
-        place[:, 1] = branch
-        place[:, 1] *= 0.5
+        np.divide(reading_nm, length_nm, out=place[:, 0])
+        np.multiply(branch, 0.5, out=place[:, 1])
         return Component("static curve", Shared.CALIBRATION, u_nm, torque_nm - reading_nm, place)
 
     def _evaluate(

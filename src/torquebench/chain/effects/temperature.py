@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
 
 import numpy as np
@@ -56,13 +57,13 @@ class Temperature(Effect):
             Component(
                 "temperature of zero",
                 Shared.ZEROING,
-                zero / np.sqrt(3.0),
+                zero / sqrt(3.0),
                 distribution=Distribution.RECTANGULAR,
             ),
             Component(
                 "temperature of span",
                 Shared.CALIBRATION,
-                span / np.sqrt(3.0) * torque_nm,
+                span / sqrt(3.0) * torque_nm,
                 distribution=Distribution.RECTANGULAR,
             ),
         )

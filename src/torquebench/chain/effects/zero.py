@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from math import sqrt
 from typing import ClassVar
-
-import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings, known_or
@@ -45,7 +44,7 @@ class Zero(Effect):
             Component(
                 "zero drift",
                 Shared.ZEROING,
-                limit / np.sqrt(3.0),
+                limit / sqrt(3.0),
                 distribution=Distribution.RECTANGULAR,
             ),
         )

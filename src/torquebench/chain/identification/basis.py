@@ -180,10 +180,6 @@ def _on(factor: Columns | str, columns: Columns) -> Columns:
     return product
 
 
-def _size_of_torque(c: Circumstances) -> FloatArray:
-    return np.abs(c.share)
-
-
 def _turns(c: Circumstances) -> FloatArray:
     return np.abs(c.turning)
 

@@ -74,7 +74,7 @@ class EmptyRun:
             row = int(np.argmin(step > 0.0)) + 1
             raise InputError(
                 Message(
-                    "{source}: time {time_s:.9g} s after {time_s_2:.9g} s",
+                    "{source}: time {time_s:.9g} s after {before_s:.9g} s",
                     self.source,
                     self.time_s[row],
                     self.time_s[row - 1],
@@ -85,7 +85,7 @@ class EmptyRun:
         if np.mean(np.abs(step - np.median(step)) > 0.5 * np.median(step)) > 0.01:
             raise InputError(
                 Message(
-                    "{source}: steps of {step:.3g} to {step_2:.3g} s",
+                    "{source}: steps of {shortest_s:.3g} to {longest_s:.3g} s",
                     self.source,
                     step.min(),
                     step.max(),

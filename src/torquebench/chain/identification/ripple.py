@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.ndimage import uniform_filter1d
 
 from torquebench.chain.effects import Ripple
 from torquebench.chain.effects.ripple import speed_terms
@@ -37,6 +36,8 @@ class _Rows:
 
     @classmethod
     def of(cls, run: EmptyRun, angle: FloatArray, largest: float, window_s: float) -> _Rows:
+        from scipy.ndimage import uniform_filter1d  # imported late: only empty runs need it
+
         size = max(round(_SLOW_S / window_s) | 1, 3)
         terms = speed_terms(run.speed_rpm, largest)
         columns = []

@@ -53,6 +53,8 @@ _LEAST_EXTENSION_K = 10.0
 _NODE_K = 2.0
 _SPEED_NODES = 48
 _STILL = 0.001
+_UNLOADED = 0.005
+"""Share of the range below which a point is unloaded; drives don't reach 0 exactly."""
 _FEWEST_IN_BIN = 20
 _MOST_ROWS = 20_000
 """Most rows of a run; samples of longer runs are averaged in groups."""
@@ -116,7 +118,7 @@ def identify(
     effects = (*_effects(fitted), *([] if ripple is None else [ripple]))
     corrected = _corrected(related, effects)
     if zeros is not None:
-        usual_nm, zero = _zero(fitted, zeros)
+        usual_nm, zero = _zero(fitted, zeros, _remanence(related, corrected, range_nm))
         corrected = corrected - usual_nm
         effects = (*effects, *zero)
     return Identified(
@@ -534,10 +536,31 @@ def _effects(fit: _Fit) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-def _zero(fit: _Fit, zeros: Zeros) -> tuple[float, tuple[Zero, ...]]:
+def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray, range_nm: float) -> float:
+    """Return half the difference between unloading from either direction, N·m; 0 if not measured.
+
+    Unloaded points that follow a load show it, in both directions under the same circumstances.
+    """
+    torque = calibration.standard_nm
+    unloaded = np.abs(torque) < _UNLOADED * range_nm
+    place = stretches(calibration.speed_rpm, calibration.temperature_c)
+    after = 1 + np.flatnonzero(unloaded[1:] & ~unloaded[:-1] & (np.diff(place) == 0))
+    left, before = (corrected_nm - torque)[after], torque[after - 1]
+    differences = []
+    for number in np.unique(place[after]):
+        here = place[after] == number
+        sides = [left[here & (sign * before > 0.0)] for sign in (1.0, -1.0)]
+        if all(each.size for each in sides):
+            differences.append(np.mean(sides[0]) - np.mean(sides[1]))
+    return 0.5 * float(np.sqrt(np.mean(np.square(differences)))) if differences else 0.0
+
+
+def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Zero, ...]]:
     """Return the mean of the zeros about that of the points, N·m, and the scatter of single ones.
 
-    The parts are seated anew with every loading, and a zero sees one seating only.
+    The parts are seated anew with every loading, and a zero sees one seating only. The tables'
+    zeros have similar loads before them, one in use has any: it follows an unloading from one of
+    two directions.
     """
     data, fewest = fit.data, 3
     at = Circumstances.of(zeros.zero_nm.size, warmth_k=zeros.temperature_c - data.calibrated_c)
@@ -546,7 +569,7 @@ def _zero(fit: _Fit, zeros: Zeros) -> tuple[float, tuple[Zero, ...]]:
     if left.size < fewest:
         return float(np.mean(left)), ()
     widening = student_widening(left.size - 1.0) * np.sqrt(1.0 + 1.0 / left.size)
-    u = widening * float(np.std(left, ddof=1))
+    u = float(np.hypot(widening * np.std(left, ddof=1), remanence_nm))
     return float(np.mean(left)), (Zero(f"{left.size} zeros of {data.words}", 0.0, zero_nm=u),)
 
 

@@ -165,10 +165,12 @@ def average_effects(
 
 def _prepare(kind: Candidates) -> _Prepared:
     width = kind.columns.shape[1]
-    scales = np.ascontiguousarray(
-        np.broadcast_to(kind.scales.reshape(len(kind.scales), -1), (len(kind.scales), width))
+    scales = np.array(  # a view that can't be written would be compiled for once more
+        np.broadcast_to(kind.scales.reshape(len(kind.scales), -1), (len(kind.scales), width)),
+        order="C",
     )
-    gram, covariance, half_log_determinant, trace = _posterior_spreads(kind.columns, scales)
+    columns = np.ascontiguousarray(kind.columns)
+    gram, covariance, half_log_determinant, trace = _posterior_spreads(columns, scales)
     constant = np.asarray(kind.log_prior - np.log(len(scales)) - half_log_determinant)
     return _Prepared(kind, gram, covariance, constant, trace)
 
@@ -185,8 +187,9 @@ def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def] # Numba
     for j in range(count):
         _fill_gram(columns[j], gram[j])
         for s in range(scales.shape[0]):
-            precision[:] = gram[j]
             for p in range(width):
+                for q in range(width):
+                    precision[p, q] = gram[j, p, q]
                 precision[p, p] += 1.0 / scales[s, p] ** 2
                 half_log_determinant[s, j] += np.log(scales[s, p])
             half_log_determinant[s, j] += _invert_factor(precision, inverse)
@@ -286,7 +289,10 @@ def _single_effect(  # type: ignore[no-untyped-def] # Numba infers
 ):
     """Fill in one effect's exact posterior; return −KL, spread and probability of presence."""
     _log_weights(columns, covariance, constant, residual, weights, mu)
-    largest = max(log_absent, weights.max())
+    largest = log_absent
+    for s in range(weights.shape[0]):
+        for j in range(weights.shape[1]):
+            largest = max(largest, weights[s, j])
     total = np.exp(log_absent - largest)
     absent = total
     for s in range(weights.shape[0]):

@@ -100,22 +100,31 @@ def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
         for p in range(width):
             sizes[j] += moments[j, p, p]
     least = _NEGLIGIBLE_SHARE * sizes.sum()
-    single = np.zeros((branches, copies, columns.shape[2]))
-    added = np.zeros((branches, columns.shape[2]))
+    points = columns.shape[2]
+    single = np.zeros((branches, copies, points))
+    added = np.zeros((branches, points))
+    left = np.empty((width, points))
     for j in range(count):
         for p in range(width):
-            change = means[:, j, p].sum() * columns[j, p]
-            value[0] += change
-            value[1] += turns * change
+            mean = means[:, j, p].sum()
+            for i in range(points):
+                value[0, i] += mean * columns[j, p, i]
+                value[1, i] += turns * (mean * columns[j, p, i])
         if sizes[j] > least:
             projected = np.dot(train_columns[j], gain)
-            _add_moments(columns[j] - projected, means[:, j], moments[j], single[0], added[0])
-            if branches > 1:
-                other = turns * columns[j] - projected
-                _add_moments(other, means[:, j], moments[j], single[1], added[1])
-    for copy in range(copies):
-        added -= single[:, copy] ** 2
-    variance += added
+            for branch in range(branches):
+                factor = turns if branch else 1.0
+                for p in range(width):
+                    for i in range(points):
+                        left[p, i] = factor * columns[j, p, i] - projected[p, i]
+                _add_moments(left, means[:, j], moments[j], single[branch], added[branch])
+    for branch in range(2):
+        row = min(branch, branches - 1)
+        for i in range(points):
+            spread = added[row, i]
+            for copy in range(copies):
+                spread -= single[row, copy, i] ** 2
+            variance[branch, i] += spread
 
 
 @njit(cache=True)

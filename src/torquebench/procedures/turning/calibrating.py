@@ -177,7 +177,9 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
     def column(name: str) -> np.ndarray[Any, Any]:
         return np.array([row[name] for row in table.rows], dtype=np.float64)
 
-    known = all("true_torque_nm" in row for row in table.rows)
+    def optional(name: str) -> np.ndarray[Any, Any] | None:
+        return column(name) if all(name in row for row in table.rows) else None
+
     module = context.description.module(side)
     return CalibrationData(
         reading_nm=column("reading_nm"),
@@ -194,5 +196,6 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
         time_s=column("time_s"),
         zero_nm=column("zero_nm"),
         standard_error_nm=column("reading_standard_error_nm"),
-        true_torque_nm=column("true_torque_nm") if known else None,
+        true_torque_nm=optional("true_torque_nm"),
+        standard_temperature_c=optional("standard_temperature_c"),
     ).zeroed_each_series()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, ClassVar
 
 import bluesky.preprocessors as bpp
 import numpy as np
@@ -39,7 +39,14 @@ from torquebench.procedures.setup import (
 from torquebench.procedures.turning.profile import Leg, TurningProfile
 from torquebench.procedures.zeroing import zero
 
-__all__ = ["EmptySummary", "EmptyTable", "reach_temperature", "run_metadata", "turn_empty"]
+__all__ = [
+    "EmptySummary",
+    "EmptyTable",
+    "SeriesTable",
+    "reach_temperature",
+    "run_metadata",
+    "turn_empty",
+]
 
 FloatArray = NDArray[np.float64]
 
@@ -69,27 +76,57 @@ class EmptySummary:
     highest_c: float
 
 
-@dataclass
-class EmptyTable:
-    """Rows of an empty run, one a window of the counter.
+@dataclass(kw_only=True)
+class SeriesTable:
+    """Rows of a run in series, one a window of the counter; the first column is the time.
 
     Parameters
     ----------
-    side : {"input", "output"}
     series_done : int
         Series that are complete; rows after them belong to one that isn't.
-    zero_hz : float
-        Frequency of the zero that all readings count from; NaN before it was taken.
     shift_s : float
         Added to the bench time, so that rows of a resumed run follow the earlier ones.
     """
 
-    side: Side
+    COLUMNS: ClassVar[tuple[str, ...]]
     series_done: int = 0
-    zero_hz: float = float("nan")
     shift_s: float = 0.0
     _pieces: list[FloatArray] = field(default_factory=list)
     _complete: int = 0
+
+    def end_series(self) -> None:
+        """Count the series as complete."""
+        self.series_done += 1
+        self._complete = len(self._pieces)
+
+    def drop_incomplete(self) -> None:
+        """Drop rows of a series that isn't complete."""
+        del self._pieces[self._complete :]
+
+    def begin_with(self, rows: FloatArray, series_done: int) -> None:
+        """Take over the rows of an interrupted run."""
+        self._pieces, self._complete, self.series_done = [rows], 1, series_done
+
+    @property
+    def rows(self) -> FloatArray:
+        """Columns `COLUMNS`."""
+        return np.concatenate([np.empty((0, len(self.COLUMNS))), *self._pieces])
+
+
+@dataclass
+class EmptyTable(SeriesTable):
+    """Rows of an empty run.
+
+    Parameters
+    ----------
+    side : {"input", "output"}
+    zero_hz : float
+        Frequency of the zero that all readings count from; NaN before it was taken.
+    """
+
+    COLUMNS: ClassVar = ("time_s", "reading_nm", "speed_rpm", "temperature_c", "angle_deg")
+    side: Side
+    zero_hz: float = float("nan")
 
     def add(self, found: ModuleRecording, before_c: float, after_c: float) -> None:
         """Add an interval, with the temperature linear between two readings."""
@@ -105,31 +142,12 @@ class EmptyTable:
         )
         self._pieces.append(rows)
 
-    def end_series(self) -> None:
-        """Count the series as complete."""
-        self.series_done += 1
-        self._complete = len(self._pieces)
-
-    def drop_incomplete(self) -> None:
-        """Drop rows of a series that isn't complete."""
-        del self._pieces[self._complete :]
-
-    def begin_with(self, rows: FloatArray, series_done: int, zero_hz: float) -> None:
-        """Take over the rows of an interrupted run."""
-        self._pieces, self._complete = [rows], 1
-        self.series_done, self.zero_hz = series_done, zero_hz
-
     def summary(self) -> EmptySummary:
         """Return the result of the run."""
         rows = self.rows
         warm = rows[:, 3] if rows.size else np.full(1, np.nan)
         lowest, highest = float(np.min(warm)), float(np.max(warm))
         return EmptySummary(self.side, self.series_done, len(rows), self.zero_hz, lowest, highest)
-
-    @property
-    def rows(self) -> FloatArray:
-        """Columns time_s, reading_nm, speed_rpm, temperature_c, angle_deg."""
-        return np.concatenate([np.empty((0, 5)), *self._pieces])
 
 
 def run_metadata(

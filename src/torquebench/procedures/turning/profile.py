@@ -31,7 +31,19 @@ __all__ = [
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
-_PIECES = 12  # of a swing's period
+_PIECES = 12  # of a sine's period
+
+
+def _sine(
+    middle: float, size: float, period_s: float, cycles: int
+) -> tuple[tuple[float, float], ...]:
+    """Return a sine in pieces: the value at the end of each, and its rate."""
+    ramps, before = [], middle
+    for piece in range(1, _PIECES * cycles + 1):
+        value = round(middle + size * sin(2.0 * pi * piece / _PIECES), 9)
+        ramps.append((value, max(abs(value - before) * _PIECES / period_s, 1e-6)))
+        before = value
+    return tuple(ramps)
 
 
 @dataclass(frozen=True)
@@ -309,18 +321,15 @@ class TurningProfile(_Settings):
                     self.steps.cycles * both,
                     self.steps.hold_s,
                     0.0,
-                    f"steps of {size:g} N·m",
+                    Message("steps of {size:g} N·m", size),
                 )
             )
         for period_s in [] if self.sines is None else self.sines.periods_s:
             assert self.sines is not None
-            size, ramps, before = self.sines.share * range_nm, [], low
-            for piece in range(1, _PIECES * self.sines.cycles + 1):
-                torque = round(low + size * sin(2.0 * pi * piece / _PIECES), 9)
-                ramps.append((torque, max(abs(torque - before) * _PIECES / period_s, 1e-6)))
-                before = torque
+            size = self.sines.share * range_nm
+            ramps = _sine(low, size, period_s, self.sines.cycles)
             what = Message("sine of {size:g} N·m, period {period_s:g} s", size, period_s)
-            legs.append(TorqueLeg(low, tuple(ramps), 0.0, period_s, what))
+            legs.append(TorqueLeg(low, ramps, 0.0, period_s, what))
         return legs
 
     def turning_s(self, speed_rpm: float) -> float:
@@ -382,13 +391,8 @@ class TurningProfile(_Settings):
         middle, size = sign * self.swings.around * top, self.swings.share * top
         yield Leg(((middle, gentle),), 1.0, Message("{middle:g} rpm", abs(middle)))
         for period_s in self.swings.periods_s:
-            before, ramps = middle, []
-            for piece in range(1, _PIECES * self.swings.cycles + 1):
-                speed = round(middle + size * sin(2.0 * pi * piece / _PIECES), 9)
-                rate = max(abs(speed - before) * _PIECES / period_s, 1e-6)
-                ramps.append((speed, rate))
-                before = speed
-            yield Leg(tuple(ramps), 0.0, Message("swings of {period_s:g} s", period_s))
+            ramps = _sine(middle, size, period_s, self.swings.cycles)
+            yield Leg(ramps, 0.0, Message("swings of {period_s:g} s", period_s))
 
     def points(self, side: Side, range_nm: float) -> list[TurningPoint]:
         """Return the steady torques of a calibration or verification.

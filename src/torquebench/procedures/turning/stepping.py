@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import pi
 from typing import ClassVar
 
@@ -30,7 +30,7 @@ from torquebench.procedures.setup import (
     set_up,
     unloaded_after,
 )
-from torquebench.procedures.turning.empty import run_metadata
+from torquebench.procedures.turning.empty import SeriesTable, run_metadata
 from torquebench.procedures.turning.profile import TorqueLeg, TurningProfile
 from torquebench.procedures.zeroing import zero
 
@@ -45,22 +45,10 @@ _Stretch = tuple[FastRecording, float]
 
 
 @dataclass
-class StepTable:
-    """Rows of a dynamics run, one a window.
-
-    Parameters
-    ----------
-    series_done : int
-        Series that are complete.
-    shift_s : float
-        Added to the bench time, so that rows of a resumed run follow the earlier ones.
-    """
+class StepTable(SeriesTable):
+    """Rows of a dynamics run."""
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
-    series_done: int = 0
-    shift_s: float = 0.0
-    _pieces: list[FloatArray] = field(default_factory=list)
-    _complete: int = 0
 
     def add(self, found: FastRecording, period_s: float) -> None:
         """Add a stretch: a step, or a sine with its period."""
@@ -69,24 +57,6 @@ class StepTable:
         rows = [found.time_s + self.shift_s, found.reading_nm, found.standard_nm]
         self._pieces.append(np.column_stack([*rows, np.full(count, number),
                                              np.full(count, period_s)]))  # fmt: skip
-
-    def end_series(self) -> None:
-        """Count the series as complete."""
-        self.series_done += 1
-        self._complete = len(self._pieces)
-
-    def drop_incomplete(self) -> None:
-        """Drop rows of a series that isn't complete."""
-        del self._pieces[self._complete :]
-
-    def begin_with(self, rows: FloatArray, series_done: int) -> None:
-        """Take over the rows of an interrupted run."""
-        self._pieces, self._complete, self.series_done = [rows], 1, series_done
-
-    @property
-    def rows(self) -> FloatArray:
-        """Columns `COLUMNS`."""
-        return np.concatenate([np.empty((0, 5)), *self._pieces])
 
 
 def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> None:
@@ -104,13 +74,14 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     if step > _LONGEST_STEP_S * rate:
         raise LimitError(
             Message(
-                "a step of {step:g} N·m, which takes the drive {step_2:.3g} ms at {rate:g} N·m/s",
+                "a step of {step_nm:g} N·m, which takes the drive {duration_ms:.3g} ms"
+                " at {rate:g} N·m/s",
                 step,
                 1000.0 * step / rate,
                 rate,
             ),
             Message(
-                "at most {longest_step_s:g} ms (steps up to {longest_step_s_2:.3g} N·m): "
+                "at most {longest_ms:g} ms (steps up to {largest_nm:.3g} N·m): "
                 "slower ones don't make a shaft vibrate",
                 1000.0 * _LONGEST_STEP_S,
                 _LONGEST_STEP_S * rate,

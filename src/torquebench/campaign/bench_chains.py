@@ -1,0 +1,91 @@
+"""Effects of a measuring chain that was calibrated on a bench, or with a recorded standard."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from datetime import date
+from typing import Any
+
+import numpy as np
+
+from torquebench.bench.chain_effects import chain_effects, standard_effect
+from torquebench.bench.description import BenchDescription, stated_uncertainty
+from torquebench.calibration import CalibrationData
+from torquebench.chain import Effect, Reference
+from torquebench.message import Message
+
+__all__ = ["bench_effects", "recorded_effects", "referenced"]
+
+
+def bench_effects(
+    description: BenchDescription, data: CalibrationData, day: date | None = None
+) -> tuple[Effect, ...]:
+    """Return the effects of a calibration that was measured on a bench, on a day if it is known."""
+    temperature = data.temperature_c
+    return chain_effects(
+        description,
+        "input" if data.side == "input" else "output",
+        None if temperature is None else float(np.mean(temperature)),
+        day,
+        _standard_c(data),
+    )
+
+
+def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tuple[Effect, ...]:
+    """Return the effects of a calibration as its run has recorded them.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Of the run: the bench's description at the time, or the standard of an external calibration.
+    data : CalibrationData
+    """
+    if "bench" in metadata:
+        return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
+    return (_recorded_standard(metadata["standard"], data),)
+
+
+def _recorded_standard(standard: Mapping[str, Any], data: CalibrationData) -> Reference:
+    """Return the effect of the standard of an external calibration."""
+    certified = stated_uncertainty(standard, data.side, data.range_nm)
+    record = Message(
+        "certificate {certificate_number} of {serial}",
+        standard["certificate_number"] or "unknown",
+        standard["serial"],
+    )
+    limits = {name: standard.get(name, 0.0) for name in Reference.LIMITS}
+    return Reference(record, certified, **limits)
+
+
+def referenced(
+    data: CalibrationData, metadata: Mapping[str, Any], serial: str = ""
+) -> CalibrationData:
+    """Return points of a run with their standard, as its metadata have it, for a table.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    metadata : mapping
+        Of the run: the bench's description at the time, or the standard of an external calibration.
+    serial : str
+        Of the standard that was mounted; the calibrator's by default.
+    """
+    if "bench" not in metadata:
+        standard = metadata.get("standard")
+        known = None if standard is None else _recorded_standard(standard, data)
+        return replace(data, reference=known)
+    description = BenchDescription.model_validate(metadata["bench"])
+    mounted = description.verification_standard
+    effect = standard_effect(
+        description,
+        "input" if data.side == "input" else "output",
+        standard_c=_standard_c(data),
+        mounted=mounted if mounted.serial == serial else None,
+    )
+    return replace(data, reference=effect)
+
+
+def _standard_c(data: CalibrationData) -> tuple[float, ...]:
+    standard = data.standard_temperature_c
+    return () if standard is None else (float(np.min(standard)), float(np.max(standard)))
