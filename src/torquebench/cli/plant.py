@@ -42,7 +42,6 @@ PlantOption = Annotated[
         help="URL of the plant's registry: postgresql://user:password@server/database.",
     ),
 ]
-LONGEST_PAUSE_S = 60.0
 
 
 def opened(url: str, written: Path | None = None) -> Plant:

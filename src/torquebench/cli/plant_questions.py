@@ -10,9 +10,9 @@ import typer
 from rich.text import Text
 
 from torquebench.cli.console import answer, narrow_table, note, out, say, say_file, warn
+from torquebench.cli.options import moment_in_utc
 from torquebench.cli.plant import PlantOption, app, opened
 from torquebench.errors import InputError
-from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.plant import Answer, SpecimenFilter
@@ -29,8 +29,14 @@ TypeArgument = Annotated[str, typer.Argument(help="Type, as the reducer's descri
 QuantityArgument = Annotated[str, typer.Argument(help="Key of the value, such as backlash_arcmin.")]
 BenchNumber = Annotated[int | None, typer.Option("--bench", help="Number of one bench.")]
 BatchOption = Annotated[str | None, typer.Option("--batch", help="One batch.")]
-SinceOption = Annotated[str | None, typer.Option("--since", help="From this day on (UTC).")]
-UntilOption = Annotated[str | None, typer.Option("--until", help="Before this day (UTC).")]
+SinceOption = Annotated[
+    datetime | None,
+    typer.Option("--since", parser=moment_in_utc, metavar="DAY", help="From this day on (UTC)."),
+]
+UntilOption = Annotated[
+    datetime | None,
+    typer.Option("--until", parser=moment_in_utc, metavar="DAY", help="Before this day (UTC)."),
+]
 BaseOption = Annotated[
     int | None,
     typer.Option(min=3, help="Number of first values from which the limits are computed."),
@@ -102,26 +108,17 @@ def _plain(value: Any) -> Any:
     return value.isoformat() if isinstance(value, datetime | date) else value
 
 
-def _moment(day: str | None) -> datetime | None:
-    if day is None:
-        return None
-    try:
-        return datetime.fromisoformat(day).replace(tzinfo=UTC)
-    except ValueError as error:
-        raise InputError(Message("day {day!r}", day), "a day such as 2026-01-31") from error
-
-
 def _wanted(
     specimen_type: str,
     quantity: str,
     bench: int | None,
     batch: str | None,
-    since: str | None,
-    until: str | None,
+    since: datetime | None,
+    until: datetime | None,
 ) -> SpecimenFilter:
     from torquebench.plant import SpecimenFilter
 
-    return SpecimenFilter(specimen_type, quantity, bench, batch, _moment(since), _moment(until))
+    return SpecimenFilter(specimen_type, quantity, bench, batch, since, until)
 
 
 @app.command("due")

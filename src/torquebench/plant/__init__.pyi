@@ -2,7 +2,6 @@ from .answer import (
     Answer as Answer,
 )
 from .database import (
-    PLANT_URL as PLANT_URL,
     BenchState as BenchState,
     Plant as Plant,
     PlantRun as PlantRun,

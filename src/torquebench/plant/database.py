@@ -31,10 +31,8 @@ from torquebench.plant.tables import (
 from torquebench.records.chain import ChainHead, Link, broken_links
 from torquebench.records.database import database_failures, engine_of, url_with_driver
 
-__all__ = ["PLANT_URL", "BenchState", "Plant", "PlantDatabase", "PlantRun"]
+__all__ = ["BenchState", "Plant", "PlantDatabase", "PlantRun"]
 
-PLANT_URL = "TORQUEBENCH_PLANT"
-"""Environment variable with the URL of the plant's registry."""
 _KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
 CHUNK = 5000
 

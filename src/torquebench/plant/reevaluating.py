@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from itertools import islice
 from typing import Any, Protocol
 
 from sqlalchemy import insert, text
@@ -149,7 +150,7 @@ def reevaluate(
     InputError
         An unknown kind of run, or a cluster that doesn't answer.
     RecordError
-        Workers were killed, or have another version; what was evaluated is kept.
+        No worker is left, or workers have another version; what was evaluated is kept.
     """
     unknown = sorted(set(kinds) - set(KINDS))
     if unknown:
@@ -299,44 +300,55 @@ class _Cluster:
         self._client = client
 
     def results(self, tasks: Iterator[list[RunTask]]) -> Iterator[list[Reevaluated]]:
-        """Yield what comes back.
+        """Yield what comes back; last the runs whose worker died, each evaluated alone.
 
         Raises
         ------
         RecordError
-            Workers die of their runs, or none is left.
+            No worker is left, or the scheduler has gone.
         """
+        suspects: list[tuple[RunTask, str]] = []
+        yield from self._together(tasks, suspects)
+        for task, _ in tuple(suspects):
+            suspects.clear()
+            yield from self._together(iter([[task]]), suspects)
+            for each, worker in suspects:
+                said = Message("its workers were killed, {worker} last; see their log", worker)
+                yield [Reevaluated(each.bench_key, each.run_id, "{}", said)]
+
+    def _together(
+        self, tasks: Iterator[list[RunTask]], suspects: list[tuple[RunTask, str]]
+    ) -> Iterator[list[Reevaluated]]:
+        """Yield what comes back; add the runs whose worker died, and the worker."""
         from distributed import KilledWorker, wait
         from distributed.client import FutureCancelledError
 
-        def submitted() -> Any | None:
-            chunk = next(tasks, None)
-            # Not by its content: a run that failed for a temporary reason can be repeated.
-            return None if chunk is None else self._client.submit(_evaluated, chunk, pure=False)
+        running: dict[Any, list[RunTask]] = {}
 
-        workers = max(len(self._client.ncores()), 1)
-        running = {each for _ in range(AHEAD * workers) if (each := submitted()) is not None}
+        def submit(chunks: Iterable[list[RunTask]]) -> None:
+            for chunk in chunks:
+                # Not by its content: a run that failed for a temporary reason can be repeated.
+                running[self._client.submit(_evaluated, chunk, pure=False)] = chunk
+
+        submit(islice(tasks, AHEAD * max(len(self._client.ncores()), 1)))
         while running:
             try:
-                done, running = wait(running, timeout=PATIENCE_S, return_when="FIRST_COMPLETED")
+                ended = wait(list(running), timeout=PATIENCE_S, return_when="FIRST_COMPLETED")
             except TimeoutError:
                 if not self._client.ncores():
                     raise _worker_lost("no worker is left") from None
                 continue
-            for future in done:
+            for future in ended.done:
+                chunk = running.pop(future)
                 try:
-                    found = future.result()
+                    yield future.result()
                 except KilledWorker as error:
-                    raise _worker_lost(
-                        Message("workers were killed, {last_worker} last", error.last_worker)
-                    ) from error
+                    worker = str(error.last_worker.address)
+                    suspects += [(task, worker) for task in chunk]
                 except FutureCancelledError as error:
                     raise _worker_lost("the scheduler has gone") from error
-                yield found
                 future.release()
-                following = submitted()
-                if following is not None:
-                    running.add(following)
+                submit(islice(tasks, 1))
 
 
 def _worker_lost(found: str) -> RecordError:

@@ -157,7 +157,7 @@ def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
 
 def _fitted(store: FolderStore, folder: SealedFolder, kind: str | None = None) -> list[Any]:
     """Fit a calibration again: with all models of the original run, or with one kind."""
-    from torquebench.campaign.chains import recorded_effects
+    from torquebench.campaign.bench_chains import recorded_effects
     from torquebench.campaign.fitting import ModelChoice, fit_models
     from torquebench.compensation import RECOMMENDED
     from torquebench.records import REGISTERS

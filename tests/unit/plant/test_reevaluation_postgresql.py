@@ -1,7 +1,6 @@
 """Recorded runs evaluated again: the same bits on every scheduler, and resumable."""
 
 import json
-import os
 import socket
 import subprocess
 import sys
@@ -15,7 +14,7 @@ import pytest
 from sqlalchemy import text
 from tests import postgresql_server
 from tests.plant_bench import add_run, backlash_results
-from tests.system.command_line import COMMAND, environment, run, widest_line
+from tests.system.command_line import run, widest_line
 
 from torquebench.campaign.reducers.results import plain_budget
 from torquebench.errors import InputError
@@ -63,18 +62,9 @@ def kept(plant: Plant, label: str) -> list[tuple[str, str, str]]:
         return [(row.run_id, row[1], row.problem) for row in rows]
 
 
-AT_WORK = """
-import sys, time
-from distributed import Client
-with Client(sys.argv[1]) as client:
-    while not any(client.processing().values()):
-        time.sleep(0.05)
-"""
-
-
 @contextmanager
-def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
-    """Start a scheduler and a worker that is missed when it dies once."""
+def cluster(folder: Path) -> Iterator[str]:
+    """Start a scheduler and a worker."""
     with socket.create_server(("127.0.0.1", 0)) as free:
         port = free.getsockname()[1]
     address = f"tcp://127.0.0.1:{port}"
@@ -84,16 +74,13 @@ def cluster(folder: Path) -> Iterator[tuple[str, subprocess.Popen[bytes]]]:
         ["distributed.cli.dask_worker", "--no-dashboard", "--no-nanny", address],
     )
     commands[0].extend(["--port", str(port)])
-    once = os.environ | {"DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES": "0"}
     with ExitStack() as started:
         for command in commands:
             process = started.enter_context(
-                subprocess.Popen(
-                    [*python, *command], cwd=folder, stderr=subprocess.DEVNULL, env=once
-                )
+                subprocess.Popen([*python, *command], cwd=folder, stderr=subprocess.DEVNULL)
             )
             started.callback(process.terminate)
-        yield address, process
+        yield address
 
 
 def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
@@ -110,7 +97,7 @@ def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
 def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) -> None:
     """By the command, in this process, in several, and on a cluster that is there already."""
     plant = ("--plant", recorded.url.render_as_string(hide_password=False))
-    with cluster(tmp_path) as (address, _):
+    with cluster(tmp_path) as address:
         reevaluate(recorded, "serial", label="one")
         for label, scheduler in (
             ("two", "processes"),
@@ -143,31 +130,46 @@ def test_what_was_broken_off_goes_on_where_it_was(recorded: Plant) -> None:
     assert (last.done, last.known) == (0, 4)
 
 
-def test_a_killed_worker_is_named_and_the_rest_is_done_later(plant: Plant, tmp_path: Path) -> None:
-    _, link = plant.register_bench("Bench 1")
-    with Registry.open(tmp_path / "data") as registry:
-        add_reducer_test(registry)
-        assert forward(registry, link).problems == []
-    file = Path(plant.runs(1)[0].url.removeprefix("file://")) / "results.json"
-    content = file.read_bytes()
-    file.unlink()
-    os.mkfifo(file)  # whoever reads it waits for ever
-    url = plant.url.render_as_string(hide_password=False)
-    with cluster(tmp_path) as (address, worker):
-        command = [COMMAND, "plant", "reevaluate", "--plant", url, "--label", "killed"]
-        with subprocess.Popen(
-            [*command, "--scheduler", address], stderr=subprocess.PIPE, text=True, env=environment()
-        ) as going:
-            subprocess.run([sys.executable, "-c", AT_WORK, address], check=True, timeout=300)
-            worker.kill()
-            said = " ".join(going.communicate(timeout=300)[1].split())
-    assert going.returncode == 1
-    assert "workers were killed" in said
-    assert "goes on from there" in said
-    file.unlink()
-    file.write_bytes(content)
-    done = reevaluate(plant, "serial", label="killed")
-    assert (done.done, done.known, done.problems) == (1, 0, 0)
+DEADLY = """
+import os
+
+import dask
+
+from torquebench.plant.reevaluating import _pool
+from torquebench.plant.reevaluation import RunTask, SealedFolder
+
+
+class Deadly(str):
+    def startswith(self, *_):
+        os._exit(1)
+
+
+if __name__ == "__main__":
+    kinds = ("verify-input", Deadly("verify-input"), "check-input")
+    tasks = [
+        RunTask(1, f"run-{number}", kind, "file:///nowhere", SealedFolder("runs/none", ""))
+        for number, kind in enumerate(kinds)
+    ]
+    dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    with _pool("processes", 1) as pool:
+        for (each,) in pool.results(iter([tasks])):
+            print(each.run_id, each.problem)
+"""
+
+
+def test_a_run_that_kills_its_worker_does_not_hold_up_the_others(tmp_path: Path) -> None:
+    """In one chunk with others: each is evaluated alone then, and the deadly one has a problem."""
+    script = tmp_path / "deadly.py"
+    script.write_text(DEADLY)
+    done = subprocess.run(
+        [sys.executable, script], capture_output=True, text=True, check=True, timeout=300
+    )
+    found = dict(line.split(" ", 1) for line in done.stdout.splitlines())
+    assert found.keys() == {"run-0", "run-1", "run-2"}, done.stderr
+    assert "its workers were killed, tcp://" in found.pop("run-1")
+    for problem in found.values():
+        assert problem
+        assert "killed" not in problem
 
 
 def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
