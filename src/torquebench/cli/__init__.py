@@ -157,6 +157,9 @@ def _run(arguments: list[str]) -> int:
 def main() -> None:
     """Run the command line and exit with 0 (done), 1 (a check failed) or 2 (bad input)."""
     os.environ.setdefault("OMP_NUM_THREADS", "1")
+    # Python would search all objects of all libraries for garbage again and again while it imports
+    # them: a quarter of the imports of a command that opens a bench.
+    gc.set_threshold(50_000, 20, 50)
     code = guarded(lambda: _run(sys.argv[1:]), debug=lambda: _debug)
     gc.freeze()  # a normal exit would finalise every object of every library
     sys.exit(code)

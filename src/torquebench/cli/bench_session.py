@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.campaign.measuring import OnPause, RunAbortedError
-from torquebench.cli.console import note
+from torquebench.cli.compiling import telling_compilation
+from torquebench.cli.console import note, stderr_console
 from torquebench.cli.interrupts import BenchInterrupts
 from torquebench.cli.presence import attending
 from torquebench.cli.progress import TerminalProgress
@@ -106,6 +107,9 @@ def open_bench(
         note("simulated bench")
     prompts = PromptQueue()
     operator = None if description.simulated else QueuedOperator(prompts)
-    with Station.open(description, data, real_time=real_time, operator=operator) as station:
+    with (
+        telling_compilation(stderr_console()),
+        Station.open(description, data, real_time=real_time, operator=operator) as station,
+    ):
         tell_recovered(station, but=resumed)
         yield BenchSession(station, prompts, yes)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -48,6 +49,10 @@ def demo(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer points and groups: takes a few seconds.")
     ] = False,
+    groups: Annotated[
+        int | None,
+        typer.Option(min=1, max=100, help="Groups of fresh points that verify a module (3)."),
+    ] = None,
     report: Annotated[Path, typer.Option("--out", help="The report (.html, .pdf).")] = Path(
         "torquebench-demo.html"
     ),
@@ -58,7 +63,7 @@ def demo(
     """Zero, calibrate, compensate and verify both modules and test a reducer, simulated.
 
     Both modules are calibrated in both directions, up and down. Four models are fitted and verified
-    in ten groups of 50 fresh points against the standard and the simulation's true torque. The
+    in groups of 50 fresh points against the standard and the simulation's true torque. The
     no-load friction of the simulated standard reducer is measured in three sweeps.
     """
     from torquebench.cli.reducer_tables import check_reports
@@ -68,7 +73,7 @@ def demo(
     with simulators_running(description, bench) as started:
         if started:
             note("simulators started for this demo; they end with it")
-        result = _tell(description, _settings(description, quick), data, real_time)
+        result = _tell(description, _settings(description, quick, groups), data, real_time)
     _write_report(report, result)
     _print(result)
     say_file("Report", report)
@@ -87,20 +92,23 @@ def _description(bench: Path | None, seed: int | None, preset: Preset | None) ->
     return described(description, seed=seed, preset=None if preset is None else preset.value)
 
 
-def _settings(description: BenchDescription, quick: bool) -> DemoSettings:
+def _settings(description: BenchDescription, quick: bool, groups: int | None) -> DemoSettings:
     from torquebench.calibration import load_profile
     from torquebench.campaign.demo import DemoSettings
     from torquebench.procedures import FrictionSettings
 
-    seed = int(description.simulation.get("seed", 1))
-    if not quick:
-        return DemoSettings(seed=seed)
-    return DemoSettings(
-        calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
-        verification=load_profile("verification").with_options(groups=2, points=8),
-        friction=FrictionSettings(speeds_rpm=(100.0, 400.0, 1200.0), repeats=1),
-        seed=seed,
-    )
+    settings = DemoSettings(seed=int(description.simulation.get("seed", 1)))
+    if quick:
+        settings = replace(
+            settings,
+            calibration=load_profile("rapid-in-situ").with_options(step_percent=10.0),
+            verification=load_profile("verification").with_options(groups=2, points=8),
+            friction=FrictionSettings(speeds_rpm=(100.0, 400.0, 1200.0), repeats=1),
+        )
+    if groups is not None:
+        verification = settings.verification.with_options(groups=groups)
+        settings = replace(settings, verification=verification)
+    return settings
 
 
 def _tell(

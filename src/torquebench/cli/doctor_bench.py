@@ -28,18 +28,6 @@ WATCHDOG_MARGIN_S = 0.5
 ZERO_TOLERANCE = 0.05
 """Largest deviation of an unloaded transducer's output from its zero, as a share of that."""
 ROOM_C = (-10.0, 60.0)
-ROLES = (
-    "counter",
-    "angles",
-    "input_drive",
-    "output_drive",
-    "reference",
-    "temperature",
-    "modes",
-    "clamp",
-    "guide_rail",
-    "power_supply",
-)
 
 
 @dataclass(frozen=True)
@@ -77,6 +65,8 @@ def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
             for identity in drivers.identities():
                 yield _identified(description, identity.role, identity)
         return
+    from torquebench.bench.drivers.instruments import ROLES
+
     yield from _simulators(description)
     with _owned(description, data):
         for role in ROLES:

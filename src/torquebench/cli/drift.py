@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from torquebench.cli.console import answer, narrow_table, note, out, say, warn
+from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -107,7 +107,8 @@ def _print_series(series: DriftSeries) -> None:
         table.add_row(f"{moment:%Y-%m-%d %H:%M}", f"{value:+.4f}", moving, series.remark(row))
     out().print(table)
     if chart is None:
-        note("  fewer than 3 values: no control chart yet")
+        say("fewer than 3 values: no control chart yet")
+        out().print()
         return
     say(
         f"mean {chart.centre:+.4f}, limits {chart.lower:+.4f} to {chart.upper:+.4f}, "

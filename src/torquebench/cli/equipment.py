@@ -14,7 +14,7 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say, warn
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory, moment_in_utc
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -80,9 +80,15 @@ def add_certificate(
     uncertainty: Annotated[
         float, typer.Option(min=0, max=10, help="Expanded uncertainty (k = 2), % of its range.")
     ],
-    due: Annotated[datetime, typer.Option(help="Last day of its validity.")],
+    due: Annotated[
+        datetime,
+        typer.Option(parser=moment_in_utc, metavar="DAY", help="Last day of its validity."),
+    ],
     laboratory: Annotated[str, typer.Option(help="Who has calibrated it.")] = "",
-    performed: Annotated[datetime | None, typer.Option(help="Day of its calibration.")] = None,
+    performed: Annotated[
+        datetime | None,
+        typer.Option(parser=moment_in_utc, metavar="DAY", help="Day of its calibration."),
+    ] = None,
     file: Annotated[
         Path | None, typer.Option(help="The certificate's file; its hash is kept.")
     ] = None,
@@ -91,6 +97,10 @@ def add_certificate(
     """Enter the certificate of a standard, which makes its measurements traceable."""
     from torquebench.records import Registry, Report
 
+    if performed is not None:
+        from torquebench.validation import refuse_future
+
+        refuse_future(performed)
     with Registry.open(data_directory(data)) as registry:
         _known(registry, kind, serial)
         registry.add_report(
@@ -149,7 +159,10 @@ def adjust(
         list[str] | None, typer.Option(help="name=value as it was left; repeatable.")
     ] = None,
     checked_by: Annotated[str, typer.Option(help="Person who reviewed it.")] = "",
-    performed: Annotated[datetime | None, typer.Option(help="When (UTC); now by default.")] = None,
+    performed: Annotated[
+        datetime | None,
+        typer.Option(parser=moment_in_utc, metavar="TIME", help="When (UTC); now by default."),
+    ] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Enter an adjustment: a change that may affect the indication of a piece of equipment.
@@ -158,14 +171,19 @@ def adjust(
     """
     from torquebench.records import Adjustment, Registry
 
+    if performed is not None:
+        from torquebench.validation import refuse_future
+
+        refuse_future(performed)
     with Registry.open(data_directory(data)) as registry:
         _known(registry, kind, serial)
+        moment = performed or datetime.now(UTC)
         registry.add_adjustment(
             Adjustment(
                 kind.value,
                 serial,
                 _named(what, "what was done"),
-                (performed or datetime.now(UTC)).replace(tzinfo=UTC),
+                moment,
                 _named(by, "who has done it"),
                 checked_by,
                 reason,
@@ -173,11 +191,12 @@ def adjust(
                 _pairs(after),
             )
         )
-        earlier = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
+        newest = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
     answer(record=f"adjustment of {kind.value} {serial}")
     say(f"adjustment of {kind.value} {escape(serial)} entered: {escape(what)}")
-    for entry in earlier:
-        warn(f"calibration-{entry.calibration_id} was made before it: calibrate again")
+    for entry in newest:
+        if entry.performed <= moment:
+            warn(f"calibration-{entry.calibration_id} was made before it: calibrate again")
 
 
 def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:

@@ -80,7 +80,7 @@ def dynamics(
         interval_s=None if rate is None else 1.0 / rate,
         motor=None
         if motor_inertia is None
-        else MotorInertia(motor_inertia, 0.005 * motor_inertia_u * motor_inertia),
+        else MotorInertia.stated(motor_inertia, motor_inertia_u),
     )
     _print(found)
     if empty is not None and model is None:

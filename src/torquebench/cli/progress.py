@@ -16,6 +16,7 @@ from rich.progress import (
 )
 from rich.progress import Progress as Bars
 
+from torquebench.cli.compiling import telling_compilation
 from torquebench.cli.console import is_quiet, stderr_console
 
 __all__ = ["Attendance", "TerminalProgress"]
@@ -55,6 +56,7 @@ class TerminalProgress:
             console=self._console,
             disable=not self._drawn,
         )
+        self._compiling = telling_compilation(self._bars.console)
         self.attendance: Attendance | None = None
         self._task: TaskID | None = None
         self._title = ""
@@ -62,6 +64,7 @@ class TerminalProgress:
         self._since = 0.0
 
     def __enter__(self) -> Self:
+        self._compiling.__enter__()
         self._bars.start()
         return self
 
@@ -74,6 +77,7 @@ class TerminalProgress:
         if error is None:
             self.finish()
         self._bars.stop()
+        self._compiling.__exit__(kind, error, trace)
 
     def start(self, title: str, total: int | None = None) -> None:
         """Begin a stage of `total` steps (None if unknown); ends the previous stage."""

@@ -64,7 +64,7 @@ def _rows(table: CsvTable, where: Sequence[str]) -> NDArray[np.intp]:
         if not equals or header not in table.header:
             raise InputError(
                 Message("--where {text}", text),
-                Message("Header=value,value with one of {header}", ", ".join(table.header)),
+                Message("Header=value,value with one of {header}", ", ".join(table.names)),
             )
         try:
             wanted = [float(value) for value in values.split(",")]

@@ -97,7 +97,7 @@ def turn(
     _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
 
 
-def _confirm(description: BenchDescription, side: str, profile: TurningProfile, yes: bool) -> None:
+def _confirm(description: BenchDescription, side: Side, profile: TurningProfile, yes: bool) -> None:
     """Ask for confirmation before a shaft turns on a real bench."""
     import sys
 
@@ -110,11 +110,11 @@ def _confirm(description: BenchDescription, side: str, profile: TurningProfile, 
             "check that nobody is at the bench, then give --yes",
         )
     if profile.kind == "dynamics":
-        largest = profile.largest_share * description.module(side).range_nm  # type: ignore[arg-type]
+        largest = profile.largest_share * description.module(side.value).range_nm
         said = f"will be loaded with up to {largest:g} N·m in steps, at rest"
     else:
-        said = f"will turn at up to {profile.top_rpm(side):g} rpm"  # type: ignore[arg-type]
-    said = f"{description.name}: {side} {said} by {profile.name}."
+        said = f"will turn at up to {profile.top_rpm(side.value):g} rpm"
+    said = f"{description.name}: {side.value} {said} by {profile.name}."
     stderr_console().print(said, markup=False)
     if not typer.confirm("Is the bench clear and may it start?", err=True):
         raise typer.Exit(1)

@@ -2,6 +2,7 @@
 
 import io
 
+from numba import njit
 from rich.console import Console
 
 from torquebench.cli.progress import TerminalProgress
@@ -39,3 +40,16 @@ def test_an_error_gives_the_terminal_back() -> None:
     except RuntimeError:
         pass
     assert console.file.getvalue().endswith(("\x1b[?25h", "\n"))
+
+
+def test_a_wait_for_compilation_is_explained_once() -> None:
+    console = Console(file=io.StringIO(), width=80, force_terminal=True, color_system=None)
+    with TerminalProgress(console) as progress:
+        progress.start("Fitting", 2)
+        for function in (lambda x: x + 1, lambda x: x - 1):
+            njit(function)(1.0)
+    assert console.file.getvalue().count("compiling numerical kernels") == 1
+    plain = Console(file=io.StringIO(), width=80)
+    with TerminalProgress(plain):
+        njit(lambda x: 2 * x)(1.0)
+    assert "compiling" not in plain.file.getvalue()
