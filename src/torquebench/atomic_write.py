@@ -193,6 +193,8 @@ def _stream(descriptor: int) -> Iterator[IO[bytes]]:
 @contextlib.contextmanager
 def _replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
     """Yield an empty file beside a target; it then replaces the target, with its permissions."""
+    if target.exists() and not os.access(target, os.W_OK):  # its folder alone would allow it
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
     part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
     try:
         part.touch(0o600 if private else 0o666, exist_ok=False)

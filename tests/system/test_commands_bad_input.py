@@ -31,8 +31,9 @@ BAD_TABLES = {
     ),
     "not a number": (table([*ladder(), "nan,100"]), "nan"),
     "text in a cell": (table([*ladder(), "abc,100"]), "abc"),
+    "a spreadsheet's error": (table([*ladder(), "#DIV/0!,100"]), "#DIV/0!"),
     "duplicate points": (table([*ladder()[:13], *ladder()[12:]]), "repeats"),
-    "one direction missing": (table(ladder(low=0)), "counter-clockwise"),
+    "one direction missing": (table(ladder(low=0)), "add --one-direction"),
     "range exceeded": (table([*ladder(), "2500.0,2500.0"]), "range"),
     "too few points": (table(["-198,-200", "198,200"]), "at least 8"),
 }

@@ -142,6 +142,17 @@ def test_the_standards_uncertainty_is_stated_in_every_way_of_the_program(tables:
         assert done.returncode in (0, 1), done.stderr
         found.append(json.loads((tables / "all.json").read_text("utf-8"))["results"])
     assert found[0] == found[1]
+    points = (tables / "calibration.csv").read_text("utf-8")
+    (tables / "own.csv").write_text(f"# reference_uncertainty = 0.02\n{points}", "utf-8")
+    own = ("evaluate", "static", "own.csv", *words[3:], "--out", "all.json")
+    done = run(*own, cwd=tables)
+    assert done.returncode in (0, 1), done.stderr
+    assert json.loads((tables / "all.json").read_text("utf-8"))["results"] == found[0]
+    done = run(*own, "--reference-uncertainty", "0.05", cwd=tables)
+    assert "was given and is taken" in " ".join(done.stderr.split())
+    done = run(*words, cwd=tables)
+    assert done.returncode == 2
+    assert "give --reference-uncertainty" in done.stderr
     done = run(*words, "--reference-uncertainty", "11", cwd=tables)
     assert done.returncode == 2
     assert "0 to 10 % of the torque" in done.stderr

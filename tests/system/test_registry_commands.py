@@ -1,3 +1,4 @@
+import html
 import json
 import re
 import sqlite3
@@ -189,7 +190,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     write_calibration_csv(tmp_path / "lacking.csv", lacking)
     done = run(
         *("evaluate", "static", "lacking.csv", *options, "--performed", "2025-06-15"),
-        *("--reference-due", "2025-06-14"),
+        *("--reference-due", "2025-06-14", "--report", "lacking.html"),
         cwd=tmp_path,
     )
     assert done.returncode == 1
@@ -199,6 +200,10 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     assert "the profile refuses a certificate" in done.stderr
     assert "evaluated by the table's own steps: " in said
     assert "class 0.1 over the whole range" in said
+    assert "h: reversibility" in said
+    page = html.unescape((tmp_path / "lacking.html").read_text(encoding="utf-8"))
+    assert "the table's own steps: " in page
+    assert "% of the span; class 0.1 over the whole range" in page
 
     tomorrow = f"{datetime.now() + timedelta(days=2):%Y-%m-%d}"
     done = run("evaluate", "static", "whole.csv", *options, "--performed", tomorrow, cwd=tmp_path)

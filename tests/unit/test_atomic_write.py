@@ -4,6 +4,7 @@ import os
 import stat
 import subprocess
 import sys
+import tempfile
 import threading
 from pathlib import Path
 from typing import IO
@@ -22,6 +23,20 @@ atomic_write(Path(sys.argv[1]), "content\\n")
 with atomic_path(Path(sys.argv[1])) as part:
     part.write_text("through a name\\n")
 print("after")
+"""
+WRITE_AS_A_USER = """
+import os, sys
+from pathlib import Path
+from torquebench.atomic_write import atomic_write
+from torquebench.errors import InputError
+if os.getuid() == 0:
+    os.setgroups([])
+    os.setgid(65534)
+    os.setuid(65534)
+try:
+    atomic_write(Path(sys.argv[1]), "new")
+except InputError as error:
+    print(error)
 """
 PRINTED = "before\ncontent\nthrough a name\nafter\n"
 
@@ -68,6 +83,23 @@ class TestRegularFiles:
         file.chmod(0o640)
         atomic_write(file, "new")
         assert stat.S_IMODE(file.stat().st_mode) == 0o640
+
+    def test_a_file_without_write_permission_is_kept(self) -> None:
+        """Its folder alone would allow to replace it. Permissions mean nothing to root."""
+        with tempfile.TemporaryDirectory() as folder:
+            Path(folder).chmod(0o777)
+            file = Path(folder, "a.csv")
+            file.write_text("old")
+            file.chmod(0o444)
+            done = subprocess.run(
+                [sys.executable, "-c", WRITE_AS_A_USER, file],
+                check=True,
+                capture_output=True,
+                text=True,
+            )
+            assert "Permission denied" in done.stdout
+            assert file.read_text() == "old"
+            assert _names(Path(folder)) == ["a.csv"]
 
     def test_a_new_file_is_readable_as_the_user_has_set(self, tmp_path: Path) -> None:
         (tmp_path / "usual").touch()

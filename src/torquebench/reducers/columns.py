@@ -36,7 +36,7 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[NDArray[np.float64
         if row.ndim != 1 or row.size != size:
             raise InputError(
                 Message("{name} of shape {shape}", name, row.shape),
-                Message("one value for each of {size} in {next}", size, next(iter(columns))),
+                Message("one value for each of {size} in {name}", size, next(iter(columns))),
             )
         bad = np.flatnonzero(~np.isfinite(row))
         if bad.size:
@@ -53,7 +53,7 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[NDArray[np.float64
             )
     if size < least:
         raise InputError(
-            Message("{size} values of {next}", size, next(iter(columns))),
+            Message("{size} values of {name}", size, next(iter(columns))),
             Message("at least {limit}", least),
         )
     return rows

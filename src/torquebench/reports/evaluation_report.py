@@ -12,6 +12,7 @@ from torquebench.calibration import (
     CalibrationResults,
     Deviation,
     DirectionResults,
+    EvaluablePoints,
     Profile,
     StaticEvaluation,
 )
@@ -44,7 +45,22 @@ from torquebench.reports.reducer_report import tables_of
 from torquebench.uncertainty import stated
 from torquebench.units import ARCMIN
 
-__all__ = ["evaluation_page", "open_loop_page", "static_page", "static_quantities"]
+__all__ = [
+    "QUANTITIES",
+    "evaluation_page",
+    "open_loop_page",
+    "own_steps_words",
+    "residual_zero",
+    "static_page",
+    "static_quantities",
+]
+
+QUANTITIES = (
+    "f_q: deviation of the indication, b′: repeatability, b: reproducibility, f_a: deviation from "
+    "the interpolated curve, h: reversibility, r: resolution, W: expanded uncertainty (k = 2), "
+    "f₀: residual zero."
+)
+"""The columns of `static_quantities`, as EURAMET cg-14 and DIN 51309 name them."""
 
 
 def evaluation_page(
@@ -180,7 +196,7 @@ def static_page(
     deviations: Sequence[Deviation],
     results: CalibrationResults | None,
     torque_nm: Sequence[float] | None,
-    remarks: Sequence[str],
+    evaluable: EvaluablePoints,
 ) -> Page:
     """Return the report of a static calibration in steps.
 
@@ -197,7 +213,8 @@ def static_page(
         None if it couldn't be evaluated.
     torque_nm : array of float, shape (n,), or None
         Compensated torque of the points.
-    remarks : sequence of str
+    evaluable : EvaluablePoints
+        By whose steps it was evaluated, and what was left out.
     """
     checked = "" if profile.verified else ", not checked against a licensed text"
     facts = [
@@ -205,7 +222,8 @@ def static_page(
         ("Points", f"{len(points)}, {points.range_nm:g} N·m"),
         ("Transducer", points.transducer_serial or "not stated"),
         ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"),
-        *(("Remark", each) for each in remarks),
+        *(("Evaluated by", each) for each in own_steps_words(evaluable)),
+        *(("Remark", each) for each in evaluable.remarks),
     ]
     name = "reading" if torque_nm is None else "before"
     curves = [Curve(name, points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
@@ -239,9 +257,24 @@ def _direction(direction: DirectionResults) -> Section:
             starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
             said = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts) or "none"
         header, rows = static_quantities(side.evaluation)
-        caption = f"{word.capitalize()} compensation, % of reading; class {said}."
+        zero = residual_zero(side.evaluation)
+        caption = f"{word.capitalize()} compensation, % of reading; {zero}; class {said}."
         blocks.append(Table(header, rows, caption))
-    return Section(direction.name.capitalize(), "", blocks)
+    return Section(direction.name.capitalize(), QUANTITIES, blocks)
+
+
+def own_steps_words(points: EvaluablePoints) -> tuple[str, ...]:
+    """Return the steps by which a table was evaluated where they aren't the profile's."""
+    if points.of_profile or points.data is None or points.data.nominal_nm is None:
+        return ()
+    steps = ", ".join(f"{step:g}" for step in sorted(set(points.data.nominal_nm.tolist())))
+    return (f"the table's own steps: {steps} N·m",)
+
+
+def residual_zero(evaluation: StaticEvaluation) -> str:
+    """Return the residual zero in words."""
+    zero = evaluation.zero_residual_percent
+    return "f₀ " + ("not measured" if zero is None else f"{zero:.4f} % of the span")
 
 
 def static_quantities(

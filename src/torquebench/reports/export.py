@@ -10,8 +10,12 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.bench_chains import referenced
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.records import (
@@ -25,6 +29,7 @@ from torquebench.records import (
     sha256_of_file,
 )
 from torquebench.records.column_words import column_words, short_names
+from torquebench.records.reference_remarks import reference_remarks
 from torquebench.reports.certificate import (
     Issue,
     build_record,
@@ -183,10 +188,23 @@ def _notes(source: RunFolder) -> dict[str, object]:
     """Return a table's comments, with which its points can be read as a calibration again."""
     notes: dict[str, object] = {}
     with contextlib.suppress(RecordError, InputError):
-        data = run_data(source)
+        data = _referenced(source)
         keys = ("range_nm", "side", "transducer_serial", "counter_identity")
         notes = {key: getattr(data, key) for key in keys if getattr(data, key)}
+        notes |= reference_remarks(data.reference)
     return notes | ({"simulated": "true"} if source.metadata.get("simulated") else {})
+
+
+def _referenced(source: RunFolder) -> CalibrationData:
+    """Return the points of a run with the standard that was mounted, if the description is known.
+
+    A description of another version may not be readable; the points are then without the standard.
+    """
+    data, serial = run_data(source), str(source.results.get("standard_serial", ""))
+    try:
+        return referenced(data, source.metadata, serial)
+    except (InputError, ValidationError):
+        return data
 
 
 def _write_raw(export: _Export, source: RunFolder) -> None:
@@ -223,7 +241,7 @@ def _write_registry(
 
 def _write_calibration(export: _Export, source: RunFolder, calibration: CalibrationEntry) -> None:
     name = "calibration.csv"
-    text = calibration_csv(run_data(source), {"profile": calibration.profile_name})
+    text = calibration_csv(_referenced(source), {"profile": calibration.profile_name})
     export.write(name, text)
     header = next(line for line in text.splitlines() if not line.startswith("#"))
     export.columns[name] = [(column, column_words(column)) for column in header.split(",")]

@@ -18,7 +18,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 from torquebench import __version__
-from torquebench.atomic_write import atomic_write, private_folder
+from torquebench.atomic_write import atomic_path, atomic_write, private_folder
 from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
 from torquebench.errors import InputError, RecordError
@@ -291,12 +291,8 @@ def _same(first: Path, second: Path) -> bool:
 
 def _copy_file(source: Path, target: Path) -> None:
     private_folder(target.parent)
-    part = target.with_name(f".{target.name}.part")
-    try:
+    with atomic_path(target) as part:
         shutil.copy2(source, part)
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
 
 
 def _copy_audit(source: Path, target: Path) -> None:

@@ -246,7 +246,7 @@ def torque_span(bridge: Section) -> tuple[float, float]:
     if None in electrical or electrical[0] == electrical[1]:
         raise InputError(
             Message(
-                "electrical values {electrical} and {electrical_2} V/V",
+                "electrical values {lower} and {upper} V/V",
                 electrical[0],
                 electrical[1],
             ),

@@ -6,7 +6,7 @@ tested on a third-party memory image; no such image was available for templates 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from torquebench.teds.bits import (
@@ -31,7 +31,6 @@ __all__ = [
     "Array",
     "Field",
     "Template",
-    "every_field",
 ]
 
 BRIDGE, CALIBRATION_TABLE, CALIBRATION_CURVE, FREQUENCY_RESPONSE = 33, 40, 41, 42
@@ -188,15 +187,3 @@ TEMPLATES: Mapping[int, Template] = {
     )
 }
 """The supported templates, by their numbers."""
-
-
-def every_field(template: Template) -> Iterator[Field | Array]:
-    """Return a template's fields and arrays, those within arrays included."""
-
-    def below(fields: tuple[Field | Array, ...]) -> Iterator[Field | Array]:
-        for each in fields:
-            yield each
-            if isinstance(each, Array):
-                yield from below(each.fields)
-
-    return below(template.fields)

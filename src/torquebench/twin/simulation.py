@@ -149,9 +149,15 @@ def _motor_torque(
 
 
 @njit(cache=True)
+def _record_frequencies(state: State, recording: Recording, step: int) -> None:
+    for channel in range(state.lagged_hz.size):
+        recording.frequency_hz[channel, step] = state.lagged_hz[channel]
+
+
+@njit(cache=True)
 def _record_state(constants: Constants, state: State, recording: Recording, step: int) -> None:
     """Record the present state: truth, encoders, and the frequencies of all channels."""
-    recording.frequency_hz[:, step] = state.lagged_hz
+    _record_frequencies(state, recording, step)
     for side in range(2):
         row = state.shafts[side]
         compliance = constants.drives[side].encoder_compliance_rad_nm
@@ -308,7 +314,7 @@ def simulate(
             if abs(state.shafts[side, mechanism.FLANGE_SPEED]) > 1e-3:
                 state.lubrication[side, turning.HOURS] += STEP_S / 3600.0
         _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
-    recording.frequency_hz[:, offset + steps] = state.lagged_hz
+    _record_frequencies(state, recording, offset + steps)
     for k in range(commands, len(told_at)):
         obey(constants, state, orders, told_at[k, 1], told[k, 0], told[k, 1])
 

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
-from torquebench.bench.description import flat_of_range
 from torquebench.calibration import load_profile, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.chain import MeasuringChain, load_chain
@@ -29,7 +28,7 @@ from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import Party, Reference
 from torquebench.reports.certificate.results import evaluate_results
-from torquebench.uncertainty import Verdict
+from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
 ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), refuse_unreviewed=False)
 
@@ -192,7 +191,10 @@ def test_the_certificates_verdict_is_that_of_the_verification(
     worst = result.of("polynomial").against_standard.worst_percent_fs
     tolerance = {Verdict.PASS: 1.0, Verdict.CONDITIONAL_PASS: 1.01 * worst}.get(wanted, 0.05)
     *_, decisions = judge_check(
-        fresh, chain, standard=flat_of_range(2e-4, 2000.0), tolerance_percent_fs=tolerance
+        fresh,
+        chain,
+        standard=CertifiedUncertainty.of_range(2e-4, 2000.0),
+        tolerance_percent_fs=tolerance,
     )  # as the panel judges it
     assert Verdict.worst(each.verdict for each in decisions) is wanted
 

@@ -11,7 +11,6 @@ import pypdf
 import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
-from torquebench.bench.description import flat_of_range
 from torquebench.calibration import calibration_results, load_profile
 from torquebench.records import Registry
 from torquebench.reports.certificate import (
@@ -25,6 +24,7 @@ from torquebench.reports.certificate import (
 from torquebench.reports.certificate.labels import LANGUAGES, labels_of
 from torquebench.reports.certificate.record import StaticTable
 from torquebench.reports.certificate.static_content import class_words
+from torquebench.uncertainty import CertifiedUncertainty
 
 STAIRCASE = load_profile("staircase")
 ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), languages=LANGUAGES, refuse_unreviewed=False)
@@ -49,7 +49,9 @@ def text_of(record: CertificateRecord, language: str) -> str:
 
 def test_the_static_evaluation_is_that_of_the_points(record: CertificateRecord) -> None:
     data = points(STAIRCASE, simulated=True, temperature_drift_k=1.5)
-    results = calibration_results(data, resolution_nm=0.0, reference=flat_of_range(2e-4, 2000.0))
+    results = calibration_results(
+        data, resolution_nm=0.0, reference=CertifiedUncertainty.of_range(2e-4, 2000.0)
+    )
     first = record.static[0]
     evaluation = results.directions[0].before.evaluation
     assert [(each.direction, each.compensated) for each in record.static] == [

@@ -149,7 +149,7 @@ class Field:
 
     def _changed(self, event: Any) -> Any:
         self.value = str(event.args)
-        if self.control.tag != "select":
+        if self.control.tag != "select" or "value" in self.control.props:
             with self.control.props.suspend_updates():
                 self.control.props["value"] = self.value
         if self._on_change is not None:

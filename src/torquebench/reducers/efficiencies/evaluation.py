@@ -279,7 +279,7 @@ def _check_gain(
     if np.all(found > 1.0) or (swapped and np.all(found < 0.05)):
         raise InputError(
             Message(
-                "efficiencies of {found:.4g} % to {found_2:.4g} %",
+                "efficiencies of {lowest:.4g} % to {highest:.4g} %",
                 100 * found.min(),
                 100 * found.max(),
             ),

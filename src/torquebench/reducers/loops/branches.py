@@ -130,8 +130,8 @@ def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator
         if not found:
             raise InputError(
                 Message(
-                    "no whole loop at position {label:g}: the torque goes from {torque:.4g} "
-                    "to {torque_2:.4g} N·m and never back",
+                    "no whole loop at position {label:g}: the torque goes from {first_nm:.4g} "
+                    "to {last_nm:.4g} N·m and never back",
                     label,
                     torque[rows].min(),
                     torque[rows].max(),

@@ -30,11 +30,9 @@ from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
 from torquebench.uncertainty import Budget
-from torquebench.units import NM_PER_RAD_OF_NM_PER_ARCMIN
+from torquebench.units import ARCMIN, NM_PER_RAD_OF_NM_PER_ARCMIN
 
 __all__ = ["evaluate_hysteresis"]
-
-ARCMIN_PER_RAD = 180.0 * 60.0 / np.pi
 
 
 def evaluate_hysteresis(
@@ -208,13 +206,13 @@ def _arcmin(value: float, parts: list[Contribution]) -> Budget:
     scaled = [
         Contribution(
             part.name,
-            part.standard_uncertainty * ARCMIN_PER_RAD,
+            part.standard_uncertainty / ARCMIN,
             part.degrees_of_freedom,
             part.sensitivity,
         )
         for part in parts
     ]
-    return budget(value * ARCMIN_PER_RAD, "arcmin", scaled)
+    return budget(value / ARCMIN, "arcmin", scaled)
 
 
 def _backlash(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:

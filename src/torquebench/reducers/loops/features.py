@@ -118,7 +118,7 @@ def _stiffness(
     if np.count_nonzero(inside) < settings.least_samples:
         raise InputError(
             Message(
-                "{count} samples between {interval:.4g} and {interval_2:.4g} N·m",
+                "{count} samples between {lower_nm:.4g} and {upper_nm:.4g} N·m",
                 np.count_nonzero(inside),
                 interval[0] * unit,
                 interval[1] * unit,

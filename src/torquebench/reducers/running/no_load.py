@@ -266,7 +266,7 @@ def _temperature_findings(
         Finding(
             "unsteady temperature",
             Message(
-                "{warmth:.1f} to {warmth_2:.1f} °C during the test (allowed: a range of "
+                "{lowest_c:.1f} to {highest_c:.1f} °C during the test (allowed: a range of "
                 "{limit_k:g} K){effect}",
                 warmth.min(),
                 warmth.max(),

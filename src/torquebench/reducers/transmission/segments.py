@@ -215,8 +215,8 @@ def check_slip(run: Run, ratio: float) -> None:
             ),
             Message("at most {limit:.3g} arcsec", limit / ARCSEC),
             Message(
-                "the ratio is wrong (the angles show {ratio:.8g} instead of "
-                "{ratio_2:.8g}), or an encoder creeps",
+                "the ratio is wrong (the angles show {shown:.8g} instead of "
+                "{ratio:.8g}), or an encoder creeps",
                 ratio / (1.0 + slope),
                 ratio,
             ),

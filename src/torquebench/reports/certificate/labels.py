@@ -8,6 +8,7 @@ from importlib import resources
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty import rounded
+from torquebench.units import minus_signs
 
 __all__ = ["LANGUAGES", "Labels", "check_languages", "labels_of"]
 
@@ -93,7 +94,7 @@ class Labels:
         return self.number(shown, decimals)
 
     def _marked(self, text: str) -> str:
-        text = text.replace("-", "−") if "e" not in text else text
+        text = minus_signs(text)
         return text.replace(".", ",") if self.language == "de" else text
 
 

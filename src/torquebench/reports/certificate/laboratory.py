@@ -133,6 +133,6 @@ def read_letterhead(path: Path) -> Letterhead:
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(
             Message("laboratory {path}: {error}", path, error),
-            Message("a TOML file in UTF-8 with {shape}", _SHAPE),
+            Message("a TOML file in UTF-8 with {content}", _SHAPE),
         ) from error
     return validated(Letterhead, parse_toml(text, str(path)), str(path))

@@ -7,7 +7,6 @@ from datetime import date
 from types import UnionType
 from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
-from torquebench.bench.description import flat_of_range
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
@@ -154,7 +153,7 @@ class Reference:
             return self.certified
         share = 1e-2 * self.expanded_uncertainty_percent
         return (
-            flat_of_range(share, range_nm)
+            CertifiedUncertainty.of_range(share, range_nm)
             if self.of_range
             else CertifiedUncertainty.of_torque(share)
         )

@@ -30,7 +30,7 @@ from torquebench.calibration import (
     Profile,
     verify,
 )
-from torquebench.campaign.chains import recorded_effects
+from torquebench.campaign.bench_chains import recorded_effects
 from torquebench.campaign.finishing import (
     FinishedCalibration,
     finish_calibration,
