@@ -135,6 +135,7 @@ def test_who_measured_and_who_signs_are_people_of_the_laboratory(command: Comman
     code, said = enter(command, good(), measured_by="Somebody")
     assert code == 2
     assert "'Somebody', who isn't a person of the laboratory allowed one of A. Kim, A. Boss" in said
+    assert "points" not in said, "refused before anything is read or evaluated"
     assert not list(Path("data").glob("runs/*"))
     assert enter(command, good(), measured_by="a. kim")[0] == 0
     code, said = command("certificate", "calibration-1", "--authorised-by", "Somebody else")
@@ -234,6 +235,7 @@ def test_what_a_certificate_needs_is_asked_for_on_entry(command: Command, missin
     code, said = enter(command, unnamed, "staircase", **{missing: ""})
     assert code == 2
     assert f"--{missing.replace('_', '-')}" in said
+    assert "before compensation" not in said, "asked for before the evaluation"
     assert not list(Path("data").glob("runs/*"))
 
 

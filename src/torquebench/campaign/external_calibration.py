@@ -32,7 +32,7 @@ from torquebench.records.table_files import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 
-__all__ = ["ExternalCalibration", "RegisteredTable", "register_table"]
+__all__ = ["ExternalCalibration", "RegisteredTable", "check_circumstances", "register_table"]
 
 KIND = "calibration-table"
 """Kind of the run that holds an external table."""
@@ -121,7 +121,7 @@ def register_table(
     InputError
         Where something isn't named, or these points are entered already.
     """
-    _require(circumstances)
+    check_circumstances(circumstances)
     called = called or table.name
     serial = circumstances.transducer.serial
     for entry in registry.calibrations(serial):
@@ -176,7 +176,14 @@ def register_table(
     return RegisteredTable(folder.run_id, entry, kept)
 
 
-def _require(circumstances: ExternalCalibration) -> None:
+def check_circumstances(circumstances: ExternalCalibration) -> None:
+    """Refuse circumstances that a certificate can't be issued with.
+
+    Raises
+    ------
+    InputError
+        Where something isn't named, or the measurement is in the future.
+    """
     refuse_future(circumstances.performed)
     for value, what, option in (
         (circumstances.transducer.serial, "the transducer's serial number", "--transducer"),

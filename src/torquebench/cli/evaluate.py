@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -36,6 +35,7 @@ if TYPE_CHECKING:
         DirectionResults,
         EvaluablePoints,
         Profile,
+        ReferenceStandard,
         StaticEvaluation,
     )
     from torquebench.campaign.external_calibration import ExternalCalibration
@@ -141,7 +141,7 @@ def static(
         find_deviations,
         load_profile,
     )
-    from torquebench.records import Equipment, Report, read_calibration_csv
+    from torquebench.records import read_calibration_csv
 
     chosen = load_profile(profile)
     check_reports(report or [])
@@ -149,6 +149,7 @@ def static(
         check_output(result, data, endings=(".json",))
     if register:
         check_kept(data)
+        measured_by = _person(records, measured_by)
     if performed is not None:
         from torquebench.validation import refuse_future
 
@@ -170,6 +171,21 @@ def static(
     _print_deviations(deviations)
     evaluable = evaluable_points(read, points, chosen, deviations)
     stated = _reference(reference_uncertainty, points, data.name)
+    circumstances = None
+    if register:
+        circumstances = _circumstances(
+            points,
+            moment,
+            standard,
+            resolution,
+            stated,
+            measured_by=measured_by,
+            place=place,
+            manufacturer=manufacturer,
+            model=transducer_model,
+            reference_model=reference_model,
+            laboratory=reference_laboratory,
+        )
     found = _evaluate(evaluable, resolution, stated, model)
     if report:
         from torquebench.reports.evaluation_report import static_page
@@ -195,35 +211,64 @@ def static(
 
         atomic_write(result, json_text(content, indent=2) + "\n")
         say_file("Every number", result)
-    if register:
-        from torquebench.campaign.external_calibration import ExternalCalibration
-
-        certificate = Report(
-            "calibrator",
-            reference_serial,
-            reference_certificate,
-            laboratory=reference_laboratory,
-            due=due,
-        )
-        item = Equipment(
-            "transducer", points.transducer_serial, manufacturer, transducer_model, points.range_nm
-        )
-        read_with, by = points.counter_identity, measured_by
-        circumstances = ExternalCalibration(
-            moment,
-            by,
-            place,
-            item,
-            read_with,
-            certificate,
-            reference_model,
-            resolution,
-            stated,
-        )
+    if circumstances is not None:
         _register(records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):
         warn("the profile refuses a certificate for this calibration")
         raise typer.Exit(CHECK_FAILED)
+
+
+def _person(folder: Path, name: str) -> str:
+    """Return the laboratory's spelling of who measured, before any work is done."""
+    if not name:
+        return ""
+    from torquebench.reports.certificate import kept_letterhead, person_among
+
+    return person_among(name, kept_letterhead(folder).people)
+
+
+def _circumstances(
+    points: CalibrationData,
+    performed: datetime,
+    standard: ReferenceStandard,
+    resolution_nm: float,
+    uncertainty: CertifiedUncertainty | float,
+    *,
+    measured_by: str,
+    place: str,
+    manufacturer: str,
+    model: str,
+    reference_model: str,
+    laboratory: str,
+) -> ExternalCalibration:
+    """Return what is registered with a table, before it is evaluated."""
+    from torquebench.campaign.external_calibration import (
+        ExternalCalibration,
+        check_circumstances,
+    )
+    from torquebench.records import Equipment, Report
+
+    circumstances = ExternalCalibration(
+        performed=performed,
+        measured_by=measured_by,
+        place=place,
+        transducer=Equipment(
+            "transducer", points.transducer_serial, manufacturer, model, points.range_nm
+        ),
+        indicator=points.counter_identity,
+        reference=Report(
+            "calibrator",
+            standard.serial,
+            standard.certificate_number,
+            laboratory=laboratory,
+            due=standard.due,
+        ),
+        reference_model=reference_model,
+        resolution_nm=resolution_nm,
+        reference_uncertainty=uncertainty,
+    )
+    check_circumstances(circumstances)
+    return circumstances
 
 
 def _reference(
@@ -304,13 +349,8 @@ def _register(
     from torquebench.campaign.external_calibration import register_table
     from torquebench.campaign.measuring import operator_name
     from torquebench.records import Registry
-    from torquebench.reports.certificate import kept_letterhead, person_among
 
     with Registry.open(folder) as registry:
-        if circumstances.measured_by:
-            people = kept_letterhead(registry.root).people
-            known = person_among(circumstances.measured_by, people)
-            circumstances = replace(circumstances, measured_by=known)
         entered = register_table(
             registry, table, points, profile, circumstances, operator=operator_name(), model=model
         )
