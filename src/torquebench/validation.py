@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import tomllib
 from collections.abc import Mapping, Sequence
-from datetime import UTC, datetime, timedelta
+from datetime import UTC, date, datetime, time, timedelta
 from types import UnionType
 from typing import Annotated, Any, Literal, TypeVar, Union, get_args, get_origin
 
@@ -26,12 +26,16 @@ __all__ = [
     "choices_at",
     "faults_of",
     "parse_toml",
+    "past_moment",
     "refuse_future",
     "validated",
     "words_of",
 ]
 
 Model = TypeVar("Model", bound=BaseModel)
+
+CLOCK_TOLERANCE = timedelta(minutes=5)
+"""Largest difference of two computers' clocks; a later time is in the future."""
 
 
 class ConflictError(PydanticCustomError):
@@ -283,18 +287,67 @@ def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
     return annotation, metadata, unit
 
 
-def refuse_future(performed: datetime) -> None:
-    """Refuse a day of measurement that hasn't come yet anywhere on earth.
+def refuse_future(performed: date) -> None:
+    """Refuse a day, or a time, that hasn't come yet.
+
+    Parameters
+    ----------
+    performed : datetime.date or datetime.datetime
+        When something was done: a day in the local time zone, or a time, local without a zone.
 
     Raises
     ------
     InputError
-        With the day and today.
+        With the day or time and now.
+
+    Examples
+    --------
+    >>> refuse_future(date(2025, 3, 2))
+    >>> refuse_future(datetime(2200, 1, 1, 12, tzinfo=UTC))
+    Traceback (most recent call last):
+    torquebench.errors.InputError: performed on 2200-01-01 12:00 UTC, in the future; ...
     """
-    today = (datetime.now(UTC) + timedelta(hours=14)).date()  # in the earliest time zone
-    if performed.date() > today:
-        raise InputError(
-            Message("a measurement performed on {performed}", performed.date()),
-            Message("up to today, {now}", datetime.now().astimezone().date()),
-            "correct the day",
-        )
+    now = datetime.now().astimezone()
+    if isinstance(performed, datetime):
+        if performed.astimezone(UTC) <= now + CLOCK_TOLERANCE:
+            return
+        named, until = _minute(performed), _minute(now)
+    else:
+        if performed <= now.date():
+            return
+        named, until = str(performed), str(now.date())
+    raise InputError(
+        Message("performed on {performed}, in the future", named),
+        Message("up to now, {now}", until),
+        "correct the day or the time",
+    )
+
+
+def past_moment(performed: date) -> datetime:
+    """Return when something was done, in UTC.
+
+    Parameters
+    ----------
+    performed : datetime.date or datetime.datetime
+        A day keeps its name in UTC, where its first moment has passed there; a time without a zone
+        is local.
+
+    Raises
+    ------
+    InputError
+        It is in the future.
+
+    Examples
+    --------
+    >>> past_moment(date(2025, 3, 2)).isoformat()
+    '2025-03-02T00:00:00+00:00'
+    """
+    refuse_future(performed)
+    if isinstance(performed, datetime):
+        return performed.astimezone(UTC)
+    return min(datetime.combine(performed, time(), UTC), datetime.now(UTC))
+
+
+def _minute(moment: datetime) -> str:
+    zone = moment.astimezone() if moment.tzinfo is None else moment
+    return f"{zone:%Y-%m-%d %H:%M %Z}"

@@ -5,7 +5,7 @@ Entries that a laboratory makes about its equipment beside runs, in terms of ISO
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,7 +14,14 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say, warn
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory, moment_in_utc
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    DataOption,
+    data_directory,
+    day_or_time,
+    moment_in_utc,
+    performed_at,
+)
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -86,8 +93,8 @@ def add_certificate(
     ],
     laboratory: Annotated[str, typer.Option(help="Who has calibrated it.")] = "",
     performed: Annotated[
-        datetime | None,
-        typer.Option(parser=moment_in_utc, metavar="DAY", help="Day of its calibration."),
+        date | None,
+        typer.Option(parser=day_or_time, metavar="DAY", help="Day of its calibration."),
     ] = None,
     file: Annotated[
         Path | None, typer.Option(help="The certificate's file; its hash is kept.")
@@ -97,10 +104,10 @@ def add_certificate(
     """Enter the certificate of a standard, which makes its measurements traceable."""
     from torquebench.records import Registry, Report
 
+    day = None
     if performed is not None:
-        from torquebench.validation import refuse_future
-
-        refuse_future(performed)
+        performed_at(performed)
+        day = performed.date() if isinstance(performed, datetime) else performed
     with Registry.open(data_directory(data)) as registry:
         _known(registry, kind, serial)
         registry.add_report(
@@ -109,7 +116,7 @@ def add_certificate(
                 serial,
                 number,
                 laboratory=laboratory,
-                performed=None if performed is None else performed.date(),
+                performed=day,
                 due=due.date(),
                 expanded_uncertainty_percent=uncertainty,
                 file=file,
@@ -160,8 +167,12 @@ def adjust(
     ] = None,
     checked_by: Annotated[str, typer.Option(help="Person who reviewed it.")] = "",
     performed: Annotated[
-        datetime | None,
-        typer.Option(parser=moment_in_utc, metavar="TIME", help="When (UTC); now by default."),
+        date | None,
+        typer.Option(
+            parser=day_or_time,
+            metavar="TIME",
+            help="Day, or local time as 2026-01-31T14:05; now by default.",
+        ),
     ] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
@@ -171,13 +182,9 @@ def adjust(
     """
     from torquebench.records import Adjustment, Registry
 
-    if performed is not None:
-        from torquebench.validation import refuse_future
-
-        refuse_future(performed)
+    moment = performed_at(performed)
     with Registry.open(data_directory(data)) as registry:
         _known(registry, kind, serial)
-        moment = performed or datetime.now(UTC)
         registry.add_adjustment(
             Adjustment(
                 kind.value,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from datetime import UTC, datetime
+from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -20,7 +20,9 @@ from torquebench.cli.options import (
     RangeOption,
     check_kept,
     check_output,
+    day_or_time,
     moment_in_utc,
+    performed_at,
     stated_reference,
 )
 from torquebench.cli.reducer_tables import check_reports
@@ -80,11 +82,11 @@ def static(
         Path | None, typer.Option(help="A model file: results after its compensation too.")
     ] = None,
     performed: Annotated[
-        datetime | None,
+        date | None,
         typer.Option(
-            parser=moment_in_utc,
+            parser=day_or_time,
             metavar="DAY",
-            help="Day of the measurement, as 2026-01-31; today by default.",
+            help="Day of the measurement, as 2026-01-31, or its time; now by default.",
         ),
     ] = None,
     reference_due: Annotated[
@@ -150,10 +152,7 @@ def static(
     if register:
         check_kept(data)
         measured_by = _person(records, measured_by)
-    if performed is not None:
-        from torquebench.validation import refuse_future
-
-        refuse_future(performed)
+    moment = performed_at(performed)
     read = read_calibration_csv(
         data,
         range_nm=range_nm,
@@ -163,7 +162,6 @@ def static(
         mapping=column or (),
     )
     points = assign_nominal(read, chosen)
-    moment = performed or datetime.now(UTC)
     due = None if reference_due is None else reference_due.date()
     standard = ReferenceStandard(reference_serial, reference_certificate, due)
     deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)

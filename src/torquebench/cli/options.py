@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -38,8 +38,10 @@ __all__ = [
     "check_output",
     "check_output_folder",
     "data_directory",
+    "day_or_time",
     "has_registry",
     "moment_in_utc",
+    "performed_at",
     "stated_reference",
 ]
 
@@ -267,6 +269,38 @@ def moment_in_utc(text: str) -> datetime:
         raise typer.BadParameter(
             f"{text!r}; allowed: a day such as 2026-01-31, or 2026-01-31T14:05+01:00"
         ) from error
+
+
+def day_or_time(text: str) -> date:
+    """Return the day of an option, or the time where it states one."""
+    text = text.strip()
+    try:
+        try:
+            return date.fromisoformat(text)
+        except ValueError:
+            moment = datetime.fromisoformat(text)
+            moment.astimezone(UTC)
+            return moment
+    except (ValueError, OverflowError) as error:
+        raise typer.BadParameter(
+            f"{text!r}; allowed: a day such as 2026-01-31, or 2026-01-31T14:05 (local time), "
+            "or 2026-01-31T14:05+01:00"
+        ) from error
+
+
+def performed_at(given: date | None) -> datetime:
+    """Return when something was done, by an option of `day_or_time`; now without it.
+
+    Raises
+    ------
+    InputError
+        It is in the future.
+    """
+    if given is None:
+        return datetime.now(UTC)
+    from torquebench.validation import past_moment
+
+    return past_moment(given)
 
 
 def stated_reference(

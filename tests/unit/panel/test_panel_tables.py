@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -212,6 +213,14 @@ def test_a_wrong_field_is_named(looking: TableImport, table: str, field: str, va
     with pytest.raises((InputError, NotFoundError)) as refused:
         looking.preview({**CIRCUMSTANCES, "content": table, field: value})
     assert field in str(refused.value) or "profiles" in str(refused.value)
+
+
+def test_a_measurement_of_tomorrow_is_refused_before_the_table_is_read(
+    looking: TableImport, table: str
+) -> None:
+    tomorrow = datetime.now(UTC) + timedelta(days=1)
+    with pytest.raises(InputError, match="in the future"):
+        looking.preview({**CIRCUMSTANCES, "content": table, "performed": tomorrow.isoformat()})
 
 
 def test_a_table_of_another_kind_has_no_endless_answer(looking: TableImport) -> None:

@@ -42,7 +42,7 @@ from torquebench.records.table_files import table_text
 from torquebench.records.table_formats import is_csv
 from torquebench.reports.certificate import person_among
 from torquebench.uncertainty import CertifiedUncertainty
-from torquebench.validation import ConflictError, validated
+from torquebench.validation import ConflictError, refuse_future, validated
 
 __all__ = [
     "EnterTableRequest",
@@ -360,6 +360,7 @@ class TableImport:
     def _points(
         self, asked: TableRequest, serial: str = "", indicator: str = ""
     ) -> tuple[CalibrationData, Profile]:
+        refuse_future(asked.performed)
         _check_size(asked.content)
         profile = self._settings.profile(asked.profile)
         read = parse_calibration_csv(
