@@ -1,5 +1,6 @@
 """A person at the panel: live values, stop, alarms, settings, keyboard, phone, a lost server."""
 
+import contextlib
 import signal
 import time
 from collections.abc import Iterator
@@ -7,6 +8,7 @@ from datetime import datetime
 from zoneinfo import ZoneInfo
 
 import httpx
+import psutil
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
@@ -535,6 +537,35 @@ def test_a_lost_server_is_unmistakable_and_the_page_comes_back(
     )
     person.connected()
     assert not person.driver.find_element(By.ID, "popup").is_displayed()
+
+
+def test_what_was_typed_outlasts_a_lost_connection(person: Visitor) -> None:
+    person.open("/calibrate")
+    person.fill("Largest torque", "60")
+    person.sees("60 N·m; the limit is 2400 N·m")
+    person.driver.execute_script("window.same = true")
+    with asleep(person):
+        time.sleep(12.0)  # the server has missed it by then
+    time.sleep(1.0)
+    person.connected()
+    assert person.field("Largest torque").get_attribute("value") == "60"
+    person.fill("Largest torque", "61")
+    person.sees("61 N·m; the limit is 2400 N·m")
+    assert person.driver.execute_script("return window.same") is True  # it wasn't loaded anew
+
+
+@contextlib.contextmanager
+def asleep(person: Visitor) -> Iterator[None]:
+    """Stop all processes of a browser for a while, as a closed laptop does."""
+    driver = psutil.Process(person.driver.service.process.pid)
+    processes = driver.children(recursive=True)
+    for each in processes:
+        each.suspend()
+    try:
+        yield
+    finally:
+        for each in processes:
+            each.resume()
 
 
 def test_memory_of_the_page_stays_flat(person: Visitor) -> None:

@@ -33,6 +33,8 @@ __all__ = ["create_app", "listen", "serve", "storage_secret"]
 
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
+MISSED_S = 10.0
+"""A connection without an answer for about this long is lost, s; a busy computer answers later."""
 RESTING_S = 30
 """How long a connection is kept for a further request, s: longer than by clients."""
 
@@ -88,6 +90,7 @@ def create_app(service: BenchService, address: Address) -> ASGIApp:
         dark=None,
         tailwind=False,  # the panel has its own style sheet
         show_welcome_message=False,
+        reconnect_timeout=MISSED_S,
         storage_secret=storage_secret(service.station.data_dir),
         session_middleware_kwargs={"same_site": "strict", "https_only": address.secure},
     )

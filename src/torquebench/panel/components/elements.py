@@ -7,7 +7,7 @@ from datetime import UTC, datetime
 from inspect import iscoroutine
 from typing import Any
 
-from nicegui import ui
+from nicegui import context, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 __all__ = [
@@ -20,6 +20,7 @@ __all__ = [
     "on_press",
     "pairs",
     "panel",
+    "repeat",
     "scrolling",
     "table",
     "tag",
@@ -157,6 +158,15 @@ def pairs(items: Iterable[tuple[str, str | datetime]]) -> Any:
             else:
                 words("dd", value, "number")
     return frame
+
+
+def repeat(interval_s: float, action: Callable[[], Any]) -> None:
+    """Call again and again while the page is connected.
+
+    The server keeps a page for a while after it was left or its connection was lost.
+    """
+    client = context.client
+    ui.timer(interval_s, lambda: action() if client.has_socket_connection else None)
 
 
 def to_the_top() -> None:

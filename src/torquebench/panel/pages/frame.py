@@ -12,7 +12,7 @@ from nicegui import ui
 
 from torquebench.panel.components.controls import button, link_button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, icon, on_press, words
+from torquebench.panel.components.elements import box, icon, on_press, repeat, words
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.job_strip import JobStrip
 from torquebench.panel.pages.menu import Menu
@@ -298,4 +298,4 @@ def frame(
         content.title_line = heading
         yield content
     refresh()
-    ui.timer(REFRESH_S, refresh)
+    repeat(REFRESH_S, refresh)

@@ -5,11 +5,9 @@ from __future__ import annotations
 from datetime import datetime
 from typing import Any
 
-from nicegui import ui
-
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
-from torquebench.panel.components.elements import box, moment, panel, tag, words
+from torquebench.panel.components.elements import box, moment, panel, repeat, tag, words
 from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live_chart import LiveChart
@@ -191,4 +189,4 @@ def live_page(visitor: Visitor) -> None:
     page = _LivePage(visitor)
     with frame(visitor, "live", page.refresh):
         page.build()
-    ui.timer(PUSH_S, page.push)
+    repeat(PUSH_S, page.push)

@@ -36,6 +36,10 @@ PAGES: dict[str, Callable[[Visitor], None]] = {
 }
 Entry = Annotated[str, Form(max_length=200)]
 LONGEST_NAME = 64
+KEPT_S = 30.0
+"""How long a page waits for a lost connection, s; afterwards it is loaded anew, and typed text is
+gone.
+"""
 
 
 def register_pages(service: BenchService) -> dict[str, str]:
@@ -76,7 +80,7 @@ def _page(
     dismissed: Dismissed,
     opened: dict[str, str],
 ) -> None:
-    @ui.page(path)
+    @ui.page(path, reconnect_timeout=KEPT_S)
     def page(request: Request) -> Response | None:
         visitor = visitor_of(service, request, dismissed)
         if visitor is None:
