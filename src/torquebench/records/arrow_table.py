@@ -20,7 +20,7 @@ from torquebench.records.columns import (
     understood,
     word_values,
 )
-from torquebench.records.csv_text import CsvTable
+from torquebench.records.csv_text import CsvTable, what_number
 from torquebench.records.table_files import cell_texts, headers, numbers_of, remarks_of
 from torquebench.records.tables import READING_QUANTITIES, ReadingsTable
 
@@ -90,8 +90,16 @@ class ArrowReadings:
         try:
             values = numbers_of(pc.cast(column, pa.float64()))
         except pa.ArrowInvalid as error:
+            row, word = _first_word(column)
             raise InputError(
-                Message("{origin}, column {header}: {error}", self.origin, header, error), "numbers"
+                Message(
+                    "{origin}, row {row}, column {name}: {word!r}",
+                    self.origin,
+                    before + row + 1,
+                    header,
+                    word,
+                ),
+                *what_number(word),
             ) from error
         bad = np.flatnonzero(~np.isfinite(values))
         if bad.size:
@@ -153,3 +161,15 @@ class ArrowReadings:
                 ),
                 *DIRECTION_REMEDY,
             )
+
+
+def _first_word(column: Any) -> tuple[int, str]:
+    """Return row and text of the first cell that isn't a number."""
+    for row, text in enumerate(cell_texts(column)):
+        try:
+            float(text or 0.0)
+        except ValueError:
+            return row, text
+        if text != text.strip() or "_" in text:  # Python reads these, Arrow doesn't
+            return row, text
+    return 0, str(column[0])

@@ -23,6 +23,7 @@ __all__ = [
     "parse_csv",
     "read_csv",
     "remarks_in",
+    "what_number",
 ]
 
 _NUMBER = re.compile(r"[+-]?([0-9]+([.,][0-9]*)?|[.,][0-9]+)([eE][+-]?[0-9]+)?", re.ASCII)
@@ -124,7 +125,7 @@ class CsvTable:
             )
         if not _NUMBER.fullmatch(text):
             raise InputError(
-                Message("{place}: {text!r}", self.place(row, column), text), *_what_number(text)
+                Message("{place}: {text!r}", self.place(row, column), text), *what_number(text)
             )
         value = float(text.replace(",", "."))
         if not np.isfinite(value):
@@ -426,7 +427,12 @@ def _row(
     return tuple(cells[:n])
 
 
-def _what_number(text: str) -> tuple[str, str]:
+def what_number(text: str) -> tuple[str, str]:
+    """Return what is allowed in the place of a text that isn't a number, and what to do.
+
+    >>> what_number("#REF!")[0]
+    "a number: this is a spreadsheet's error"
+    """
     if _SPREADSHEET_ERROR.match(text):
         return "a number: this is a spreadsheet's error", "correct its formula, or remove the line"
     if re.fullmatch(r"[+-]?[0-9][0-9.,'’ \u2009\u202f]*", text):

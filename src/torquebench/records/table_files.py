@@ -19,6 +19,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.columns import with_unit
 from torquebench.records.csv_text import COMMENT, CsvTable, decode_csv, read_csv
+from torquebench.records.sheet_errors import cell_errors
 from torquebench.records.table_formats import format_of, is_csv, split_part
 
 if TYPE_CHECKING:
@@ -281,7 +282,8 @@ def _open_excel(path: Path, part: str, _: ExitStack) -> ArrowFile:
         for name in book.sheet_names
         if (rows := book.get_sheet_by_name(name).to_python(skip_empty_area=False))
     }
-    rows = sheets[_chosen(path, part, dict.fromkeys(sheets, ()), "sheet")]
+    sheet = _chosen(path, part, dict.fromkeys(sheets, ()), "sheet")
+    rows = _with_errors(sheets[sheet], path, sheet)
     remarks: dict[str, str] = {}
     before = 0  # rows above the header: comments and empty ones
     while before < len(rows) - 1:
@@ -307,7 +309,18 @@ def _open_excel(path: Path, part: str, _: ExitStack) -> ArrowFile:
     def batches(count: int) -> Iterator[Any]:
         return iter(table.to_batches(count))
 
-    return ArrowFile(str(path), table.schema, table.num_rows, batches, before + 1)
+    origin = str(path) if len(book.sheet_names) == 1 else f"{path}#{sheet}"
+    return ArrowFile(origin, table.schema, table.num_rows, batches, before + 1)
+
+
+def _with_errors(rows: list[list[Any]], path: Path, sheet: str) -> list[list[Any]]:
+    """Return a sheet's rows with the errors of its cells, which are read as empty, as text."""
+    if all(cell != "" for row in rows for cell in row):
+        return rows
+    for (row, column), text in cell_errors(path, sheet).items():
+        if row < len(rows) and column < len(rows[row]):
+            rows[row][column] = text
+    return rows
 
 
 def _of_cells(cells: Sequence[Any]) -> Any:

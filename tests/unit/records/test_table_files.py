@@ -1,7 +1,10 @@
 """Tables of every format through the one reader, as a whole and in batches."""
 
+import re
 import sys
+import zipfile
 from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +20,9 @@ from tests.watching import Watching
 
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv
+from torquebench.records.arrow_table import ArrowReadings
 from torquebench.records.readings_stream import compensate_file
-from torquebench.records.table_files import read_table
+from torquebench.records.table_files import open_table, read_table
 
 Columns = dict[str, tuple[str, list[Any]]]
 
@@ -217,6 +221,94 @@ def test_cells_of_a_sheet(tmp_path: Path, row: list[Any], message: str | None) -
     else:
         with pytest.raises(InputError, match=message):
             read_calibration_csv(tmp_path / "a.xlsx")
+
+
+def write_errors_excel(path: Path, rows: list[list[Any]]) -> None:
+    book = openpyxl.Workbook()
+    book.active.title = "Notes"
+    book.active.append(["#REF!"])
+    sheet = book.create_sheet("Points")
+    for cells in rows:
+        sheet.append(cells)
+    book.save(path)
+
+
+def write_errors_ods(path: Path, rows: list[list[Any]]) -> None:
+    """Write the document as LibreOffice 7.4 writes it: errors are empty texts that are shown."""
+
+    def cell(value: Any) -> str:
+        if isinstance(value, float):
+            kind = f'office:value-type="float" office:value="{value}"'
+        elif value.startswith("#"):
+            kind = 'office:value-type="string" office:string-value="" calcext:value-type="error"'
+        else:
+            kind = 'office:value-type="string"'
+        return f"<table:table-cell {kind}><text:p>{value}</text:p></table:table-cell>"
+
+    def table(name: str, rows: list[list[Any]]) -> str:
+        lines = "".join(
+            f"<table:table-row>{''.join(map(cell, row))}</table:table-row>" for row in rows
+        )
+        return f'<table:table table:name="{name}">{lines}</table:table>'
+
+    spaces = " ".join(
+        f'xmlns:{name}="{uri}"'
+        for name, uri in (
+            ("office", "urn:oasis:names:tc:opendocument:xmlns:office:1.0"),
+            ("table", "urn:oasis:names:tc:opendocument:xmlns:table:1.0"),
+            ("text", "urn:oasis:names:tc:opendocument:xmlns:text:1.0"),
+            ("calcext", "urn:org:documentfoundation:names:experimental:calc:xmlns:calcext:1.0"),
+        )
+    )
+    content = (
+        f"<office:document-content {spaces}><office:body><office:spreadsheet>"
+        f"{table('Notes', [['#REF!']])}{table('Points', rows)}"
+        "</office:spreadsheet></office:body></office:document-content>"
+    )
+    with zipfile.ZipFile(path, "w") as file:
+        file.writestr("mimetype", "application/vnd.oasis.opendocument.spreadsheet")
+        file.writestr("META-INF/manifest.xml", "<manifest/>")
+        file.writestr("content.xml", content)
+
+
+@pytest.mark.parametrize("write", [write_errors_excel, write_errors_ods])
+@pytest.mark.parametrize(
+    ("wrong", "error"), [(3, "#DIV/0!"), (4, "#N/A"), (5, "#REF!"), (4, "#NAME?")]
+)
+def test_an_error_of_a_cell_is_named_with_its_place(
+    tmp_path: Path, write: Callable[[Path, list[list[Any]]], None], wrong: int, error: str
+) -> None:
+    rows: list[list[Any]] = [["reading_nm", "note", "standard_nm"]]
+    rows += [[10.1 * n, "as found", 10.0 * n] for n in range(4)]
+    rows[wrong - 1][0] = error
+    ending = "xlsx" if write is write_errors_excel else "ods"
+    path = tmp_path / f"a.{ending}"
+    write(path, rows)
+    place = re.escape(f"a.{ending}#Points, row {wrong}, column reading_nm: '{error}'")
+    named = Path(f"{path}#Points")
+    with pytest.raises(InputError, match=f"{place}.*a spreadsheet's error.*correct its formula"):
+        read_calibration_csv(named)
+    with ExitStack() as opened:
+        file = open_table(named, opened)
+        readings = ArrowReadings(file.origin, file.schema)
+        with pytest.raises(InputError, match=f"{place}.*a spreadsheet's error"):
+            readings.readings(next(file.batches(100)), file.before)
+
+
+def test_a_last_row_of_errors_is_not_dropped(tmp_path: Path) -> None:
+    write_errors_excel(
+        tmp_path / "a.xlsx",
+        [["reading_nm", "standard_nm"], [0.0, 0.0], [10.1, 10.0], ["#N/A", "#N/A"]],
+    )
+    with pytest.raises(InputError, match="row 4, column reading_nm: '#N/A'"):
+        read_calibration_csv(tmp_path / "a.xlsx#Points")
+
+
+def test_an_error_in_a_column_that_is_not_used_does_not_matter(tmp_path: Path) -> None:
+    rows = [["reading_nm", "standard_nm", "ratio"], [0.0, 0.0, "#DIV/0!"], [10.1, 10.0, 1.01]]
+    write_errors_ods(tmp_path / "a.ods", rows)
+    data = read_calibration_csv(tmp_path / "a.ods#Points")
+    assert data.reading_nm.tolist() == [0.0, 10.1]
 
 
 def test_a_name_and_a_property_that_state_different_units(tmp_path: Path) -> None:
