@@ -17,7 +17,7 @@ import torquebench as tb
 
 examples = Path("../../examples")
 calibration = tb.read_calibration(examples / "calibration-output.csv")
-compensation = tb.fit(calibration, reference_percent=0.02)
+compensation = tb.fit(calibration, reference="0.02 of range")
 print(compensation)
 
 # %%

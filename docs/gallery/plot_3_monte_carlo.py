@@ -15,7 +15,7 @@ import numpy as np
 import torquebench as tb
 
 calibration = tb.read_calibration(Path("../../examples") / "calibration-output.csv")
-compensation = tb.fit(calibration, reference_percent=0.02)
+compensation = tb.fit(calibration, reference="0.02 of range")
 torque = compensation.torque([1500.0, 20.0], branch="up")
 for row in range(2):
     checked = torque.check(row, generator=np.random.default_rng(0))

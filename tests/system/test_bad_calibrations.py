@@ -57,7 +57,7 @@ def enter(
     named = [part for name, value in options.items() if value for part in (f"--{name}", value)]
     return command(
         *("evaluate", "static", "table.csv", "--profile", profile, "--register"),
-        *("--reference-uncertainty", 0.02, "--resolution", 0.02, *named),
+        *("--reference-uncertainty", "0.02 of torque", "--resolution", 0.02, *named),
     )
 
 

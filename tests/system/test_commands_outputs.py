@@ -12,7 +12,7 @@ import pytest
 from tests.system.command_line import run
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-STANDARD = ("--reference-uncertainty", "0.02", "--resolution", "0.01")
+STANDARD = ("--reference-uncertainty", "0.02 of torque", "--resolution", "0.01")
 
 
 @pytest.fixture(scope="module")
@@ -148,11 +148,28 @@ def test_the_standards_uncertainty_is_stated_in_every_way_of_the_program(tables:
     done = run(*own, cwd=tables)
     assert done.returncode in (0, 1), done.stderr
     assert json.loads((tables / "all.json").read_text("utf-8"))["results"] == found[0]
-    done = run(*own, "--reference-uncertainty", "0.05", cwd=tables)
+    done = run(*own, "--reference-uncertainty", "0.05 % of torque", cwd=tables)
     assert "was given and is taken" in " ".join(done.stderr.split())
     done = run(*words, cwd=tables)
     assert done.returncode == 2
     assert "give --reference-uncertainty" in done.stderr
-    done = run(*words, "--reference-uncertainty", "11", cwd=tables)
+    done = run(*words, "--reference-uncertainty", "11 of torque", cwd=tables)
     assert done.returncode == 2
     assert "0 to 10 % of the torque" in done.stderr
+
+
+def test_a_percentage_says_what_it_refers_to(tables: Path) -> None:
+    """A bare number meant % of the torque in one command and % of range in the others."""
+    evaluate = ("evaluate", "static", "calibration.csv", "--resolution", "0.01")
+    for option, words in (
+        ("--reference-uncertainty", evaluate),
+        ("--reference", ("fit", "calibration.csv", "--out", "bare.json")),
+        ("--reference", ("budget", "model.json", "--reading", "100")),
+    ):
+        for bare in ("0.02", "0.02 %"):
+            done = run(*words, option, bare, cwd=tables)
+            said = " ".join(done.stderr.split())
+            assert done.returncode == 2, said
+            assert f"{option}: U of a standard '{bare}': % of what isn't stated" in said
+            assert "'0.02 of torque' or '0.02 of range'" in said
+    assert not (tables / "bare.json").exists()

@@ -67,7 +67,16 @@ def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     model: Path, tmp_path: Path
 ) -> None:
     arguments = ("--reading", 1500, "--reading", -20, "--branch", "up", "--span-temperature", 0.05)
-    stated = ("--temperature-change", 5, "--reference", 0.02, "--zero", 0.01, "--drift", 0.02)
+    stated = (
+        "--temperature-change",
+        5,
+        "--reference",
+        "0.02 of range",
+        "--zero",
+        0.01,
+        "--drift",
+        0.02,
+    )
     result = run("budget", model, *arguments, *stated, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     text = " ".join(result.stdout.split())

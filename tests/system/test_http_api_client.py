@@ -148,6 +148,7 @@ def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_:
         "content": table,
         "profile": "rapid-in-situ",
         "reference_uncertainty_percent": 0.02,
+        "reference_uncertainty_of": "torque",
         "resolution_nm": 0.01,
         "performed": "2026-03-02T10:00:00Z",
     }

@@ -123,8 +123,8 @@ def records(measured: Path, tmp_path: Path) -> Path:
         ("records", "use", "model-1", "--by", "Anna", "--reason", "a trial"),
         ("records", "add-equipment", "calibrator", "C-7"),
         ("doctor",),
-        ("evaluate", "static", CALIBRATION, "--range", "2000", "--reference-uncertainty", "0.02",
-         "--resolution", "0.01"),
+        ("evaluate", "static", CALIBRATION, "--range", "2000", "--resolution", "0.01",
+         "--reference-uncertainty", "0.02 of torque"),
     ],
     ids=lambda arguments: " ".join(str(each) for each in arguments[:2]),
 )  # fmt: skip

@@ -173,7 +173,14 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
         temperature_c=np.linspace(22.0, 23.5, torque.size),
     )
     write_calibration_csv(tmp_path / "whole.csv", points)
-    options = ("--reference-uncertainty", 0.01, "--resolution", 0.001, "--reference-serial", "TC-1")
+    options = (
+        "--reference-uncertainty",
+        "0.01 of torque",
+        "--resolution",
+        0.001,
+        "--reference-serial",
+        "TC-1",
+    )
     done = run(
         *("evaluate", "static", "whole.csv", *options, "--performed", "2025-06-15"),
         *("--reference-due", "2025-12-31", "--out", "numbers.json"),

@@ -39,7 +39,7 @@ def points() -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def compensation() -> tb.Compensation:
     calibration = tb.read_calibration(points(), range_nm=100.0)
-    return tb.fit(calibration, "physics", reference_percent=0.05)
+    return tb.fit(calibration, "physics", reference="0.05 of range")
 
 
 @pytest.mark.parametrize("make", MAKERS)

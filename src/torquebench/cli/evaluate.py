@@ -67,10 +67,10 @@ def static(
     reference_uncertainty: Annotated[
         str | None,
         typer.Option(
-            metavar="%|FILE",
-            help="U (k = 2) of the standard: % of the torque, `0.02 of range`, or the CSV file of "
-            "its certificate with torque_nm and expanded_uncertainty_nm; that of the table's "
-            "comments by default.",
+            metavar="U|FILE",
+            help="U (k = 2) of the standard: in % as `0.02 of torque` or `0.02 of range`, or the "
+            "CSV file of its certificate with torque_nm and expanded_uncertainty_nm; that of the "
+            "table's comments by default.",
         ),
     ] = None,
     profile: Annotated[
@@ -293,9 +293,12 @@ def _reference(
 
 def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
     """Return U as the option states it."""
+    number, _, of = stated.strip().partition(" of ")
     try:
-        percent = float(stated.removesuffix(" of torque").rstrip("% "))
+        percent = float(number.rstrip("% "))
     except ValueError:
+        of = ""
+    if of != "torque":
         option = "--reference-uncertainty"
         certified = stated_reference(stated, points.range_nm, points.side, option=option)
         assert certified is not None

@@ -82,10 +82,10 @@ RangeOption = Annotated[
 ReferenceOption = Annotated[
     str | None,
     typer.Option(
-        metavar="%|FILE",
-        help="U (k = 2) of the reference standard, in the place of what a file states: % of range, "
-        "`0.02 of torque`, or the CSV file of its certificate with torque_nm and "
-        "expanded_uncertainty_nm.",
+        metavar="U|FILE",
+        help="U (k = 2) of the reference standard, in the place of what a file states: in % as "
+        "`0.02 of torque` or `0.02 of range`, or the CSV file of its certificate with torque_nm "
+        "and expanded_uncertainty_nm.",
     ),
 ]
 WithoutOption = Annotated[
@@ -317,9 +317,10 @@ def stated_reference(
     except ValueError:
         return read_uncertainty(stated, side)
     try:
-        return CertifiedUncertainty.of_text(stated, range_nm)
+        return CertifiedUncertainty.of_words(stated, range_nm)
     except InputError as error:
         raise InputError(
-            Message("{option} {stated!r}", option, stated),
-            "% of range such as 0.02, % of the torque such as '0.02 of torque', or a file",
+            Message("{option}: {error}", option, error.found),
+            error.allowed,
+            error.remedy,
         ) from error

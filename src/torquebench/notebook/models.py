@@ -188,7 +188,7 @@ def fit(
     calibration: Any,
     model: str = RECOMMENDED,
     *,
-    reference_percent: float | None = None,
+    reference: str = "",
     outliers: Outliers = "downweight",
 ) -> Compensation:
     """Fit a compensation to a calibration.
@@ -198,16 +198,17 @@ def fit(
     calibration : CalibrationData, or what `read_calibration` takes
     model : str
         Kind of model; the recommended one averages over a chain's possible effects.
-    reference_percent : float, optional
-        U (k = 2) of the reference standard, % of range, in the place of what the table states; it
-        counts in every U.
+    reference : str, optional
+        U (k = 2) of the reference standard in %, such as ``"0.02 of range"`` or
+        ``"0.02 of torque"``, in the place of what the table states; it counts in every U.
     outliers : {"downweight", "refuse", "keep"}
         Treatment of outliers, which are always named.
 
     Raises
     ------
     InputError
-        An unknown model, or points that it refuses.
+        An unknown model, points that it refuses, or a `reference` that doesn't say what its
+        percentage refers to.
 
     Warns
     -----
@@ -227,12 +228,8 @@ def fit(
     """
     data = _calibration(calibration)
     check_kind(model)
+    stated = CertifiedUncertainty.of_words(reference, data.range_nm) if reference else None
     found = fit_table(data, "the calibration", model, outliers=outliers)
-    stated = (
-        None
-        if reference_percent is None
-        else CertifiedUncertainty.of_range(1e-2 * reference_percent, data.range_nm)
-    )
     remarks = [*found.remarks, *map(str, found.contradictions)]
     standard = reference_effect(data, stated, "the calibration", remarks.append)
     for remark in remarks:

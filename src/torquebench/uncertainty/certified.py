@@ -117,6 +117,33 @@ class CertifiedUncertainty:
         return cls.of_torque(share) if of == "torque" else cls.of_range(share, range_nm)
 
     @classmethod
+    def of_words(cls, text: str, range_nm: float) -> CertifiedUncertainty:
+        """Return a U as `of_text` does, of a text that says what a percentage refers to.
+
+        Raises
+        ------
+        InputError
+            A bare number, or none of the forms.
+
+        Examples
+        --------
+        >>> CertifiedUncertainty.of_words("0.02 of torque", 2000.0).largest_nm(100.0)
+        0.02
+        >>> CertifiedUncertainty.of_words("0.02", 2000.0)
+        Traceback (most recent call last):
+        torquebench.errors.InputError: U of a standard '0.02': % of what isn't stated; ...
+        """
+        try:
+            number = float(text.strip().rstrip("% "))
+        except ValueError:
+            return cls.of_text(text, range_nm)
+        raise InputError(
+            Message("U of a standard {text!r}: % of what isn't stated", text),
+            Message("'{number:g} of torque' or '{number:g} of range'", number),
+            "look into the standard's certificate which one it states",
+        )
+
+    @classmethod
     def of_torque(cls, share: float) -> CertifiedUncertainty:
         """Return a U that is a share of every torque."""
         return cls((1.0,), (share,))

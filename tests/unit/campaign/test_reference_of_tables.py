@@ -145,6 +145,6 @@ def test_a_fit_in_python_takes_the_standard_of_its_table(tmp_path: Path) -> None
     (effect,) = (each for each in default.chain.stored if isinstance(each, Reference))
     assert effect.record == "certificate SIM-CERT-2 of SIM-VER-1"
     with pytest.warns(tb.FitWarning, match="was given and is taken"):
-        stated = tb.fit(tb.read_calibration(path), "polynomial-1", reference_percent=0.5)
+        stated = tb.fit(tb.read_calibration(path), "polynomial-1", reference="0.5 of range")
     assert stated.torque(40.0).expanded_uncertainty_nm > 0.2
     assert default.torque(40.0).expanded_uncertainty_nm < 0.1

@@ -26,6 +26,7 @@ CHIEF = Actor("Max", "metrologist", "m")
 CIRCUMSTANCES = {
     "profile": "staircase",
     "reference_uncertainty_percent": 0.02,
+    "reference_uncertainty_of": "torque",
     "resolution_nm": 0.01,
     "performed": "2026-03-02T10:00:00Z",
     "reference_due": "2027-01-31",
@@ -202,6 +203,7 @@ def test_a_hostile_table_is_refused_in_words(
         ("reference_uncertainty_percent", None),
         ("reference_points", {"torque_nm": [100.0], "expanded_uncertainty_nm": [0.1]}),
         ("reference_uncertainty_of", "speed"),
+        ("reference_uncertainty_of", None),
         ("performed", 1767225600),
         ("performed", "2026-03-02"),
         ("performed", "9999-12-31T23:59:59-23:59"),

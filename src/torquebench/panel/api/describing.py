@@ -163,6 +163,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "content": "reading_nm,standard_nm,branch\n0.02,0,up\n400.31,400,up\n0.05,0,down\n",
         "profile": "staircase",
         "reference_uncertainty_percent": 0.02,
+        "reference_uncertainty_of": "torque",
         "resolution_nm": 0.01,
         "performed": "2026-03-02T10:00:00Z",
         "range_nm": 2000.0,

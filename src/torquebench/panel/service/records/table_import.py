@@ -94,8 +94,8 @@ class TableRequest(BaseModel):
     reference_uncertainty_percent: (
         Annotated[Number, Field(gt=0, le=10, description="% of torque or range")] | None
     ) = Field(default=None, description="Expanded (k = 2), of the standard, %.")
-    reference_uncertainty_of: Literal["torque", "range"] = Field(
-        default="torque", description="What that percentage refers to."
+    reference_uncertainty_of: Literal["torque", "range"] | None = Field(
+        default=None, description="What that percentage refers to; needed with it."
     )
     reference_points: ReferencePoints | None = Field(
         default=None, description="Instead: the table of the standard's certificate."
@@ -119,6 +119,13 @@ class TableRequest(BaseModel):
                 "both it and reference_points",
                 "a percentage or the table of the standard's certificate",
                 "state the standard's uncertainty in one way",
+            )
+        if self.reference_uncertainty_percent is not None and self.reference_uncertainty_of is None:
+            raise ConflictError(
+                "reference_uncertainty_of",
+                "none, beside a percentage",
+                "torque or range",
+                "look into the standard's certificate which one it states",
             )
         return self
 
