@@ -145,6 +145,19 @@ def test_who_measured_and_who_signs_are_people_of_the_laboratory(command: Comman
     assert code == 0, said
 
 
+@pytest.mark.parametrize("with_nominal", [True, False])
+def test_random_torques_are_not_evaluated_in_steps(command: Command, with_nominal: bool) -> None:
+    data = good()
+    code, said = enter(
+        command, data if with_nominal else replace(data, nominal_nm=None), "verification"
+    )
+    assert code == 2, said
+    assert "profile verification has no steps: it draws its torques at random" in said
+    assert "adaptive, check, rapid-in-situ, reversing, small-torques, staircase" in said
+    assert "torquebench verify MODEL TABLE" in said
+    assert "points," not in said
+
+
 def test_small_steps_are_held_against_the_range(command: Command) -> None:
     """A rapid calibration takes what the standard says: 0.6 % of a step is no departure."""
     data = good("rapid-in-situ")

@@ -30,6 +30,7 @@ from .deviations import (
     Deviation as Deviation,
     ReferenceStandard as ReferenceStandard,
     assign_nominal as assign_nominal,
+    check_steps as check_steps,
     find_deviations as find_deviations,
     ladder_points as ladder_points,
     refuse_deviations as refuse_deviations,

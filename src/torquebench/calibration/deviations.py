@@ -9,7 +9,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
-from torquebench.calibration.profile import Consequence, Profile
+from torquebench.calibration.profile import (
+    Consequence,
+    Profile,
+    available_profiles,
+    load_profile,
+)
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.units import minus_signs
@@ -20,6 +25,7 @@ __all__ = [
     "DeviationKind",
     "ReferenceStandard",
     "assign_nominal",
+    "check_steps",
     "find_deviations",
     "ladder_points",
     "refuse_deviations",
@@ -212,6 +218,29 @@ def refuse_deviations(deviations: tuple[Deviation, ...]) -> None:
         )
 
 
+def check_steps(profile: Profile) -> None:
+    """Refuse a profile of random torques, by which no series can be compared step by step.
+
+    Raises
+    ------
+    InputError
+        With the packaged profiles of steps, and what random torques are for.
+    """
+    if profile.loading.pattern != "random":
+        return
+    steps = [
+        name
+        for name in available_profiles()
+        if load_profile(name).loading.pattern != profile.loading.pattern
+    ]
+    raise InputError(
+        Message("profile {name} has no steps: it draws its torques at random", profile.name),
+        Message("a profile of steps: {names}, or your own", ", ".join(steps)),
+        "choose the profile that was followed, or the nearest: deviations are named; random "
+        "torques show the error of a model: torquebench verify MODEL TABLE",
+    )
+
+
 def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """Return the data with the profile's nearest step as nominal torque of each point.
 
@@ -233,12 +262,7 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """
     if data.nominal_nm is not None:
         return data
-    if profile.loading.pattern == "random":
-        raise InputError(
-            Message("profile {name} has no steps", profile.name),
-            "a profile of steps",
-            "choose the profile that was followed, or the nearest: deviations are named",
-        )
+    check_steps(profile)
     rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
     nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
     nearest[(nearest == 0) & (np.abs(data.standard_nm) > UNLOADED_SHARE * data.range_nm)] = 1

@@ -139,6 +139,7 @@ def static(
         CalibrationRecord,
         ReferenceStandard,
         assign_nominal,
+        check_steps,
         evaluable_points,
         find_deviations,
         load_profile,
@@ -146,6 +147,7 @@ def static(
     from torquebench.records import read_calibration_csv
 
     chosen = load_profile(profile)
+    check_steps(chosen)
     check_reports(report or [])
     if result is not None:
         check_output(result, data, endings=(".json",))

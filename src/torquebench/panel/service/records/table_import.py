@@ -25,6 +25,7 @@ from torquebench.calibration import (
     ReferenceStandard,
     assign_nominal,
     calibration_results,
+    check_steps,
     evaluable_points,
     find_deviations,
     summarise_errors,
@@ -370,6 +371,7 @@ class TableImport:
         refuse_future(asked.performed)
         _check_size(asked.content)
         profile = self._settings.profile(asked.profile)
+        check_steps(profile)
         read = parse_calibration_csv(
             asked.content,
             "the table",
