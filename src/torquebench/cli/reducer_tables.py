@@ -49,18 +49,14 @@ def present(
     findings: tuple[Finding, ...] = getattr(result, "findings", ())
     if output is not None:
         _write(test, data, result, quantities, judged, findings, output, settings)
-    from torquebench.reducers import EfficiencyMap
+    from torquebench.cli.reducer_test_tables import print_by_speed
 
-    if isinstance(result, EfficiencyMap):
-        from torquebench.cli.reducer_test_tables import print_efficiency
-
-        found = {
-            each.key: (each.estimate.value, each.estimate.expanded_uncertainty())
-            for each in quantities
-        }
-        print_efficiency(f"{test}: {data.name}", result, found)
-    else:
-        _print_quantities(f"{test}: {data.name}", quantities)
+    found = {
+        each.key: (each.estimate.value, each.estimate.expanded_uncertainty()) for each in quantities
+    }
+    shown = print_by_speed(f"{test}: {data.name}", result, found)
+    if rest := [each for each in quantities if each.key not in shown]:
+        _print_quantities(f"{test}: {data.name}", rest)
     _print_verdicts(judged)
     for finding in findings:
         style = "red" if finding.severe else "yellow"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
 from rich.table import Table
@@ -17,9 +17,9 @@ if TYPE_CHECKING:
         ReducerTestRecord,
         ReducerTestRehearsal,
     )
-    from torquebench.reducers import EfficiencyMap, ReducerDescription
+    from torquebench.reducers import ReducerDescription
 
-__all__ = ["print_efficiency", "print_record", "rehearsal_table"]
+__all__ = ["print_by_speed", "print_record", "rehearsal_table"]
 
 
 def rehearsal_table(
@@ -89,13 +89,10 @@ def print_record(record: ReducerTestRecord) -> None:
 
 
 def _print_outcome(outcome: ReducerTestOutcome) -> None:
-    from torquebench.reducers import EfficiencyMap
-
     quantities = outcome.quantities
-    if isinstance(outcome.result, EfficiencyMap):
-        stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
-        print_efficiency(outcome.title, outcome.result, stated_of)
-        quantities = tuple(each for each in quantities if each.verdict)
+    stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
+    shown = print_by_speed(outcome.title, outcome.result, stated_of)
+    quantities = tuple(each for each in quantities if each.verdict or each.key not in shown)
     if quantities:
         _print_quantities(outcome.title, quantities)
     for finding in outcome.findings:
@@ -106,19 +103,36 @@ def _print_outcome(outcome: ReducerTestOutcome) -> None:
     say(f"Run: {outcome.run.run_id}\n")
 
 
-def print_efficiency(
-    title: str, result: EfficiencyMap, stated_of: Mapping[str, tuple[float, float]]
-) -> None:
-    """Print an efficiency map as a table of torque by speed; `stated_of` has U of each point."""
-    from torquebench.reports.reducer_report import efficiency_tables
+def print_by_speed(
+    title: str, result: Any, stated_of: Mapping[str, tuple[float, float]]
+) -> set[str]:
+    """Print an efficiency map or no-load torques as tables by speed, and return their keys.
 
-    for header, rows, caption in efficiency_tables(result, stated_of):
-        table = narrow_table(title, caption=caption)
+    `stated_of` has value and U of each point; of other results nothing is printed.
+    """
+    from torquebench.reducers import EfficiencyMap, NoLoadResult
+    from torquebench.reports.reducer_report import (
+        NO_LOAD_POINT,
+        efficiency_tables,
+        no_load_table,
+    )
+
+    if isinstance(result, EfficiencyMap):
+        tables, shown = efficiency_tables(result, stated_of), set(stated_of)
+    elif isinstance(result, NoLoadResult):
+        tables = [no_load_table(result, stated_of)]
+        shown = {key for key in stated_of if key.startswith(NO_LOAD_POINT)}
+    else:
+        return set()
+    for header, rows, caption in tables:
+        table = narrow_table(escape(title), caption=caption)
         for name in header:
-            table.add_column(name.replace(" rpm", "\nrpm"), justify="right")
+            heading = name.replace(" rpm", "\nrpm").replace(", N·m", "\nN·m")
+            table.add_column(heading, justify="right")
         for row in rows:
             table.add_row(*row)
         out().print(table)
+    return shown
 
 
 def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> None:

@@ -15,11 +15,11 @@ from torquebench.campaign.reducers.results import (
     ReducerTestOutcome,
     ReducerTestRecord,
 )
-from torquebench.reducers import EfficiencyMap
+from torquebench.reducers import EfficiencyMap, NoLoadPoint, NoLoadResult
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
-__all__ = ["efficiency_tables", "reducer_page", "tables_of"]
+__all__ = ["NO_LOAD_POINT", "efficiency_tables", "no_load_table", "reducer_page", "tables_of"]
 
 
 def reducer_page(record: ReducerTestRecord) -> Page:
@@ -120,12 +120,14 @@ def _section(outcome: ReducerTestOutcome) -> Section:
     )
 
 
+NO_LOAD_POINT = "no_load_"
+"""Beginning of the keys of no-load torques at a speed."""
 Row = tuple[str, str, float, float, str, str]
 """Key, title, value, U, unit and rule of a quantity."""
 
 
 def tables_of(result: Any, quantities: Sequence[Row]) -> tuple[Table, ...]:
-    """Return the quantities of a result: an efficiency map as a map, all others as a list.
+    """Return the quantities of a result: efficiency and no-load torque by speed, others as a list.
 
     Parameters
     ----------
@@ -139,6 +141,14 @@ def tables_of(result: Any, quantities: Sequence[Row]) -> tuple[Table, ...]:
             Table(header, rows, caption)
             for header, rows, caption in efficiency_tables(result, expanded)
         )
+    if isinstance(result, NoLoadResult):
+        expanded = {key: (value, whole) for key, _, value, whole, _, _ in quantities}
+        rest = [each for each in quantities if not each[0].startswith(NO_LOAD_POINT)]
+        return (Table(*no_load_table(result, expanded)), *((_list(rest),) if rest else ()))
+    return (_list(quantities),)
+
+
+def _list(quantities: Sequence[Row]) -> Table:
     rows = [
         (title, *stated(value, whole), unit, rule)
         for key, title, value, whole, unit, rule in quantities
@@ -148,7 +158,72 @@ def tables_of(result: Any, quantities: Sequence[Row]) -> tuple[Table, ...]:
     cells: list[tuple[str, ...]] = list(rows)
     if not any(row[-1] for row in rows):
         header, cells = header[:-1], [row[:-1] for row in rows]
-    return (Table(header, cells, "U: expanded uncertainty, 95.45 % coverage."),)
+    return Table(header, cells, "U: expanded uncertainty, 95.45 % coverage.")
+
+
+def no_load_table(
+    result: NoLoadResult, stated_of: Mapping[str, tuple[float, float]]
+) -> tuple[tuple[str, ...], list[tuple[str, ...]], str]:
+    """Return no-load torques as a table by speed, with one column a direction.
+
+    Parameters
+    ----------
+    result : NoLoadResult
+    stated_of : mapping of str to pair of float
+        Value and expanded uncertainty of each point by its key, in N·m.
+
+    Returns
+    -------
+    header, rows, caption
+        The range of the repeats stands beside each direction that has several; the mean of both
+        directions last.
+    """
+    means, points = _by_speed(result.means, result), _by_speed(result.points, result)
+    columns: list[tuple[str, Mapping[int, NoLoadPoint], bool]] = []
+    for name, sign in (("clockwise", 1.0), ("counter-clockwise", -1.0)):
+        side = {at: each for (at, way), each in points.items() if way == sign}
+        if side:
+            columns.append((f"{name}, N·m", side, False))
+            if any(result.repeat_range_nm(each) is not None for each in side.values()):
+                columns.append(("range of repeats, N·m", side, True))
+    if means:
+        columns.append(("mean of both, N·m", {at: each for (at, _), each in means.items()}, False))
+    rows = []
+    for at in sorted({speed for _, shown, _ in columns for speed in shown}):
+        cells = []
+        for _, shown, of_repeats in columns:
+            if at not in shown:
+                cells.append("–")
+            elif of_repeats:
+                width = result.repeat_range_nm(shown[at])
+                cells.append("–" if width is None else stated(width, width)[0])
+            else:
+                value, whole = stated(*stated_of[shown[at].key])
+                cells.append(f"{value} ± {whole}")
+        rows.append((f"{at:g}", *cells))
+    caption = (
+        "No-load torque with the sign of its direction ± U (expanded uncertainty, 95.45 % "
+        "coverage), by input speed."
+    )
+    return ("rpm", *(name for name, _, _ in columns)), rows, caption
+
+
+def _by_speed(
+    points: Sequence[NoLoadPoint], result: NoLoadResult
+) -> dict[tuple[int, float], NoLoadPoint]:
+    """Return points by the magnitude of their speed, 1/min, and their direction.
+
+    A counter-clockwise speed within 2 % (or 1/min) of a clockwise one stands in its row.
+    """
+    clockwise = sorted({round(each.nominal_rpm) for each in result.points if each.nominal_rpm > 0})
+    found = {}
+    for each in points:
+        at, way = round(abs(each.nominal_rpm)), 1.0 if each.nominal_rpm > 0 else -1.0
+        near = min(clockwise, key=lambda speed: abs(speed - at), default=at)
+        if abs(near - at) <= max(1, 0.02 * at) and (near, way) not in found:
+            at = near
+        found[at, way] = each
+    return found
 
 
 def efficiency_tables(

@@ -12,15 +12,17 @@ from torquebench.cli.tables import error_blocks, friction_blocks
 from torquebench.procedures import FrictionSweep
 from torquebench.reducers import (
     LoopSettings,
+    NoLoadResult,
     OpenLoopError,
     evaluate_efficiency,
     evaluate_friction,
     evaluate_hysteresis,
+    evaluate_no_load,
 )
 from torquebench.reports.evaluation_report import evaluation_page, open_loop_page
 from torquebench.reports.page import Page, Section, Table, render_page
 from torquebench.reports.page_pdf import write_report
-from torquebench.reports.reducer_report import tables_of
+from torquebench.reports.reducer_report import Row, tables_of
 
 SETTINGS = LoopSettings(rated_torque_nm=400.0)
 
@@ -79,6 +81,68 @@ def test_an_efficiency_map_is_a_map_and_no_list_of_a_hundred_rows() -> None:
     values = [float(cell) for row in table.rows for cell in row[1:-1]]
     assert values == pytest.approx([74.9] * 25, abs=0.2)
     assert "mean of both directions" in table.caption
+
+
+def no_load(repeats: int, speeds: tuple[float, ...], ways: tuple[float, ...]) -> NoLoadResult:
+    """Evaluate friction; each repeat is 4 mN·m above the one before, the speed rises and falls."""
+    grid = [
+        (sign * speed, sign * (0.1 + 1e-4 * speed) + 4e-3 * number + 1e-3 * branch, number, branch)
+        for sign in ways
+        for number in range(1, repeats + 1)
+        for branch in (1.0, -1.0)
+        for speed in speeds
+    ]
+    speed, torque, repeat, branch = (np.array(column) for column in zip(*grid, strict=True))
+    return evaluate_no_load(speed, torque, repeat=repeat, branch=branch)
+
+
+def quantities_of(result: NoLoadResult) -> list[Row]:
+    return [
+        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(),
+         each.estimate.unit, each.rule)
+        for each in result.quantities()
+    ]  # fmt: skip
+
+
+def test_no_load_torque_is_a_table_by_speed_with_a_column_a_direction() -> None:
+    speeds = (20.0, 50.0, 100.0, 300.0, 500.0, 700.0, 900.0, 1200.0)
+    result = no_load(3, speeds, (1.0, -1.0))
+    assert len(result.quantities()) > 3 * len(speeds)
+    by_speed, rest = tables_of(result, quantities_of(result))
+    assert by_speed.header == (
+        *("rpm", "clockwise, N·m", "range of repeats, N·m", "counter-clockwise, N·m"),
+        *("range of repeats, N·m", "mean of both, N·m"),
+    )
+    assert [row[0] for row in by_speed.rows] == [f"{speed:g}" for speed in speeds]
+    stated_of = {each.key: each.estimate for each in result.quantities()}
+    for row, speed in zip(by_speed.rows, speeds, strict=True):
+        for cell, key in ((1, f"+{speed:.0f}"), (3, f"-{speed:.0f}"), (5, f"{speed:.0f}")):
+            value, whole = (float(each) for each in row[cell].split(" ± "))
+            torque = stated_of[f"no_load_{key}_rpm"]
+            assert whole == pytest.approx(torque.expanded_uncertainty(), rel=0.05)
+            assert value == pytest.approx(torque.value, abs=0.051 * whole)
+        # 8 mN·m between the repeats; the branches' difference cancels
+        assert [row[2], row[4]] == ["0.0080", "0.0080"]
+    assert not [row for row in rest.rows if "no-load" in row[0]]
+    assert any("viscous" in row[0] for row in rest.rows)
+
+
+def test_one_direction_and_one_repeat_have_no_empty_columns() -> None:
+    result = no_load(1, (100.0, 300.0, 500.0, 700.0, 900.0), (-1.0,))
+    by_speed, _ = tables_of(result, quantities_of(result))
+    assert by_speed.header == ("rpm", "counter-clockwise, N·m")
+    assert [row[0] for row in by_speed.rows] == ["100", "300", "500", "700", "900"]
+
+
+def test_speeds_of_one_direction_only_keep_their_row() -> None:
+    speed = np.array([100.0, 300.0, 500.0, 700.0, -101.0, -400.0, -500.0, -700.0])
+    torque = np.sign(speed) * (0.1 + 1e-4 * np.abs(speed)) + 1e-3 * np.cos(np.arange(8.0) ** 2)
+    by_speed, _ = tables_of(result := evaluate_no_load(speed, torque), quantities_of(result))
+    empty = {row[0]: [cell == "–" for cell in row[1:3]] for row in by_speed.rows}
+    assert empty == {
+        **{"100": [False, False], "300": [False, True], "400": [True, False]},
+        **{"500": [False, False], "700": [False, False]},
+    }
 
 
 def test_a_column_of_sentences_wraps_and_numbers_do_not() -> None:

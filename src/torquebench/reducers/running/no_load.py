@@ -92,6 +92,19 @@ class NoLoadResult:
             )
         return tuple(rows)
 
+    def repeat_range_nm(self, point: NoLoadPoint) -> float | None:
+        """Return the range of the repeats' means at a point, N·m; None of a single repeat."""
+        index = _nearest(self.friction.curve, self.speed_rpm)
+        place = int(np.argmin(np.abs(self.friction.curve.speed_rpm - point.speed_rpm)))
+        here = index == place
+        torque, repeat, turn = self.torque_nm[here], self.repeat[here], self.branch[here]
+        means = []
+        for number in np.unique(repeat):
+            of = repeat == number
+            # as in the point's mean, the inertia's torque cancels between the branches
+            means.append(np.mean([torque[of & (turn == each)].mean() for each in set(turn[of])]))
+        return float(np.ptp(means)) if len(means) > 1 else None
+
     def limited(self, limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
         """Return the values that the data sheet limits; those without a limit may be left out."""
         for limit in limits.no_load:
