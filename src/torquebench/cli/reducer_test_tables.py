@@ -128,6 +128,7 @@ def print_by_speed(
         table = narrow_table(escape(title), caption=caption)
         for name in header:
             heading = name.replace(" rpm", "\nrpm").replace(", N·m", "\nN·m")
+            heading = heading.replace(" of ", " of\n").replace("-clock", "-\nclock")
             table.add_column(heading, justify="right")
         for row in rows:
             table.add_row(*row)
