@@ -78,6 +78,7 @@ def identify_turning(
             points.zero_temperature_c,
             points.standard_error_nm,
             points.zero_nm,
+            points.unloaded,
         ),
         runs,
         points.range_nm,

@@ -466,7 +466,8 @@ def unloaded(points: TurningCalibration, left_nm: tuple[float, ...]) -> TurningC
         "zero_nm": zero,
     }
     columns = {name: np.insert(getattr(points, name), at, value) for name, value in added.items()}
-    return replace(points, **columns)
+    nothing = np.insert(np.zeros(points.standard_nm.size, dtype=bool), at, True)
+    return replace(points, **columns, unloaded=nothing)
 
 
 def test_a_zero_in_use_follows_an_unloading_from_either_direction() -> None:

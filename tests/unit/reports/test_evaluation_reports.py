@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from torquebench.calibration import summarise_errors
+from torquebench.cli.reducer_test_tables import print_by_speed
 from torquebench.cli.tables import error_blocks, friction_blocks
 from torquebench.procedures import FrictionSweep
 from torquebench.reducers import (
@@ -125,6 +126,22 @@ def test_no_load_torque_is_a_table_by_speed_with_a_column_a_direction() -> None:
         assert [row[2], row[4]] == ["0.0080", "0.0080"]
     assert not [row for row in rest.rows if "no-load" in row[0]]
     assert any("viscous" in row[0] for row in rest.rows)
+
+
+def test_the_terminals_table_of_no_load_torque_fits_into_80_columns(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    result = no_load(3, (20.0, 50.0, 100.0, 300.0, 500.0, 1200.0), (1.0, -1.0))
+    stated_of = {
+        each.key: (each.estimate.value, each.estimate.expanded_uncertainty())
+        for each in result.quantities()
+    }
+    assert "no_load_+20_rpm" in print_by_speed("no-load", result, stated_of)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= 80
+    assert not any("…" in line for line in lines)
+    assert sum(line.count(" ± ") == 3 for line in lines) == 6
 
 
 def test_one_direction_and_one_repeat_have_no_empty_columns() -> None:

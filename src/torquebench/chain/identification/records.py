@@ -123,6 +123,8 @@ class TurningCalibration:
         The zero that each reading counts from, as `EmptyRun.zero_nm` states it.
     zero_temperature_c : float64 array of shape (n,), optional
         Temperature at the zero that each reading counts from; that of the static curve by default.
+    unloaded : bool array of shape (n,), optional
+        Where no torque was commanded. Drives don't reach 0 exactly; None where it isn't known.
     """
 
     reading_nm: FloatArray
@@ -133,6 +135,7 @@ class TurningCalibration:
     zero_temperature_c: FloatArray | None = None
     standard_error_nm: FloatArray | None = None
     zero_nm: FloatArray | None = None
+    unloaded: NDArray[np.bool_] | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -53,8 +53,6 @@ _LEAST_EXTENSION_K = 10.0
 _NODE_K = 2.0
 _SPEED_NODES = 48
 _STILL = 0.001
-_UNLOADED = 0.005
-"""Share of the range below which a point is unloaded; drives don't reach 0 exactly."""
 _FEWEST_IN_BIN = 20
 _MOST_ROWS = 20_000
 """Most rows of a run; samples of longer runs are averaged in groups."""
@@ -118,7 +116,7 @@ def identify(
     effects = (*_effects(fitted), *([] if ripple is None else [ripple]))
     corrected = _corrected(related, effects)
     if zeros is not None:
-        usual_nm, zero = _zero(fitted, zeros, _remanence(related, corrected, range_nm))
+        usual_nm, zero = _zero(fitted, zeros, _remanence(related, corrected))
         corrected = corrected - usual_nm
         effects = (*effects, *zero)
     return Identified(
@@ -536,13 +534,14 @@ def _effects(fit: _Fit) -> tuple[Effect, ...]:
     return tuple(effects)
 
 
-def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray, range_nm: float) -> float:
+def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> float:
     """Return half the difference between unloading from either direction, N·m; 0 if not measured.
 
     Unloaded points that follow a load show it, in both directions under the same circumstances.
     """
-    torque = calibration.standard_nm
-    unloaded = np.abs(torque) < _UNLOADED * range_nm
+    torque, unloaded = calibration.standard_nm, calibration.unloaded
+    if unloaded is None:
+        return 0.0
     place = stretches(calibration.speed_rpm, calibration.temperature_c)
     after = 1 + np.flatnonzero(unloaded[1:] & ~unloaded[:-1] & (np.diff(place) == 0))
     left, before = (corrected_nm - torque)[after], torque[after - 1]
