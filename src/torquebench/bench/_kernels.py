@@ -3,13 +3,14 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import kernel
 
 __all__ = ["parabola"]
 
 
-@njit(cache=True, error_model="numpy")
+@kernel(error_model="numpy")
 def parabola(
     time_s: NDArray[np.float64], middle_s: float, counts: NDArray[np.float64], count_rad: float
 ) -> tuple[float, float]:

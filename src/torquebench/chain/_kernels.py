@@ -3,17 +3,17 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.compensation.piecewise import interpolated
+from torquebench.kernels import inner, kernel
 
 __all__ = ["goes_on", "inertia", "rotation", "standard", "temperature"]
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True)
+@inner
 def _place(nodes: FloatArray, value: float) -> tuple[int, int, float]:
     """Return the nodes around a value and the share of the way between; clamped at the ends."""
     last = nodes.size - 1
@@ -24,13 +24,13 @@ def _place(nodes: FloatArray, value: float) -> tuple[int, int, float]:
     return below, below + 1, (held - nodes[below]) / (nodes[below + 1] - nodes[below])
 
 
-@njit(cache=True)
+@inner
 def _on_line(column: FloatArray, place: tuple[int, int, float]) -> float:
     i, j, share = place
     return float(column[i] + share * (column[j] - column[i]))
 
 
-@njit(cache=True)
+@inner
 def _on_table(
     table: FloatArray, row: tuple[int, int, float], column: tuple[int, int, float]
 ) -> float:
@@ -39,7 +39,7 @@ def _on_table(
     return float(low + share * (high - low))
 
 
-@njit(cache=True)
+@kernel
 def temperature(
     now_c: FloatArray,
     zeroed_c: FloatArray,
@@ -75,7 +75,7 @@ def temperature(
     return found
 
 
-@njit(cache=True)
+@kernel
 def goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: float) -> bool:
     """Return whether times follow an earlier one, and each other, at an interval."""
     for k in range(time_s.size):
@@ -85,7 +85,7 @@ def goes_on(time_s: FloatArray, before_s: float, interval_s: float, allowed_s: f
     return True
 
 
-@njit(cache=True)
+@kernel
 def inertia(
     acceleration: FloatArray, uncertainty: FloatArray, moment: tuple[float, float], unknown: float
 ) -> FloatArray:
@@ -103,7 +103,7 @@ def inertia(
     return found
 
 
-@njit(cache=True)
+@kernel
 def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatArray:
     """Return half of a standard's U with the torque's sign.
 
@@ -119,7 +119,7 @@ def standard(torque_nm: FloatArray, down: FloatArray, up: FloatArray) -> FloatAr
     return found
 
 
-@njit(cache=True)
+@kernel
 def rotation(
     speed_rpm: FloatArray,
     now_c: FloatArray,

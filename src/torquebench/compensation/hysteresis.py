@@ -27,12 +27,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation.piecewise import evaluate_piecewise, interpolated
 from torquebench.compensation.table import CompensationTable
 from torquebench.errors import InputError
+from torquebench.kernels import inner, kernel
 from torquebench.message import Message
 
 __all__ = [
@@ -65,7 +65,7 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
     return full_scale_nm * np.array([0.0, 1.0, -1.0, 1.0, -1.0, 0.0])
 
 
-@njit(cache=True)
+@kernel
 def _follow(reading, plays, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Move the play operators along the readings.
 
@@ -420,7 +420,7 @@ class HistoryCompensator:
         self._even_tracker.forget()
 
 
-@njit(cache=True)
+@kernel
 def _compensate(reading, plays, references, curve, spread, flags, amplitude, result):  # type: ignore[no-untyped-def] # Numba infers
     """Move both sets of play operators along the readings and fill in what `_mix` does.
 
@@ -455,7 +455,7 @@ def _compensate(reading, plays, references, curve, spread, flags, amplitude, res
     return outside
 
 
-@njit(cache=True)
+@inner
 def _mix(  # type: ignore[no-untyped-def] # Numba infers
     low, high, falling, rising, torque, std, amplitude, others, result
 ):

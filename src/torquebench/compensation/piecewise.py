@@ -6,10 +6,10 @@ from functools import cached_property
 from math import ceil
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.kernels import inner, kernel
 from torquebench.message import Message
 
 __all__ = [
@@ -56,7 +56,7 @@ _NO_BRANCHES = np.empty(0, dtype=np.int8)
 _BLOCK = 1024  # readings whose places fit the first-level cache
 
 
-@njit(cache=True, nogil=True)
+@inner
 def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # Numba infers
     """Fill in every reading's interval and its place there; return how many are outside."""
     scale, zero, extra, near, low, high, _ = grid
@@ -75,7 +75,7 @@ def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # N
     return outside
 
 
-@njit(cache=True)
+@kernel
 def interpolated(value, nodes, values):  # type: ignore[no-untyped-def] # Numba infers
     """Return what `np.interp` does for one value, for use in other kernels."""
     last = nodes.size - 1
@@ -88,7 +88,7 @@ def interpolated(value, nodes, values):  # type: ignore[no-untyped-def] # Numba 
     return slope * (value - nodes[below]) + values[below]
 
 
-@njit(cache=True, nogil=True)
+@kernel(nogil=True)
 def evaluate_piecewise(reading, branch, out, table, intervals, order, grid):  # type: ignore[no-untyped-def] # Numba infers
     """Evaluate block by block: locating is vectorised, fetching coefficients isn't."""
     first_of = np.empty(_BLOCK, dtype=np.int32)

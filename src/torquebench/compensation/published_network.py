@@ -7,7 +7,6 @@ from numbers import Integral, Real
 from typing import ClassVar
 
 import numpy as np
-from numba import njit
 
 from torquebench.compensation.base import CompensationModel, FloatArray
 from torquebench.compensation.estimator import Between, Limit, OneOf
@@ -23,6 +22,7 @@ from torquebench.compensation.network import (
     small_uniform_start,
 )
 from torquebench.errors import InputError
+from torquebench.kernels import kernel
 from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
 
@@ -40,7 +40,7 @@ _LN2_HIGH = 0.693145751953125  # ln 2 in two parts (W. J. Cody, W. Waite): high 
 _LN2_LOW = 1.42860682030941723212e-6
 
 
-@njit(cache=True, fastmath=True, error_model="numpy", nogil=True)
+@kernel(fastmath=True, error_model="numpy", nogil=True)
 def _descend(
     x: FloatArray,
     target: FloatArray,

@@ -1,15 +1,16 @@
 """Loops of the filters; sums have one order, so that results don't depend on a stream's blocks."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner, kernel
 
 __all__ = ["convolve", "convolve_uncertain", "correct_uncertain", "run_recursive"]
 
 FloatArray = NDArray[np.float64]
 
 
-@njit(cache=True)
+@kernel
 def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
     """Return Σ weights[k]·x[n − k]; ``extended`` begins with the weights.size − 1 values before."""
     past = weights.size - 1
@@ -21,7 +22,7 @@ def convolve(extended: FloatArray, weights: FloatArray) -> FloatArray:
     return result
 
 
-@njit(cache=True)
+@kernel
 def convolve_uncertain(
     past: FloatArray,
     values: FloatArray,
@@ -60,7 +61,7 @@ def convolve_uncertain(
     return convolve(extended, weights), by_weights, convolve(own, squares)
 
 
-@njit(cache=True)
+@kernel
 def correct_uncertain(
     past: FloatArray,
     values: FloatArray,
@@ -90,7 +91,7 @@ def correct_uncertain(
     return True
 
 
-@njit(cache=True)
+@inner
 def _dot(left: FloatArray, right: FloatArray) -> float:
     total = 0.0
     for i in range(left.size):
@@ -98,7 +99,7 @@ def _dot(left: FloatArray, right: FloatArray) -> float:
     return total
 
 
-@njit(cache=True)
+@kernel
 def _form(vector: FloatArray, matrix: FloatArray) -> float:
     total = 0.0
     for i in range(vector.size):
@@ -106,7 +107,7 @@ def _form(vector: FloatArray, matrix: FloatArray) -> float:
     return total
 
 
-@njit(cache=True)
+@inner
 def _shift(matrix: FloatArray, row: FloatArray) -> None:
     """Move all rows up by one, and write the last."""
     for i in range(matrix.shape[0] - 1):
@@ -114,7 +115,7 @@ def _shift(matrix: FloatArray, row: FloatArray) -> None:
     matrix[matrix.shape[0] - 1] = row
 
 
-@njit(cache=True)
+@kernel
 def run_recursive(
     numerator: FloatArray,
     denominator: FloatArray,

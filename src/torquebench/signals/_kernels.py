@@ -7,7 +7,9 @@ eight times slower.
 """
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
+
+from torquebench.kernels import inner, kernel
 
 GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
 # A window with an irregular pulse train, which is inspected outside the hot loop.
@@ -16,7 +18,7 @@ SUSPECT = 255
 _GROUP = 2048
 
 
-@njit(cache=True)
+@inner
 def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def] # Numba infers
     i = min(guess, ticks.size)
     while i < ticks.size and ticks[i] < tick:
@@ -26,7 +28,7 @@ def _first_at_or_after(ticks, guess, tick):  # type: ignore[no-untyped-def] # Nu
     return i
 
 
-@njit(cache=True)
+@inner
 def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba infers
     for i in range(max(low, 2), high):
         interval = ticks[i] - ticks[i - 1]
@@ -36,7 +38,7 @@ def _irregular(ticks, low, high, stop):  # type: ignore[no-untyped-def] # Numba 
     return high > 1 and 2 * (stop - ticks[high - 1]) > 3 * (ticks[high - 1] - ticks[high - 2])
 
 
-@njit(cache=True)
+@inner
 def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     # Passing a slice would count references, which costs as much as a short sum.
     window = ticks[low:high]
@@ -46,7 +48,7 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     return total
 
 
-@njit(cache=True)
+@inner
 def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
 
@@ -66,7 +68,7 @@ def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Num
     return slope, shortest, longest
 
 
-@njit(cache=True)
+@inner
 def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     for i in range(max(low, 1), high):
         if ticks[i] <= ticks[i - 1]:
@@ -74,7 +76,7 @@ def _first_out_of_order(ticks, low, high):  # type: ignore[no-untyped-def] # Num
     return -1
 
 
-@njit(cache=True)
+@inner
 def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, fault):  # type: ignore[no-untyped-def] # Numba infers
     """Count one train over windows; `begin` is about the first edge of the first window.
 
@@ -129,7 +131,7 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
     return -1, high
 
 
-@njit(cache=True)
+@inner
 def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] # Numba infers
     """T = numerator/denominator in ticks per edge; for the regression T is six times that."""
     if method == REGRESSION:
@@ -145,7 +147,7 @@ def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] #
             denominator[k] = edges[k] - first
 
 
-@njit(cache=True)
+@inner
 def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infers
     """Largest product of edges² and ticks of a window, which bounds its sums."""
     largest = 0.0
@@ -154,7 +156,7 @@ def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infe
     return largest
 
 
-@njit(cache=True)
+@inner
 def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-untyped-def] # Numba infers
     """Add a second train's sums, edges and faults to the first's."""
     for k in range(edges.size):
@@ -165,7 +167,7 @@ def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-
             fault[k] = more_fault[k]
 
 
-@njit(cache=True, error_model="numpy")
+@inner(error_model="numpy")
 def _convert(  # type: ignore[no-untyped-def] # Numba infers
     starts, stops, numerator, denominator, edges, fault, trains, method, timebase, edge_noise,
     time, frequency, uncertainty,
@@ -197,7 +199,7 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
     return suspects
 
 
-@njit(cache=True)
+@kernel
 def count(  # type: ignore[no-untyped-def] # Numba infers
     rising,
     falling,
@@ -288,7 +290,7 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
     return -1, False, suspects, largest
 
 
-@njit(cache=True)
+@kernel
 def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no-untyped-def] # Numba infers
     """Mark windows whose number repeats the one before it for the `longest`th time or more.
 
@@ -330,7 +332,7 @@ def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no
     return last, run, marked
 
 
-@njit(cache=True)
+@kernel
 def running_median(values, size):  # type: ignore[no-untyped-def] # Numba infers
     """Median of the `size` values around each, mirrored at both ends without repeating them.
 
@@ -352,7 +354,7 @@ def running_median(values, size):  # type: ignore[no-untyped-def] # Numba infers
     return result
 
 
-@njit(cache=True)
+@kernel
 def mark_isolated(far, longest):  # type: ignore[no-untyped-def] # Numba infers
     """Keep marks of which at most `longest` follow each other."""
     kept = np.zeros(far.size, dtype=np.bool_)
@@ -367,7 +369,7 @@ def mark_isolated(far, longest):  # type: ignore[no-untyped-def] # Numba infers
     return kept
 
 
-@njit(cache=True)
+@kernel
 def settled_from(centred, latest):  # type: ignore[no-untyped-def] # Numba infers
     """Index up to `latest` from which on the variance by the number of samples is least."""
     total = squares = least = 0.0

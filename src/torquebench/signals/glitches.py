@@ -1,17 +1,18 @@
 """Glitch filter: removes edges caused by bouncing before anything is counted."""
 
 import numpy as np
-from numba import int64, njit
+from numba import int64
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.kernels import kernel
 from torquebench.message import Message
 from torquebench.signals.edges import EdgeBlock
 
 __all__ = ["GlitchFilter"]
 
 
-@njit(cache=True)
+@kernel
 def _after_dead_time(ticks, last, least, kept):  # type: ignore[no-untyped-def] # Numba infers
     """Keep edges that come `least` ticks or more after the one kept before."""
     count = 0
@@ -23,7 +24,7 @@ def _after_dead_time(ticks, last, least, kept):  # type: ignore[no-untyped-def] 
     return count
 
 
-@njit(cache=True)
+@kernel
 def _without_short_pulses(ticks, least, waiting, kept):  # type: ignore[no-untyped-def] # Numba infers
     """Leave out both edges of every pulse and pause shorter than `least` ticks."""
     count = waiting.size

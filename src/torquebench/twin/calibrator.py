@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from torquebench.kernels import inner
 from torquebench.twin.blocks import Certificate
 
 __all__ = [
@@ -126,7 +126,7 @@ def draw_reference(
     )
 
 
-@njit(cache=True)
+@inner
 def reference_indication(
     constants: ReferenceConstants,
     error_table: FloatArray,

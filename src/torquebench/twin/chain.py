@@ -7,7 +7,7 @@ describes the rest: the step at torque reversal, the spline's engagement and loc
 import math
 from typing import NamedTuple
 
-from numba import njit
+from torquebench.kernels import inner, kernel
 
 __all__ = [
     "ChainConstants",
@@ -80,7 +80,7 @@ def without_chain(chain: ChainConstants) -> ChainConstants:
     )
 
 
-@njit(cache=True)
+@inner
 def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float) -> float:
     """T′ at the transducer's torque, without rotation; true torque = torque + T′."""
     direction = 0 if torque_nm >= 0.0 else 1
@@ -102,7 +102,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
     return result + chain.engagement_by_angle * torque_nm * turn
 
 
-@njit(cache=True)
+@inner
 def rotation_torque(
     chain: ChainConstants, speed_rad_s: float, angle_rad: float, thickness: float = 1.0
 ) -> float:
@@ -120,7 +120,7 @@ def rotation_torque(
     return result
 
 
-@njit(cache=True)
+@inner
 def transducer_torque(chain: ChainConstants, true_torque_nm: float, angle_rad: float) -> float:
     """Torque at the transducer that gives the true torque: inverse of torque + T′.
 
@@ -135,7 +135,7 @@ def transducer_torque(chain: ChainConstants, true_torque_nm: float, angle_rad: f
     return torque
 
 
-@njit(cache=True)
+@kernel
 def steepest_slope(chain: ChainConstants) -> float:
     """Largest slope of T′ in amount, over ±120 % of the range; below 1 the chain is invertible."""
     points = 4800

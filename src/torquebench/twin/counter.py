@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner, kernel
 
 __all__ = ["CounterConstants", "EdgeSource", "edges_of_steps", "lagged"]
 
@@ -28,14 +29,14 @@ class CounterConstants(NamedTuple):
     jitter_s: float
 
 
-@njit(cache=True)
+@inner
 def lagged(before: float, start: float, end: float, lag_s: float, step_s: float) -> float:
     """First-order lag driven by a ramp from start to end over one step, exactly."""
     trail = (end - start) * lag_s / step_s
     return end - trail + (before - start + trail) * math.exp(-step_s / lag_s)
 
 
-@njit(cache=True)
+@kernel
 def edges_of_steps(
     cycles_per_tick: FloatArray,
     first_step: int,

@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner
 
 __all__ = [
     "CONTROL_OFF",
@@ -130,7 +131,7 @@ class Loading:
         return systematic + drive.command_spread_nm * min(2.0, max(-2.0, self._spread))
 
 
-@njit(cache=True)
+@inner
 def drive_torque(
     drive: DriveConstants,
     state: FloatArray,

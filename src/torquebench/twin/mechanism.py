@@ -3,9 +3,9 @@
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from torquebench.kernels import inner
 from torquebench.twin import reducer as red
 from torquebench.twin.drive import DriveConstants
 from torquebench.twin.reducer import ReducerConstants
@@ -42,7 +42,7 @@ INTERFACE_TORQUE = 6  # true torque that the module applies to the mounted part
 SHAFT_STATES = 7
 
 
-@njit(cache=True)
+@inner
 def _shaft_torque(drive: DriveConstants, row: FloatArray, conversion: int) -> float:
     if conversion == CONVERSION_FREE:
         return 0.0
@@ -51,7 +51,7 @@ def _shaft_torque(drive: DriveConstants, row: FloatArray, conversion: int) -> fl
     return float(drive.stiffness_nm_rad * twist + drive.damping_nm_s * speed)
 
 
-@njit(cache=True)
+@inner
 def _turn_motor(
     drive: DriveConstants, row: FloatArray, conversion: int, net_nm: float, step_s: float
 ) -> None:
@@ -62,7 +62,7 @@ def _turn_motor(
     row[MOTOR_ANGLE] += step_s * row[MOTOR_SPEED]
 
 
-@njit(cache=True)
+@inner
 def _turn_uncoupled_flange(
     drive: DriveConstants,
     row: FloatArray,
@@ -92,7 +92,7 @@ def _turn_uncoupled_flange(
     return float(acceleration)
 
 
-@njit(cache=True)
+@inner
 def move(
     drives: tuple[DriveConstants, DriveConstants],
     reducer: ReducerConstants,

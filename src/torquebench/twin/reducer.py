@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner, kernel
 
 __all__ = [
     "REDUCER_STATES",
@@ -89,7 +90,7 @@ class ReducerConstants(NamedTuple):
     output_inertia_kgm2: float
 
 
-@njit(cache=True)
+@kernel
 def transmission_error(reducer: ReducerConstants, output_angle_rad: float) -> tuple[float, float]:
     """Transmission error θ_o − θ_i/R at no load in rad, and its slope by the output's angle."""
     error, slope = 0.0, 0.0
@@ -101,7 +102,7 @@ def transmission_error(reducer: ReducerConstants, output_angle_rad: float) -> tu
     return error, slope
 
 
-@njit(cache=True)
+@inner
 def spring_torque(reducer: ReducerConstants, twist_rad: float) -> float:
     """Elastic torque at the output by the twist: backlash, then three regions of stiffness."""
     deflection = abs(twist_rad) - 0.5 * reducer.backlash_rad
@@ -118,7 +119,7 @@ def spring_torque(reducer: ReducerConstants, twist_rad: float) -> float:
     return math.copysign(torque, twist_rad)
 
 
-@njit(cache=True)
+@kernel
 def reducer_torque(
     reducer: ReducerConstants, state: FloatArray, twist_rad: float, twist_speed_rad_s: float
 ) -> float:
@@ -135,7 +136,7 @@ def reducer_torque(
     return float(torque + contact * reducer.damping_nm_s * twist_speed_rad_s)
 
 
-@njit(cache=True)
+@kernel
 def temperature_factors(reducer: ReducerConstants, temperature_c: float) -> tuple[float, float]:
     """Factors of Coulomb and of viscous friction at a temperature; 1 at 23 °C."""
     warmth = temperature_c - 23.0
@@ -143,7 +144,7 @@ def temperature_factors(reducer: ReducerConstants, temperature_c: float) -> tupl
     return coulomb, math.exp(-reducer.viscous_per_k * warmth)
 
 
-@njit(cache=True)
+@kernel
 def friction_level(
     reducer: ReducerConstants,
     speed_rad_s: float,
@@ -157,7 +158,7 @@ def friction_level(
     return coulomb_factor * (reducer.coulomb_nm + rise) + load
 
 
-@njit(cache=True)
+@inner
 def reducer_friction(
     reducer: ReducerConstants,
     state: FloatArray,

@@ -8,9 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from torquebench.kernels import inner, kernel
 from torquebench.twin import calibrator, chain, counter, mechanism, thermal, transducer, turning
 from torquebench.twin import drive as drv
 from torquebench.twin import reducer as red
@@ -109,7 +109,7 @@ def record(steps: int) -> Recording:
     )
 
 
-@njit(cache=True)
+@inner
 def _added_torque(constants: Constants, state: State, orders: Orders, side: int) -> float:
     """Additional torque of a side's chain at its present torque, angle and speed."""
     if orders.conversion[side] == mechanism.CONVERSION_FREE:
@@ -124,7 +124,7 @@ def _added_torque(constants: Constants, state: State, orders: Orders, side: int)
     return float(added - turning.drag(constants.turning[side], speed, shaft, thickness))
 
 
-@njit(cache=True)
+@inner
 def _motor_torque(
     constants: Constants, state: State, orders: Orders, side: int, time_s: float, normal: float
 ) -> float:
@@ -148,13 +148,13 @@ def _motor_torque(
     )
 
 
-@njit(cache=True)
+@inner
 def _record_frequencies(state: State, recording: Recording, step: int) -> None:
     for channel in range(state.lagged_hz.size):
         recording.frequency_hz[channel, step] = state.lagged_hz[channel]
 
 
-@njit(cache=True)
+@inner
 def _record_state(constants: Constants, state: State, recording: Recording, step: int) -> None:
     """Record the present state: truth, encoders, and the frequencies of all channels."""
     _record_frequencies(state, recording, step)
@@ -168,7 +168,7 @@ def _record_state(constants: Constants, state: State, recording: Recording, step
         recording.encoder_rad[side, step] = row[mechanism.FLANGE_ANGLE] + twist
 
 
-@njit(cache=True)
+@inner
 def _signals(
     constants: Constants,
     references: tuple[calibrator.ReferenceConstants, calibrator.ReferenceConstants],
@@ -223,7 +223,7 @@ def _signals(
             )
 
 
-@njit(cache=True)
+@kernel
 def obey(
     constants: Constants, state: State, orders: Orders, side: int, torque_nm: float, speed: float
 ) -> None:
@@ -242,7 +242,7 @@ def obey(
             orders.target[side] = 0.0
 
 
-@njit(cache=True)
+@kernel
 def simulate(
     first_step: int,
     steps: int,
@@ -319,7 +319,7 @@ def simulate(
         obey(constants, state, orders, told_at[k, 1], told[k, 0], told[k, 1])
 
 
-@njit(cache=True)
+@kernel
 def sweep(
     chain_constants: chain.ChainConstants,
     transducer_constants: transducer.TransducerConstants,

@@ -4,8 +4,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner
 
 __all__ = ["CLIMATE", "PLACES", "ThermalConstants", "hall_c", "warm"]
 
@@ -54,7 +55,7 @@ class ThermalConstants(NamedTuple):
     probe_error_k: tuple[float, float, float, float, float]
 
 
-@njit(cache=True)
+@inner
 def hall_c(climate: FloatArray, time_s: float) -> float:
     """Temperature that the hall tends to."""
     target = climate[0]
@@ -66,7 +67,7 @@ def hall_c(climate: FloatArray, time_s: float) -> float:
     return float(target)
 
 
-@njit(cache=True)
+@inner
 def warm(
     thermal: ThermalConstants,
     temperature_c: FloatArray,

@@ -8,8 +8,9 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
+
+from torquebench.kernels import inner
 
 __all__ = [
     "NOISES",
@@ -105,7 +106,7 @@ def fresh_transducer_state() -> FloatArray:
     return np.zeros(TRANSDUCER_STATES)
 
 
-@njit(cache=True)
+@inner
 def _update_stops(constants: TransducerConstants, state: FloatArray, relative: float) -> float:
     """Move the stop operators to the new torque; returns the hysteresis, relative.
 
@@ -123,7 +124,7 @@ def _update_stops(constants: TransducerConstants, state: FloatArray, relative: f
     return -lag
 
 
-@njit(cache=True)
+@inner
 def _update_repeatability(
     constants: TransducerConstants, state: FloatArray, relative: float, normal: FloatArray
 ) -> float:
@@ -147,7 +148,7 @@ def _update_repeatability(
     return float(constants.repeatability * spread)
 
 
-@njit(cache=True)
+@inner
 def transducer_signal(
     constants: TransducerConstants,
     state: FloatArray,
@@ -200,7 +201,7 @@ def transducer_signal(
     return float(torque_nm + deviation * constants.nominal_torque_nm)
 
 
-@njit(cache=True)
+@inner
 def transducer_frequency(constants: TransducerConstants, signal_nm: float) -> float:
     """Output frequency of the transducer in Hz."""
     direction = 0 if signal_nm >= 0.0 else 1

@@ -7,10 +7,10 @@ import math
 from typing import Literal, NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
+from torquebench.kernels import inner
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
@@ -166,7 +166,7 @@ def fresh_lubrication(
     return np.array([*LUBRICANTS[lubricant], amount, hours])
 
 
-@njit(cache=True)
+@inner
 def thickness(lubrication: FloatArray, temperature_c: float) -> float:
     """Factor on the drag by the lubricant; 1 for run-in grease at 23 °C."""
     turn = 1.0 / (temperature_c + _VOGEL_C) - 1.0 / (_REFERENCE_C + _VOGEL_C)
@@ -177,7 +177,7 @@ def thickness(lubrication: FloatArray, temperature_c: float) -> float:
     return float(viscosity**_EXPONENT * filled * running_in * ageing)
 
 
-@njit(cache=True)
+@inner
 def drag(
     turning: TurningConstants, speed_rad_s: float, torque_nm: float, thickness: float
 ) -> float:
@@ -191,7 +191,7 @@ def drag(
     return float(direction * (result + turning.load * abs(torque_nm)))
 
 
-@njit(cache=True)
+@inner
 def signal_shift(
     turning: TurningConstants,
     relative: float,

@@ -17,9 +17,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 
 from torquebench.compensation.columns import FloatArray
+from torquebench.kernels import inner, kernel
 
 __all__ = ["AveragedEffects", "Candidates", "average_effects"]
 
@@ -175,7 +175,7 @@ def _prepare(kind: Candidates) -> _Prepared:
     return _Prepared(kind, gram, covariance, constant, trace)
 
 
-@njit(cache=True)
+@kernel
 def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def] # Numba infers
     """Return Gram matrices, and for every scale posterior covariance, ½ log determinant, trace."""
     count, width, _ = columns.shape
@@ -201,7 +201,7 @@ def _posterior_spreads(columns, scales):  # type: ignore[no-untyped-def] # Numba
     return gram, covariance, half_log_determinant, trace
 
 
-@njit(cache=True)
+@inner
 def _fill_gram(columns, gram):  # type: ignore[no-untyped-def] # Numba infers
     for p in range(columns.shape[0]):
         for q in range(p + 1):
@@ -211,7 +211,7 @@ def _fill_gram(columns, gram):  # type: ignore[no-untyped-def] # Numba infers
             gram[p, q] = gram[q, p] = total
 
 
-@njit(cache=True)
+@inner
 def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def] # Numba infers
     """Replace a matrix by its Cholesky factor, fill in the inverse; return Σ log diagonal."""
     log_diagonal = 0.0
@@ -231,7 +231,7 @@ def _invert_factor(matrix, inverse):  # type: ignore[no-untyped-def] # Numba inf
     return log_diagonal
 
 
-@njit(cache=True)
+@kernel
 def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-def] # Numba infers
     """Return posterior means and second moments of the coefficients, absence included."""
     scales, count, width = mu.shape
@@ -248,7 +248,7 @@ def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-de
     return means, moments
 
 
-@njit(cache=True)
+@kernel
 def _ascend(  # type: ignore[no-untyped-def] # Numba infers
     target, columns, gram, covariance, constant, trace, log_absent, weights, mu, sweeps, tolerance
 ):
@@ -283,7 +283,7 @@ def _ascend(  # type: ignore[no-untyped-def] # Numba infers
     return total, spreads.sum(), present, bound
 
 
-@njit(cache=True)
+@inner
 def _single_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, gram, covariance, constant, trace, log_absent, residual, fit, weights, mu
 ):
@@ -311,7 +311,7 @@ def _single_effect(  # type: ignore[no-untyped-def] # Numba infers
     return gain, spread, 1.0 - absent / total
 
 
-@njit(cache=True)
+@inner
 def _log_weights(columns, covariance, constant, residual, weights, mu):  # type: ignore[no-untyped-def] # Numba infers
     """Fill in unnormalised log posterior probabilities and the coefficients' posterior means."""
     count, width, points = columns.shape
@@ -333,7 +333,7 @@ def _log_weights(columns, covariance, constant, residual, weights, mu):  # type:
             weights[s, j] = constant[s, j] + 0.5 * power
 
 
-@njit(cache=True)
+@inner
 def _moments(columns, gram, trace, weights, mu, fit):  # type: ignore[no-untyped-def] # Numba infers
     """Fill in the mean of an effect at the points; return its second moment summed over them."""
     scales, count, width = mu.shape

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-from numba import njit
 from scipy.linalg import cho_solve
 
 from torquebench.compensation.columns import FloatArray
@@ -15,6 +14,7 @@ from torquebench.compensation.hybrid.inference import (
     deviation_variance,
     main_columns,
 )
+from torquebench.kernels import inner, kernel
 
 __all__ = ["curve_variance"]
 
@@ -83,7 +83,7 @@ def curve_variance(
     return up, down
 
 
-@njit(cache=True)
+@kernel
 def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, turns, train_columns, gain, means, moments, value, variance
 ):
@@ -127,7 +127,7 @@ def _add_effect(  # type: ignore[no-untyped-def] # Numba infers
             variance[branch, i] += spread
 
 
-@njit(cache=True)
+@inner
 def _add_moments(left, means, moments, single, variance):  # type: ignore[no-untyped-def] # Numba infers
     """Add one candidate's second moment to the variance, and its mean to every copy's."""
     for p in range(left.shape[0]):

@@ -1,0 +1,32 @@
+"""Decorators of functions that Numba compiles; decision 188 says why there are two."""
+
+from functools import partial
+from typing import Any
+
+from numba import njit
+from numba.core.registry import CPUDispatcher
+
+__all__ = ["inner", "kernel"]
+
+kernel: Any = partial(njit, cache=True, no_cfunc_wrapper=True)
+"""For a function that Python calls: compiled once after an installation, then kept in a file."""
+
+
+class _Inner(CPUDispatcher):
+    """A compiled function without an interface for Python, which interprets it instead."""
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.py_func(*arguments)
+
+
+def inner(function: Any = None, **options: Any) -> Any:
+    """Mark a function that only kernels call; `options` are those of Numba's `njit`.
+
+    It is compiled into them, without an interface for Python and without a file of its own, which
+    take longer to make than the function. Python, such as a test, interprets it.
+    """
+    if function is None:
+        return partial(inner, **options)
+    made = njit(function, no_cpython_wrapper=True, no_cfunc_wrapper=True, **options)
+    made.__class__ = _Inner
+    return made
