@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from math import ceil
+from math import ceil, exp, log
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from torquebench.message import Message
 
 __all__ = [
     "BRANCHES",
+    "LARGEST",
     "Curve",
     "PiecewisePolynomial",
     "approximate",
@@ -33,6 +34,9 @@ _POLICY = ((1, 4096), (3, 2048), (1, 1 << 18))
 """Degree and largest number of intervals, in the order of speed: the first two fit the first-level
 cache, the last one is for curves with kinks, where a higher degree doesn't help.
 """
+
+LARGEST = _POLICY[-1][1]
+"""Largest number of intervals of a branch."""
 
 _FIRST_INTERVALS = 128
 _NEAR = 0.02
@@ -233,6 +237,7 @@ def approximate(
     gain: float,
     branch_aware: bool,
     name: str,
+    largest: int = LARGEST,
 ) -> PiecewisePolynomial:
     """Approximate a curve so that the deviation stays below a bound everywhere.
 
@@ -261,6 +266,8 @@ def approximate(
         Whether the curve depends on the branch.
     name : str
         Name of the curve, for messages.
+    largest : int
+        Largest number of intervals of a branch.
 
     Returns
     -------
@@ -283,10 +290,12 @@ def approximate(
     allowed = tolerance * full_scale
     builder = _Builder(curve, limits, full_scale, gain, BRANCHES if branch_aware else (0,))
     attempt: _Attempt | None = None
-    for degree, largest in _POLICY:
+    for degree, most in _POLICY:
         far, fineness = _FIRST_INTERVALS, 1
-        previous = np.inf
-        while builder.count(far, fineness) <= largest:
+        previous, needed = np.inf, 0.0
+        known: tuple[int, float] | None = None
+        most = min(most, largest)
+        while builder.count(far, fineness) <= most and needed <= 4 * most:
             attempt = builder.attempt(far, fineness, degree)
             worst = max(attempt.worst_far, attempt.worst_near)
             if worst <= allowed:
@@ -294,6 +303,9 @@ def approximate(
             if worst > 0.85 * previous and builder.count(far, fineness) > 4096:
                 break  # a jump: narrower intervals don't help
             previous = worst
+            if attempt.worst_far > allowed:
+                needed = _needed(known, (far, attempt.worst_far), allowed)
+                known = far, attempt.worst_far
             far = _narrower(far, attempt.worst_far / allowed, degree)
             fineness = _narrower(fineness, attempt.worst_near / allowed, degree)
     assert attempt is not None
@@ -309,6 +321,14 @@ def approximate(
         Message("{allowed:.3g} N·m ({tolerance:.1g} of full scale)", allowed, tolerance),
         "the model jumps there or has a feature far narrower than the range; use the model itself",
     )
+
+
+def _needed(known: tuple[int, float] | None, now: tuple[int, float], allowed: float) -> float:
+    """Return how many intervals the last two attempts' rate of convergence lets expect."""
+    if known is None or now[0] <= known[0] or now[1] >= known[1]:
+        return 0.0
+    order = log(known[1] / now[1]) / log(now[0] / known[0])
+    return exp(min(log(now[0]) + log(now[1] / allowed) / order, 99.0))
 
 
 def _narrower(count: int, excess: float, degree: int) -> int:

@@ -11,7 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation.columns import FEATURES
-from torquebench.compensation.piecewise import Curve, PiecewisePolynomial, approximate
+from torquebench.compensation.piecewise import (
+    LARGEST,
+    Curve,
+    PiecewisePolynomial,
+    approximate,
+)
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -24,6 +29,8 @@ FloatArray = NDArray[np.float64]
 
 
 _UNCERTAINTY_TOLERANCE = 1e-6  # of full scale: no uncertainty is known better
+_FINE, _COARSE = 1e-6, 1e-5  # deviations of the torque, of full scale
+_FINE_INTERVALS = 1 << 14
 
 
 @dataclass(frozen=True)
@@ -204,7 +211,7 @@ class CompensationTable:
 def compile_table(
     model: CompensationModel,
     *,
-    tolerance: float = 1e-6,
+    tolerance: float | None = None,
     uncertainty: bool = True,
     branches: bool = True,
     series: float = 0.0,
@@ -217,9 +224,11 @@ def compile_table(
     ----------
     model : CompensationModel
         Fitted model of any kind.
-    tolerance : float, default 1e-6
+    tolerance : float, optional
         Largest deviation of the torque, as a fraction of full scale; the standard uncertainty
-        deviates by as much, or by 1e-6 where that is more.
+        deviates by as much, or by 1e-6 where that is more. By default 1e-6, and 1e-5 where that
+        takes more than 16,384 intervals: a loop that closes steeply takes minutes of work
+        otherwise.
     uncertainty : bool, default True
         Whether to compile the standard uncertainty as well.
     branches : bool, default True
@@ -246,7 +255,7 @@ def compile_table(
     >>> table.bound_nm < 1e-6 * 2000.0
     True
     """
-    if not 0.0 < tolerance < 1.0:
+    if tolerance is not None and not 0.0 < tolerance < 1.0:
         raise InputError(
             Message("table tolerance {tolerance:g}", tolerance), "above 0 and below 1 (full scale)"
         )
@@ -267,7 +276,9 @@ def compile_table(
     def deviation(reading: FloatArray, branch: int) -> FloatArray:
         return model.curve_uncertainty(rows(reading, branch))
 
-    def follow(curve: Curve, gain: float, name: str, within: float) -> PiecewisePolynomial:
+    def follow(
+        curve: Curve, gain: float, name: str, within: float, largest: int = LARGEST
+    ) -> PiecewisePolynomial:
         limits = (float(model.reading_low_nm_), float(model.reading_high_nm_))
         return approximate(
             curve,
@@ -277,11 +288,22 @@ def compile_table(
             gain=gain,
             branch_aware=branch_aware,
             name=f"{name} of the {model.kind or type(model).__name__} model",
+            largest=largest,
         )
 
+    def follow_torque() -> PiecewisePolynomial:
+        if tolerance is not None:
+            return follow(torque, 1.0, "torque", tolerance)
+        try:
+            return follow(torque, 1.0, "torque", _FINE, _FINE_INTERVALS)
+        except InputError:
+            return follow(torque, 1.0, "torque", _COARSE)
+
     return CompensationTable(
-        follow(torque, 1.0, "torque", tolerance),
-        follow(deviation, 0.0, "standard uncertainty", max(tolerance, _UNCERTAINTY_TOLERANCE))
+        follow_torque(),
+        follow(
+            deviation, 0.0, "standard uncertainty", max(tolerance or 0.0, _UNCERTAINTY_TOLERANCE)
+        )
         if uncertainty
         else None,
         model.kind,

@@ -292,3 +292,35 @@ def test_bad_arguments_are_named(simple_table, call, message):
 def test_impossible_tolerance_is_refused(fitted):
     with pytest.raises(InputError, match="table tolerance"):
         compile_table(fitted["polynomial"], tolerance=0.0)
+
+
+def test_a_loop_that_closes_steeply_is_followed_less_finely_instead_of_for_minutes():
+    rising = np.linspace(0.0, 1900.0, 30)
+    standard = np.concatenate((rising, rising[::-1]))
+    branch = np.repeat([1.0, -1.0], 30)
+    noise = np.random.default_rng(3).normal(0.0, 0.1, 60)
+    X = features(1.002 * standard + 2.0 * branch + noise, branch)  # open at the largest torque
+    model = make_model("hybrid", range_nm=2000.0).fit(X, standard)
+    table = compile_table(model, uncertainty=False)
+    assert table.curve.intervals < 1 << 14
+    assert 1e-6 * 2000.0 < table.bound_nm < 1e-5 * 2000.0
+    reading = np.linspace(-40.0, 2040.0, 1001)
+    for side in (-1.0, 1.0):
+        branches = np.full(reading.size, side)
+        followed = table.torque(reading, branches.astype(np.int8))
+        exact = model.predict(features(reading, branches))
+        assert np.max(np.abs(followed - exact)) <= table.bound_nm
+
+
+def test_intervals_are_not_narrowed_where_that_is_known_to_be_hopeless():
+    evaluated = 0
+
+    def closing(reading, branch):
+        nonlocal evaluated
+        evaluated += reading.size
+        return np.asarray(reading + 0.06 * branch * np.sqrt(np.clip(2000.0 - reading, 0.0, None)))
+
+    with pytest.raises(InputError, match="narrower than the range"):
+        approximate(closing, (-40.0, 2040.0), 2000.0, 1e-6, gain=1.0, branch_aware=True,
+                    name="loop", largest=1 << 14)  # fmt: skip
+    assert evaluated < 100_000

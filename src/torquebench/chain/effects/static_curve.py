@@ -65,9 +65,10 @@ class StaticCurve(Effect):
 
     @cached_property
     def table(self) -> CompensationTable | None:
-        """The model, compiled once within 1e-6 of full scale; it compensates every reading.
+        """The model, compiled once within 1e-6 of full scale, or 1e-5 if that takes too long.
 
-        None if the model uses speed or temperature, or has jumps: it is then evaluated itself.
+        It compensates every reading. None if the model uses speed or temperature, or has jumps: it
+        is then evaluated itself.
         """
         if _STATE.intersection(self.model.used_features):
             return None
