@@ -47,6 +47,7 @@ def run_calibrations(
     from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.bench_session import open_bench
+    from torquebench.cli.compiling import fits_compiled_ahead
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
     from torquebench.compensation import RECOMMENDED
 
@@ -54,7 +55,10 @@ def run_calibrations(
     choice = model or ModelChoice(RECOMMENDED)
     known = registers_calibration([choice], choice.name)
     resumed = interrupted.run_ids[-1] if interrupted else ""
-    with open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session:
+    with (
+        fits_compiled_ahead(),
+        open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session,
+    ):
         station = session.station
         tell_doubts(station, CALIBRATOR)
         for side in sides:

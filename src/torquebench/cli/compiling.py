@@ -1,18 +1,19 @@
-"""A word about the one wait that only follows an installation: kernels are compiled."""
+"""The one wait that only follows an installation: kernels are compiled."""
 
 from __future__ import annotations
 
 import contextlib
+import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 from rich.console import Console
 
 from torquebench.cli.console import is_quiet
 
-__all__ = ["telling_compilation"]
+__all__ = ["compile_fits", "fits_compiled_ahead", "telling_compilation"]
 
-_TOLD = "compiling numerical kernels, once after an installation: some 20 s"
+_TOLD = "compiling numerical kernels, once after an installation: some 15 s"
 _told = False
 
 
@@ -22,16 +23,70 @@ def telling_compilation(console: Console) -> Iterator[None]:
     if "numba" not in sys.modules or is_quiet() or not console.is_terminal:
         yield
         return
+
+    def tell(_: str) -> None:
+        global _told
+        if not _told:
+            _told = True
+            console.print(_TOLD, style="dim")
+
+    with _at_compilation(tell):
+        yield
+
+
+@contextlib.contextmanager
+def fits_compiled_ahead() -> Iterator[None]:
+    """Let a second process compile what fits need while this one compiles and measures.
+
+    It is started by the first compilation for the bench; where nothing is compiled, there is none.
+    """
+    process: subprocess.Popen[bytes] | None = None
+
+    def start(package: str) -> None:
+        nonlocal process
+        if process is None and package != "torquebench.compensation":
+            command = [sys.executable, "-c", f"import {__name__} as c; c.{compile_fits.__name__}()"]
+            nothing = subprocess.DEVNULL
+            process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+
+    with _at_compilation(start):
+        try:
+            yield
+        finally:
+            if process is not None:
+                process.terminate()
+                process.wait()
+
+
+def compile_fits() -> None:
+    """Fit the demo's models to a few points and take one reading through each: both compile."""
+    import numpy as np
+
+    from torquebench.bench.active_chain import ActiveChain
+    from torquebench.calibration import CalibrationData
+    from torquebench.campaign.demo import DemoSettings
+    from torquebench.campaign.fitting import fit_models
+
+    rising = np.linspace(0.1, 1.0, 10)
+    torque_nm = np.concatenate((rising, rising[::-1], -rising, -rising[::-1]))
+    branch = np.tile(np.repeat([1, -1], 10), 2)
+    reading_nm = torque_nm * (1.001 + 1e-3 * branch * (1.0 - abs(torque_nm)))
+    data = CalibrationData(reading_nm, torque_nm, np.repeat([1, 2], 20), branch, 1.0)
+    for fitted in fit_models(data, DemoSettings().choices()):
+        ActiveChain(fitted.chain, "", fitted.model.kind).warm_up()
+
+
+@contextlib.contextmanager
+def _at_compilation(act: Callable[[str], None]) -> Iterator[None]:
+    """Call at every start of a compilation, with the package of what is compiled."""
     from numba.core import event
 
     class Compiling(event.Listener):
-        def on_start(self, _: object) -> None:
-            global _told
-            if not _told:
-                _told = True
-                console.print(_TOLD, style="dim")
+        def on_start(self, event: event.Event) -> None:
+            module: str = event.data["dispatcher"].py_func.__module__
+            act(".".join(module.split(".")[:2]))
 
-        def on_end(self, _: object) -> None:
+        def on_end(self, event: event.Event) -> None:
             pass
 
     listener = Compiling()

@@ -116,9 +116,11 @@ def _tell(
 ) -> DemoResult:
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
+    from torquebench.cli.compiling import fits_compiled_ahead
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     with (
+        fits_compiled_ahead(),
         open_bench(description, data, real_time=real_time, yes=True, announce=False) as session,
         session.measuring(may_pause=False) as (progress, _),
     ):

@@ -1,0 +1,53 @@
+"""Kernels compiled by a second process while the first one measures."""
+
+import numpy as np
+import psutil
+from numba import njit
+from numba.core import event
+
+from torquebench.bench.active_chain import ActiveChain, StreamReadings
+from torquebench.calibration import CalibrationData
+from torquebench.campaign.demo import DemoSettings
+from torquebench.campaign.fitting import fit_models
+from torquebench.cli.compiling import compile_fits, fits_compiled_ahead
+
+
+class Compiled(event.Listener):
+    def __init__(self) -> None:
+        self.names: list[str] = []
+
+    def on_start(self, event: event.Event) -> None:
+        self.names.append(event.data["dispatcher"].py_func.__qualname__)
+
+    def on_end(self, event: event.Event) -> None:
+        pass
+
+
+def test_what_is_compiled_ahead_is_all_that_fits_and_their_chains_need() -> None:
+    compile_fits()
+    rising = np.linspace(50.0, 2000.0, 40)
+    torque_nm = np.concatenate((rising, rising[::-1], -rising, -rising[::-1]))
+    branch = np.tile(np.repeat([1, -1], 40), 2)
+    share = torque_nm / 2000.0
+    noise = np.random.default_rng(3).normal(0.0, 0.05, 160)
+    reading_nm = 1.002 * torque_nm + branch * share * (1.0 - np.abs(share)) + noise
+    data = CalibrationData(reading_nm, torque_nm, np.repeat([1, 2], 80), branch, 2000.0)
+    compiled = Compiled()
+    with event.install_listener("numba:compile", compiled):
+        for fitted in fit_models(data, DemoSettings().choices()):
+            chain = ActiveChain(fitted.chain, "model-1", fitted.model.kind)
+            time_s = np.linspace(0.0, 1.0, 20)
+            torque = chain.push(StreamReadings(time_s, np.linspace(0.0, 900.0, 20), np.ones(20)))
+            assert np.all(np.isfinite(torque.value_nm)), fitted.name
+    assert compiled.names == []
+
+
+def test_a_second_process_is_started_by_a_compilation_and_ends_with_the_block() -> None:
+    own = psutil.Process()
+    before = set(own.children())
+    with fits_compiled_ahead():
+        assert set(own.children()) == before
+        njit(lambda x: 3 * x)(1.0)
+        njit(lambda x: 4 * x)(1.0)
+        (second,) = set(own.children()) - before
+    assert not second.is_running()
