@@ -1,5 +1,6 @@
 """Simulated instruments are as strict as real ones: asked over plain sockets, without drivers."""
 
+import itertools
 import math
 import socket
 import struct
@@ -8,12 +9,15 @@ from collections.abc import Iterator
 from typing import Any
 
 import grpc
+import numpy as np
 import pytest
 from nidaqmx._stubs import nidaqmx_pb2 as messages
 from nidaqmx._stubs import nidaqmx_pb2_grpc as services
 from tests.system.networked import daqmx, described
 
+from torquebench.bench.drivers.instruments import open_role
 from torquebench.simulators import Simulators
+from torquebench.simulators import daqmx as daqmx_simulator
 
 ENABLE, ZERO, RESET = 1, 2, 0x80
 ENABLED, FAULT, RAMPING, TRIPPED = 1, 2, 4, 8
@@ -643,3 +647,37 @@ def test_the_tasks_of_a_client_that_has_gone_are_cleared(card: Simulators) -> No
     finally:
         first.close()
         second.close()
+
+
+def test_what_came_late_from_the_card_is_read_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    reads = []
+    read = daqmx_simulator._Servicer.ReadCounterU32Ex
+
+    def counted(self: Any, request: Any, context: Any) -> Any:
+        reads.append(request.num_samps_per_chan)
+        return read(self, request, context)
+
+    monkeypatch.setattr(daqmx_simulator._Servicer, "ReadCounterU32Ex", counted)
+    with Simulators(described(counter=daqmx())) as running:
+        counter = open_role(running.description, "counter")
+        try:
+            counter.select(frozenset({"output_torque"}))
+            blocks = [counter.read_block(0.05)]
+            assert running.plant.require(running.plant.now_s + 3.0, 5.0)
+            blocks += [counter.read_block(0.05) for _ in range(2)]
+            reads.clear()
+            blocks += [counter.read_block(0.05) for _ in range(57)]
+            behind = len(reads)
+            for _ in range(3):
+                blocks.append(counter.read_block(0.05))
+        finally:
+            counter.close()
+    assert behind == 0, "they were read when the computer was seen to be behind"
+    assert 2.0 < float(blocks[2].waiting_s or 0.0) < 3.1, "what was read early is still ahead"
+    assert float(blocks[-1].waiting_s or 0.0) < 0.1
+    for before, after in itertools.pairwise(blocks):
+        assert after.start_s == before.stop_s
+        assert after.edges["output_torque"].ticks.size > 0
+        gap = after.edges["output_torque"].ticks[0] - before.edges["output_torque"].ticks[-1]
+        assert gap < 2 * np.median(np.diff(after.edges["output_torque"].ticks))
+        assert after.angles["output"].time_s.size == 50

@@ -128,6 +128,7 @@ class DaqmxCounter(LibraryCounter):
         self._held: dict[Side, NDArray[np.int64]] = {}
         self._position: dict[Side, int] = {}
         self._samples = 0
+        self._waiting = 0
         self._start_sample = 0
         rate = self._counting.timebase_hz / options.sample_rate_hz
         if rate != round(rate):
@@ -288,16 +289,21 @@ class DaqmxCounter(LibraryCounter):
         rate = self._options.sample_rate_hz
         count = max(1, round(duration_s * rate))
         stop_sample = self._start_sample + count
-        wanted = stop_sample + int(np.ceil(self._options.latency_s * rate)) - self._samples
-        for side in SIDES:
-            self._read_encoder(side, wanted, duration_s)
-        self._samples += wanted
-        waiting_s = (self._samples + self._waiting() - stop_sample) / rate
+        latency = int(np.ceil(self._options.latency_s * rate))
+        if stop_sample + latency > self._samples:
+            # What has come late is read at once: block by block it would stay late.
+            wanted = max(stop_sample + latency - self._samples, self._waiting)
+            for side in SIDES:
+                self._read_encoder(side, wanted, duration_s)
+            self._samples += wanted
+            for name, periods in self._periods.items():
+                periods.take(self._available(name))
+        self._waiting = self._count_waiting()
+        waiting_s = (self._samples + self._waiting - stop_sample) / rate
         start_tick = self._start_sample * self._ticks_a_sample
         stop_tick = stop_sample * self._ticks_a_sample
         edges: dict[str, EdgeBlock] = {}
         for name, periods in self._periods.items():
-            periods.take(self._available(name))
             ticks = periods.until(stop_tick)
             if name not in self._selected:
                 continue
@@ -317,34 +323,31 @@ class DaqmxCounter(LibraryCounter):
         self._start_sample = stop_sample
         return CounterBlock(start_s, stop_s, edges, angles, waiting_s=waiting_s)
 
-    def _waiting(self) -> int:
-        """Return how many more samples the sample clock has passed."""
+    def _count_waiting(self) -> int:
+        """Return how many samples the sample clock has passed that haven't been read."""
         stream = self._tasks[f"{SIDES[0]}_encoder"].in_stream
         return int(self._ask(lambda: stream.avail_samp_per_chan, "samples that wait"))
 
     def _read_encoder(self, side: Side, wanted: int, duration_s: float) -> None:
-        raw = np.empty(max(wanted, 0), dtype=np.uint32)
-        if wanted > 0:
-            timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
-            reader = self._reader[f"{side}_encoder"]
-            read = self._ask(
-                lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s),
-                Message("{side} encoder", side),
+        raw = np.empty(wanted, dtype=np.uint32)
+        timeout_s = duration_s + self._options.latency_s + 0.5 * self._options.timeout_s
+        reader = self._reader[f"{side}_encoder"]
+        read = self._ask(
+            lambda: reader.read_many_sample_uint32(raw, wanted, timeout_s),
+            Message("{side} encoder", side),
+        )
+        if read != wanted:
+            raise BenchError(
+                Message("counter of the {side} encoder sends {read} samples", side, read),
+                Message("the {wanted} that were requested", wanted),
+                "check that no other program reads it",
             )
-            if read != wanted:
-                raise BenchError(
-                    Message("counter of the {side} encoder sends {read} samples", side, read),
-                    Message("the {wanted} that were requested", wanted),
-                    "check that no other program reads it",
-                )
         counts = self._unwrapped(side, raw)
         before = self._held.get(side, np.empty(0, dtype=np.int64))
         self._held[side] = np.concatenate((before, counts))
 
     def _unwrapped(self, side: Side, raw: NDArray[np.uint32]) -> NDArray[np.int64]:
         """Undo the wrapping of the 32-bit counter."""
-        if raw.size == 0:
-            return np.empty(0, dtype=np.int64)
         signed = raw.view(np.int32)
         first = self._position.get(side, int(signed[0]))
         words = np.concatenate((np.array([first], dtype=np.int64).astype(np.int32), signed))
