@@ -14,7 +14,7 @@ are averaged as well.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -134,17 +134,7 @@ def average_effects(
     weights = [np.zeros_like(effect.trace) for effect in effects]
     coefficients = [np.zeros(effect.covariance.shape[:3]) for effect in effects]
     total, spread, present, bound = _ascend(
-        np.ascontiguousarray(target),
-        tuple(np.ascontiguousarray(effect.candidates.columns) for effect in effects),
-        tuple(effect.gram for effect in effects),
-        tuple(effect.covariance for effect in effects),
-        tuple(effect.constant for effect in effects),
-        tuple(effect.trace for effect in effects),
-        np.array([effect.candidates.log_absent for effect in effects]),
-        tuple(weights),
-        tuple(coefficients),
-        sweeps,
-        tolerance,
+        np.ascontiguousarray(target), effects, weights, coefficients, sweeps, tolerance
     )
     means, moments = [], []
     for effect, weight, mu in zip(effects, weights, coefficients, strict=True):
@@ -158,8 +148,8 @@ def average_effects(
         [effect.trace for effect in effects],
         present,
         total,
-        float(spread),
-        float(bound),
+        spread,
+        bound,
     )
 
 
@@ -172,7 +162,7 @@ def _prepare(kind: Candidates) -> _Prepared:
     columns = np.ascontiguousarray(kind.columns)
     gram, covariance, half_log_determinant, trace = _posterior_spreads(columns, scales)
     constant = np.asarray(kind.log_prior - np.log(len(scales)) - half_log_determinant)
-    return _Prepared(kind, gram, covariance, constant, trace)
+    return _Prepared(replace(kind, columns=columns), gram, covariance, constant, trace)
 
 
 @kernel
@@ -248,42 +238,50 @@ def _coefficient_moments(weights, mu, covariance):  # type: ignore[no-untyped-de
     return means, moments
 
 
-@kernel
-def _ascend(  # type: ignore[no-untyped-def] # Numba infers
-    target, columns, gram, covariance, constant, trace, log_absent, weights, mu, sweeps, tolerance
-):
-    """Update the effects in turn until the bound converges; fill in weights and coefficients."""
-    count, points = len(columns), target.size
-    fits, total = np.zeros((count, points)), np.zeros(points)
+def _ascend(
+    target: FloatArray,
+    effects: list[_Prepared],
+    weights: list[FloatArray],
+    coefficients: list[FloatArray],
+    sweeps: int,
+    tolerance: float,
+) -> tuple[FloatArray, float, FloatArray, float]:
+    """Update the effects in turn until the bound converges; fill in weights and coefficients.
+
+    Returns
+    -------
+    total, spread, present, bound
+        Sum of the effects, its variance, probability of each effect, and the lower bound.
+    """
+    count = len(effects)
+    fits = np.zeros((count, target.size))
     gains, spreads, present = np.zeros(count), np.zeros(count), np.zeros(count)
     residual = target.copy()
     before, bound = -np.inf, -np.inf
     for _ in range(sweeps):
-        for k in range(count):
+        for k, effect in enumerate(effects):
             residual += fits[k]
             gains[k], spreads[k], present[k] = _single_effect(
-                columns[k],
-                gram[k],
-                covariance[k],
-                constant[k],
-                trace[k],
-                log_absent[k],
+                effect.candidates.columns,
+                effect.gram,
+                effect.covariance,
+                effect.constant,
+                effect.trace,
+                effect.candidates.log_absent,
                 residual,
                 fits[k],
                 weights[k],
-                mu[k],
+                coefficients[k],
             )
             residual -= fits[k]
-        bound = -0.5 * (np.sum(residual**2) + spreads.sum()) + gains.sum()
+        bound = float(-0.5 * (residual @ residual + spreads.sum()) + gains.sum())
         if bound - before < tolerance:
             break
         before = bound
-    for k in range(count):
-        total += fits[k]
-    return total, spreads.sum(), present, bound
+    return fits.sum(axis=0), float(spreads.sum()), present, bound
 
 
-@inner
+@kernel
 def _single_effect(  # type: ignore[no-untyped-def] # Numba infers
     columns, gram, covariance, constant, trace, log_absent, residual, fit, weights, mu
 ):
