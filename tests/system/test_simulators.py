@@ -607,7 +607,7 @@ def card(request: pytest.FixtureRequest) -> Iterator[Simulators]:
 def test_counters_wait_overrun_and_are_reserved(card: Simulators) -> None:
     client = CounterClient(card.description.driver["counter"]["address"])
     try:
-        client.encoder("one", "Dev1/ctr2", buffer=100)
+        client.encoder("one", "Dev1/ctr2", buffer=3000)  # a busy computer may be late by seconds
         client.stub.CreateTask(messages.CreateTaskRequest(session_name="other"))
         client.call("CreateCIAngEncoderChan", "other", counter="Dev1/ctr2")
         assert failure(lambda: client.call("StartTask", "other")) == -50103
@@ -615,12 +615,12 @@ def test_counters_wait_overrun_and_are_reserved(card: Simulators) -> None:
         assert failure(lambda: client.call("CreateCIPeriodChan", "other", **wrong)) == -200170
         assert failure(lambda: client.call("StartTask", "nobody")) == -200088
         assert client.read("one", 5, 0.05).status == -200284, "nothing has armed it"
-        client.clock()
         begun_s = card.plant.now_s
+        client.clock()
         assert client.read("one", 50, 1.0).samps_per_chan_read == 50
         assert card.plant.now_s - begun_s >= 0.049, "it waited on the bench"
-        assert client.read("one", 50, 0.01).status == -200284, "no longer than it may"
-        assert card.plant.require(card.plant.now_s + 0.3, 5.0)
+        assert client.read("one", 3000, 0.01).status == -200284, "no longer than it may"
+        assert card.plant.require(card.plant.now_s + 3.2, 30.0)
         assert failure(lambda: client.read("one", 10, 0.1)) == -200279
     finally:
         client.close()
