@@ -19,6 +19,7 @@ from torquebench.compensation.hybrid.effects import (
     EffectPoints,
     all_columns,
     at_zero_time,
+    effects_sum,
     make_dictionary,
     make_effects,
     path_clocks,
@@ -273,6 +274,18 @@ def test_loops_close_at_full_scale_and_turn_over_with_the_branch() -> None:
     down = all_columns(at_zero_time(u, -np.ones(4)), dictionary)["loop"]
     np.testing.assert_allclose(up[:, :, [0, 3]], 0.0)
     np.testing.assert_allclose(up, -down)
+
+
+@given(st.integers(6, 30), st.booleans(), st.integers(0, 2**32 - 1))
+@settings(max_examples=20)
+def test_the_sum_of_effects_is_that_of_their_columns(levels: int, on_step: bool, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    dictionary = make_dictionary(levels, 0.003, on_step=on_step)
+    points = at_zero_time(rng.uniform(-1.02, 1.02, 40), rng.choice([-1.0, 0.0, 1.0], 40))
+    columns = all_columns(points, dictionary)
+    means = {name: rng.normal(size=each.shape[:2]) for name, each in columns.items()}
+    expected = sum(np.einsum("jqn,jq->n", columns[name], means[name]) for name in columns)
+    np.testing.assert_allclose(effects_sum(points, dictionary, means), expected, atol=1e-10)
 
 
 def test_a_narrow_reversal_step_is_found_where_torques_lie_on_its_slope() -> None:

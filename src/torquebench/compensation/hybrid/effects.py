@@ -43,6 +43,7 @@ __all__ = [
     "Dictionary",
     "Effect",
     "EffectPoints",
+    "effects_sum",
     "lies_on_step",
     "make_dictionary",
     "smallest_torque",
@@ -321,29 +322,39 @@ def loop_columns(points: EffectPoints, shapes: FloatArray) -> FloatArray:
     )
 
 
-def ripple_columns(
-    points: EffectPoints, frequencies: FloatArray, stretches: FloatArray, growing: FloatArray
-) -> FloatArray:
-    """Return ripple with linear change of amplitude and frequency, shape (k, 4, n)."""
-    way = points.u + stretches[:, None] * points.u * np.abs(points.u)
-    angle = 2 * np.pi * frequencies[:, None] * way
+def _ripple_sines(
+    points: EffectPoints, dictionary: Dictionary
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosines and sines of all ripples, shape (k, n), and their linear change, (n,)."""
+    way = points.u + dictionary.stretches[:, None] * points.u * np.abs(points.u)
+    angle = 2 * np.pi * dictionary.frequencies[:, None] * way
     cosine, sine = np.cos(angle), np.sin(angle)
-    if np.any(growing):
+    if np.any(dictionary.growing):
         grown = _GROWN * np.sqrt(np.abs(points.u))
-        envelope = np.where(growing[:, None] > 0.0, grown, 1.0)
+        envelope = np.where(dictionary.growing[:, None] > 0.0, grown, 1.0)
         cosine, sine = envelope * cosine, envelope * sine
-    slope = _SLOPE_SHARE * points.u
+    return cosine, sine, _SLOPE_SHARE * points.u
+
+
+def ripple_columns(points: EffectPoints, dictionary: Dictionary) -> FloatArray:
+    """Return ripple with linear change of amplitude and frequency, shape (k, 4, n)."""
+    cosine, sine, slope = _ripple_sines(points, dictionary)
     return np.stack([cosine, sine, slope * cosine, slope * sine], axis=1)
+
+
+def _wave_sines(
+    points: EffectPoints, frequencies: FloatArray
+) -> tuple[FloatArray, FloatArray, FloatArray]:
+    """Return cosines and sines of all waves, shape (k, n), and the windows, shape (6, n)."""
+    angle = 2 * np.pi * frequencies[:, None] * points.u
+    distance = (points.u[None, :] - _WAVE_CENTRES[:, None]) / _WAVE_REACH
+    return np.cos(angle), np.sin(angle), np.exp(-0.5 * distance**2)
 
 
 def wave_columns(points: EffectPoints, frequencies: FloatArray) -> FloatArray:
     """Return windowed sines, shape (k, 12, n)."""
-    angle = 2 * np.pi * frequencies[:, None] * points.u
-    distance = (points.u[None, :] - _WAVE_CENTRES[:, None]) / _WAVE_REACH
-    window = np.exp(-0.5 * distance**2)
-    return np.concatenate(
-        [np.cos(angle)[:, None, :] * window, np.sin(angle)[:, None, :] * window], axis=1
-    )
+    cosine, sine, window = _wave_sines(points, frequencies)
+    return np.concatenate([cosine[:, None, :] * window, sine[:, None, :] * window], axis=1)
 
 
 def bump_columns(points: EffectPoints, centres: FloatArray, widths: FloatArray) -> FloatArray:
@@ -363,19 +374,50 @@ def skew_columns(points: EffectPoints) -> FloatArray:
     return np.concatenate([side * course, 2.0 * x * course[:-1]])[None]
 
 
-def all_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, FloatArray]:
-    """Return the columns of every kind of effect, in the order of `KINDS`."""
+def _plain_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, FloatArray]:
+    """Return the columns of all kinds but ripple and waves."""
     return {
         "loop": loop_columns(points, dictionary.loop_shapes),
         "step": step_columns(points, dictionary.step_widths, dictionary.step_shift),
-        "ripple": ripple_columns(
-            points, dictionary.frequencies, dictionary.stretches, dictionary.growing
-        ),
         "bump": bump_columns(points, dictionary.bump_centres, dictionary.bump_widths),
         "offset": np.ones((1, 1, points.u.size)),
-        "wave": wave_columns(points, dictionary.wave_frequencies),
         "skew": skew_columns(points),
     }
+
+
+def all_columns(points: EffectPoints, dictionary: Dictionary) -> dict[str, FloatArray]:
+    """Return the columns of every kind of effect."""
+    return _plain_columns(points, dictionary) | {
+        "ripple": ripple_columns(points, dictionary),
+        "wave": wave_columns(points, dictionary.wave_frequencies),
+    }
+
+
+def effects_sum(
+    points: EffectPoints, dictionary: Dictionary, means: dict[str, FloatArray]
+) -> FloatArray:
+    """Return the sum of all columns times their coefficients, shape (n,).
+
+    Ripple and waves may have hundreds of candidates: their products with the slope and the windows
+    are formed after the sum over the candidates.
+
+    Parameters
+    ----------
+    points : EffectPoints
+    dictionary : Dictionary
+    means : dict of str to float64 array of shape (J, q)
+        Coefficients of each kind's columns as in `all_columns`.
+    """
+    total = np.zeros(points.u.size)
+    for kind, columns in _plain_columns(points, dictionary).items():
+        total += means[kind].reshape(-1) @ columns.reshape(-1, points.u.size)
+    cosine, sine, slope = _ripple_sines(points, dictionary)
+    even, odd = means["ripple"][:, 0::2].T @ cosine, means["ripple"][:, 1::2].T @ sine
+    total += even[0] + odd[0] + slope * (even[1] + odd[1])
+    cosine, sine, window = _wave_sines(points, dictionary.wave_frequencies)
+    even, odd = np.hsplit(means["wave"], 2)
+    total += np.sum(window * (even.T @ cosine + odd.T @ sine), axis=0)
+    return total
 
 
 def make_effects(

@@ -17,8 +17,8 @@ from torquebench.compensation.hybrid.effects import (
     WAVE_COLUMNS,
     Dictionary,
     EffectPoints,
-    all_columns,
     at_zero_time,
+    effects_sum,
     path_clocks,
 )
 from torquebench.compensation.hybrid.inference import (
@@ -201,11 +201,8 @@ class HybridModel(CompensationModel):
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of full scale."""
         mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
-        columns = all_columns(at_zero_time(u, branch), self.dictionary_)
-        # models of earlier versions hold fewer kinds; new kinds are appended
-        for new, means in zip(columns.values(), self.effects_, strict=False):
-            mean += np.einsum("jqn,jq->n", new, means)
-        return np.asarray(mean)
+        means = dict(zip(KINDS, self.effects_, strict=True))
+        return np.asarray(mean + effects_sum(at_zero_time(u, branch), self.dictionary_, means))
 
 
 def _mean_noise(problem: Problem, member: Member) -> float:
