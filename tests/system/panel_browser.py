@@ -23,6 +23,8 @@ from tests.system.panel_api import SLOW
 from tests.system.prepared_commands import RunningCommand
 
 CHROMIUM, CHROMEDRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
+LOST = "ERR_", "Failed to fetch", "WebSocket"
+"""What the browser's console says about lost connections."""
 FLAGS = (
     "--headless=new",
     "--no-sandbox",
@@ -256,8 +258,7 @@ class Visitor:
         return [
             entry["message"]
             for entry in self.driver.get_log("browser")
-            if entry["level"] == "SEVERE"
-            and not any(lost in entry["message"] for lost in ("ERR_", "Failed to fetch"))
+            if entry["level"] == "SEVERE" and not any(lost in entry["message"] for lost in LOST)
         ]
 
     def axe(self) -> list[str]:
