@@ -180,11 +180,15 @@ else:
 
         def take(self) -> None:
             """Read keys without waiting for the end of a line."""
-            if self._before is None:
+            if self._before is not None:
+                return
+            try:
                 self._before = termios.tcgetattr(self._file)
                 changed = termios.tcgetattr(self._file)
                 changed[3] &= ~(termios.ICANON | termios.ECHO)
                 termios.tcsetattr(self._file, termios.TCSANOW, changed)
+            except termios.error:  # the terminal has been closed
+                self.gone = True
 
         def give_back(self) -> None:
             """Restore the terminal."""

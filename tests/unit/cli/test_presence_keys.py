@@ -41,7 +41,7 @@ def keyboard(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def wait_for(condition: Any) -> None:
-    deadline = time.monotonic() + 30.0
+    deadline = time.monotonic() + 120.0
     while not condition():
         assert time.monotonic() < deadline
         time.sleep(0.01)
@@ -77,8 +77,11 @@ def test_who_is_silent_is_reminded_once(keyboard: int, capsys: Any) -> None:
     bench = Bench(presence_s=0.3)
     os.write(keyboard, b"x")
     with attending(bench, TerminalProgress()):  # type: ignore[arg-type]
-        time.sleep(0.6)
-    assert capsys.readouterr().err.count("Are you there?") == 1
+        said: list[str] = []
+        wait_for(lambda: said.append(capsys.readouterr().err) or "there?" in "".join(said))
+        time.sleep(0.3)
+    said.append(capsys.readouterr().err)
+    assert "".join(said).count("Are you there?") == 1
     assert bench.confirmed == ["Ana"]
 
 
@@ -97,13 +100,24 @@ def test_without_a_terminal_it_is_refused(monkeypatch: pytest.MonkeyPatch) -> No
             raise AssertionError
 
 
-def test_a_terminal_that_goes_before_anybody_came_ends_it(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("at_once", [True, False])
+def test_a_terminal_that_goes_before_anybody_came_ends_it(
+    monkeypatch: pytest.MonkeyPatch, at_once: bool
+) -> None:
     keyboard, screen = pty.openpty()
     with os.fdopen(screen, "r", encoding="utf-8") as file:
         monkeypatch.setattr(sys, "stdin", file)
-        threading.Timer(0.2, lambda: os.close(keyboard)).start()
+        leaving = threading.Timer(0.2, lambda: os.close(keyboard))
+
+        def asked() -> bool:  # it goes after it was seen to be a terminal
+            leaving.run() if at_once else leaving.start()
+            return True
+
+        monkeypatch.setattr(file, "isatty", asked)
         with (
             pytest.raises(InterlockError, match="terminal was closed"),
             attending(Bench(presence_s=5.0), TerminalProgress()),  # type: ignore[arg-type]
         ):
             raise AssertionError
+        if not at_once:
+            leaving.join()
