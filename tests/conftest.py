@@ -116,7 +116,7 @@ def _nothing_left_behind() -> Iterator[None]:
     logger.addHandler(complaints)
     yield
     logger.removeHandler(complaints)
-    deadline = time.monotonic() + 5.0
+    deadline = time.monotonic() + 60.0
     while leaked := [thread for thread in threading.enumerate() if thread not in before]:
         if time.monotonic() > deadline:
             pytest.fail(f"threads left behind: {', '.join(thread.name for thread in leaked)}")

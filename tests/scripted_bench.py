@@ -11,6 +11,8 @@ from torquebench.panel.sparkplug.payload import Quality
 from torquebench.panel.sparkplug.publisher import Publisher
 from torquebench.panel.sparkplug.settings import SparkplugSettings
 
+PATIENCE_S = 120.0
+
 
 @dataclass
 class ScriptedBench:
@@ -20,6 +22,7 @@ class ScriptedBench:
     alive: bool = True
     counting: bool = False
     counted: int = 0
+    reads: int = 0
     notes: list[str] = field(default_factory=list)
     _lock: threading.Lock = field(default_factory=threading.Lock)
 
@@ -43,7 +46,15 @@ class ScriptedBench:
             self.put("input", "Speed/Value", float(self.counted))
         with self._lock:
             values = {device: dict(found) for device, found in self.values.items()}
+            self.reads += 1
         return Readings(values, self.alive)
+
+    def taken(self) -> None:
+        """Wait until the publisher has read what is set, and sent or kept it."""
+        enough, deadline = self.reads + 2, time.monotonic() + PATIENCE_S
+        while self.reads < enough:
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
 
     def publisher(self, folder: Path, *brokers: str, **settings: Any) -> Publisher:
         """Return a publisher of this bench that samples ten times a second."""

@@ -40,7 +40,7 @@ class ModbusDrivePeer:
 
     def __enter__(self) -> Self:
         self._thread.start()
-        assert self._ready.wait(10.0)
+        assert self._ready.wait(120.0)
         return self
 
     def __exit__(

@@ -46,6 +46,10 @@ class Motor:
         self.look()
         self._fed = time.monotonic()
 
+    def starve(self, duration_s: float) -> None:
+        """Behave as if it had last been fed so much earlier."""
+        self._fed -= duration_s
+
     def power(self, on: bool) -> None:
         self.look()
         if on and not self.tripped and not self.on:

@@ -6,6 +6,7 @@ import errno
 import fcntl
 import functools
 import os
+import re
 import select
 import struct
 import subprocess
@@ -13,9 +14,12 @@ import sys
 import termios
 import time
 from collections.abc import Callable, Iterator
+from importlib import resources
 from pathlib import Path
 
 from tests.system.prepared_commands import PreparedCommands, RunningCommand
+
+from torquebench.bench.description import DEFAULT_BENCH
 
 COMMAND = str(Path(sys.executable).parent / "torquebench")
 TIMEOUT_S = 240.0
@@ -60,6 +64,20 @@ def laboratory(data: Path, *, people: str = "", policy: str = "state") -> None:
     named = f'[laboratory]\nname = "Lab"\ncity = "Ulm"\ncountry = "DE"\npeople = ["{people}"]\n'
     text = (named if people else "") + f'[policy]\nunreviewed = "{policy}"\n'
     (data / "laboratory.toml").write_text(text, encoding="utf-8")
+
+
+def patient_bench(folder: Path, safety: str = "") -> Path:
+    """Describe the simulated bench for real time on a busy computer, which may stand for seconds.
+
+    More lines of its section `[safety]` may be given.
+    """
+    text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
+    assert "[safety]" not in text
+    assert "watchdog_s" not in text
+    text = re.sub(r"^\[\w+\.drive\].*$", r"\g<0>\nwatchdog_s = 10", text, flags=re.MULTILINE)
+    bench = folder / "bench.toml"
+    bench.write_text(f"{text}\n[safety]\nstall_s = 60\n{safety}\n", encoding="utf-8")
+    return bench
 
 
 @contextlib.contextmanager

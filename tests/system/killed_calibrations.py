@@ -63,7 +63,7 @@ def main() -> None:
             os._exit(0)
         seen = 0
         if kind != "room":
-            deadline = time.monotonic() + 60.0
+            deadline = time.monotonic() + 600.0
             while acknowledged(data) < int(number) and time.monotonic() < deadline:
                 time.sleep(0.001)
             time.sleep(draw.uniform(0.0, 0.02))

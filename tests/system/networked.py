@@ -21,8 +21,16 @@ from torquebench.station import Station
 from torquebench.validation import validated
 
 ANY_PORT = "127.0.0.1:0"
-TIMEOUT_S = 0.8
-WATCHDOG_S = 1.2
+WATCHDOG_S = 10.0
+PATIENT_S = {"modbus": 20.0, "scpi": 20.0, "nidaqmx": 20.0}
+PATIENT_DRIVE_S = 4.9
+"""How long answers may take: a busy computer may stand for seconds. A drive's second try has to
+come before its watchdog, whose time is the longest that there is."""
+HASTY_S = {"modbus": 0.8, "scpi": 0.8, "nidaqmx": 0.6}
+HASTY_DRIVE_S = 0.3
+HASTY_COUNTER_S = 2.5
+"""The same where a test waits for answers that don't come; a counter is asked only once."""
+DRIVES = ("input_drive", "output_drive")
 PROBES = {
     "ambient": 0,
     "input_transducer": 1,
@@ -34,16 +42,16 @@ CAN_BUS = {"interface": "socketcand", "host": "127.0.0.1", "port": 0, "channel":
 
 
 def modbus(**keys: Any) -> dict[str, Any]:
-    return {"protocol": "modbus", "address": ANY_PORT, "timeout_s": TIMEOUT_S, **keys}
+    return {"protocol": "modbus", "address": ANY_PORT, **keys}
 
 
 def scpi(**keys: Any) -> dict[str, Any]:
-    return {"protocol": "scpi", "address": ANY_PORT, "timeout_s": TIMEOUT_S, **keys}
+    return {"protocol": "scpi", "address": ANY_PORT, **keys}
 
 
 def scpi_counter() -> dict[str, Any]:
     channels = {"input_torque": ANY_PORT, "output_torque": ANY_PORT}
-    return {"protocol": "scpi", "channels": channels, "timeout_s": TIMEOUT_S}
+    return {"protocol": "scpi", "channels": channels}
 
 
 def canopen() -> dict[str, Any]:
@@ -58,7 +66,6 @@ def daqmx() -> dict[str, Any]:
         "channels": {"input_torque": "Dev1/ctr0", "output_torque": "Dev1/ctr1"},
         "encoders": {"input": "Dev1/ctr2", "output": "Dev1/ctr3"},
         "clock": "Dev1/ctr4",
-        "timeout_s": 0.6,
     }
 
 
@@ -79,7 +86,7 @@ def described(**sections: Any) -> BenchDescription:
     values = tomllib.loads(text)
     values["bench"] |= {"driver": "instruments", "name": "Networked bench"}
     values["output"]["drive"]["serial"] = "402005"
-    for side in ("input", "output"):  # so that answers may take their time on a busy computer
+    for side in ("input", "output"):
         values[side]["drive"]["watchdog_s"] = WATCHDOG_S
     angles = {"angles": modbus(registers={"input": 0, "output": 2})}
     if sections.get("counter", {}).get("protocol") == "nidaqmx":
@@ -93,13 +100,44 @@ def described(**sections: Any) -> BenchDescription:
         "output_drive": canopen(),
         "reference": scpi(),
         "temperature": modbus(probes=PROBES, interval_s=0.0),
-        "modes": modbus(travel_s=0.3),
-        "clamp": modbus(travel_s=0.3),
+        "modes": modbus(),
+        "clamp": modbus(),
         **sections,
     }
     chosen = values["driver"]
-    values["driver"] = {key: section for key, section in chosen.items() if section is not None}
+    values["driver"] = {
+        key: waiting(key, section, PATIENT_DRIVE_S, PATIENT_S) | section
+        for key, section in chosen.items()
+        if section is not None
+    }
     return validated(BenchDescription, values, "networked.toml")
+
+
+def waiting(
+    key: str, section: dict[str, Any], drive_s: float, others_s: dict[str, float]
+) -> dict[str, float]:
+    """Return how long a section's instrument may take to answer, as the section states it."""
+    if key in DRIVES:
+        return {"timeout_s": drive_s}
+    protocol = section.get("protocol")
+    return {"timeout_s": others_s[protocol]} if protocol in others_s else {}
+
+
+def hasty(
+    description: BenchDescription, *keys: str, drive_s: float = HASTY_DRIVE_S
+) -> BenchDescription:
+    """Return a description whose client soon takes an answer or a travel for lost.
+
+    Only those instruments are meant whose sections are named, if any are.
+    """
+    driver = dict(description.driver)
+    for key in keys or tuple(driver):
+        driver[key] = driver[key] | waiting(key, driver[key], drive_s, HASTY_S)
+        if key in ("modes", "clamp"):
+            driver[key] = driver[key] | {"travel_s": 0.3}
+        if key == "counter":
+            driver[key] = driver[key] | {"timeout_s": HASTY_COUNTER_S}
+    return description.model_copy(update={"driver": driver})
 
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "networked.toml"
@@ -117,10 +155,32 @@ def free_ports(count: int) -> list[int]:
     return ports
 
 
+def patient_example(text: str) -> str:
+    """Return the example with time for a busy computer, in the drives' watchdogs above all."""
+    text = re.sub(r"^watchdog_s = .*$\n", "", text, flags=re.MULTILINE)
+    text = re.sub(
+        r"^\[(input|output)\.drive\]$",
+        rf"\g<0>\nwatchdog_s = {WATCHDOG_S}",
+        text,
+        flags=re.MULTILINE,
+    )
+    text = re.sub(r"^stall_s = .*$", "stall_s = 60.0", text, flags=re.MULTILINE)
+    sections = tomllib.loads(text)["driver"]
+    for key, section in sections.items():
+        for name, value in waiting(key, section, PATIENT_DRIVE_S, PATIENT_S).items():
+            text = re.sub(
+                rf"^\[driver\.{key}\].*$", rf"\g<0>\n{name} = {value}", text, flags=re.MULTILINE
+            )
+    return text
+
+
 @contextlib.contextmanager
-def simulating(folder: Path, *options: str) -> Iterator[tuple[Path, SimulationControl]]:
+def simulating(
+    folder: Path, *options: str, patient: bool = True
+) -> Iterator[tuple[Path, SimulationControl]]:
     """Run `torquebench simulate` on the networked example, on ports that nobody else has.
 
+    It has time for a busy computer unless a test waits for answers that don't come.
     Yields the bench's description and the simulators' control.
     """
     text = EXAMPLE.read_text(encoding="utf-8")
@@ -128,6 +188,7 @@ def simulating(folder: Path, *options: str) -> Iterator[tuple[Path, SimulationCo
     for used, port in zip(known, free_ports(len(known)), strict=True):
         text = re.sub(rf"\b{used}\b", str(port), text)
     bench = folder / "networked.toml"
+    text = patient_example(text) if patient else text
     bench.write_text(text, encoding="utf-8")
     with started("simulate", "--bench", bench, *options, cwd=folder) as process:
         assert process.stdout is not None

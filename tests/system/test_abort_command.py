@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tests.system.command_line import at_terminal, run, started, wait_until
+from tests.system.command_line import at_terminal, patient_bench, run, started, wait_until
 
 from torquebench.records import RunFolder
 
@@ -22,11 +22,12 @@ def points_of(folder: Path) -> int:
 def test_an_interrupted_calibration(
     sent: signal.Signals, code: int, reason: str, tmp_path: Path
 ) -> None:
-    options = ("--real-time", "--step-percent", 10, "--data", "data")
+    bench = patient_bench(tmp_path)
+    options = ("--real-time", "--step-percent", 10, "--data", "data", "--bench", bench)
     with started("calibrate", "output", *options, cwd=tmp_path) as process:
         wait_until(lambda: points_of(tmp_path) >= 2, "the first point")
         process.send_signal(sent)
-        output, messages = process.communicate(timeout=60)
+        output, messages = process.communicate(timeout=240)
     assert process.returncode == code, messages
     assert "Traceback" not in output + messages
     assert "without torque" in messages
@@ -51,7 +52,7 @@ def test_measuring_ends_cleanly(tmp_path: Path) -> None:
         assert process.stdout is not None
         first = process.stdout.readline()
         process.send_signal(signal.SIGINT)
-        _, messages = process.communicate(timeout=60)
+        _, messages = process.communicate(timeout=240)
     assert "rpm" in first
     assert process.returncode == 0, messages
     assert "measuring ended" in messages
@@ -59,7 +60,8 @@ def test_measuring_ends_cleanly(tmp_path: Path) -> None:
 
 
 def test_ctrl_c_at_a_terminal_ends_a_demo(tmp_path: Path) -> None:
-    options = ("--quick", "--real-time", "--data", "data", "--out", "x.html")
+    bench = patient_bench(tmp_path)
+    options = ("--quick", "--real-time", "--data", "data", "--out", "x.html", "--bench", bench)
     code, shown = at_terminal("demo", *options, cwd=tmp_path, dialogue=[("3/45", "\x03")])
     assert code == 130, shown
     assert "without torque" in shown

@@ -10,7 +10,15 @@ from typing import Any
 import pytest
 from tests.peers.cia402_node import Cia402Peer
 from tests.system.command_line import run, started
-from tests.system.networked import CAN_BUS, canopen, described, simulating
+from tests.system.networked import (
+    CAN_BUS,
+    DRIVES,
+    WATCHDOG_S,
+    canopen,
+    described,
+    hasty,
+    simulating,
+)
 from tests.system.test_station_runs import staircase
 from tests.watching import Watching
 
@@ -82,12 +90,12 @@ def test_a_drive_that_is_slow_to_get_ready_is_waited_for(
 def test_a_fault_is_reset_by_each_enable(wired: tuple[Simulators, str, Any]) -> None:
     simulators, key, drive = wired
     motor = simulators.plant.bench.drives[key.removesuffix("_drive")]  # type: ignore[index]
+    simulators.plant.time = "on-demand"
     for _ in range(2):
         drive.enable()
         assert drive.state().enabled
-        deadline = time.monotonic() + PATIENCE_S  # and nobody feeds it
-        while motor.state().enabled and time.monotonic() < deadline:
-            time.sleep(0.01)
+        simulators.plant.require(simulators.plant.now_s + 1.1 * WATCHDOG_S, PATIENCE_S)
+        assert not motor.state().enabled, "nobody has fed it"
         assert "watchdog" in drive.state().fault
     drive.enable()
     assert drive.state().enabled
@@ -112,12 +120,12 @@ def test_the_reset_bit_of_a_foreign_drive_rises_although_it_was_high() -> None:
 def test_one_lost_answer_is_no_alarm(tmp_path: Path) -> None:
     with (
         Simulators(described()) as simulators,
-        Station.open(simulators.description, tmp_path) as station,
+        Station.open(hasty(simulators.description, *DRIVES, drive_s=1.0), tmp_path) as station,
     ):
         lost: list[str] = []
 
         def lose() -> None:
-            for key in ("input_drive", "output_drive"):
+            for key in DRIVES:
                 simulators.misbehaviour.start(key, "drop", replies=1)
                 lost.append(key)
 
@@ -133,7 +141,7 @@ def test_the_second_try_comes_before_the_watchdog() -> None:
     assert drive_timeout(None, 20.0, "driver.output_drive") == 0.3
     with pytest.raises(InputError, match=r"driver.output_drive.timeout_s = 0.5 s"):
         drive_timeout(0.5, 0.5, "driver.output_drive")
-    section = {"protocol": "modbus", "address": "127.0.0.1:9", "timeout_s": 1.0}
+    section = {"protocol": "modbus", "address": "127.0.0.1:9", "timeout_s": 5.0}
     with pytest.raises(InputError, match="half of the drive's watchdog_s"):
         open_role(described(input_drive=section), "input_drive")
 
@@ -144,9 +152,13 @@ def test_a_busy_modbus_server_is_asked_again(wired: tuple[Simulators, str, Any])
         return  # CANopen knows no such answer
     simulators.misbehaviour.start(key, "busy", replies=3)
     assert not drive.state().enabled
+    impatient = open_role(hasty(simulators.description), key)
     simulators.misbehaviour.start(key, "busy")
-    with pytest.raises(BenchError, match=r"is busy \(exception 6\)"):
-        drive.state()
+    try:
+        with pytest.raises(BenchError, match=r"is busy \(exception 6\)"):
+            impatient.state()
+    finally:
+        impatient.close()
 
 
 def test_errors_that_were_there_before_are_not_the_commands(tmp_path: Path) -> None:
@@ -157,7 +169,7 @@ def test_errors_that_were_there_before_are_not_the_commands(tmp_path: Path) -> N
         with socket.create_connection((host, int(port))) as somebody:
             somebody.sendall(b"NONSENSE\nMORE:NONSENSE\n*OPC?\n")
             somebody.recv(100)
-            link = ScpiLink("counter", address, timeout_s=2.0)
+            link = ScpiLink("counter", address, timeout_s=PATIENCE_S)
             try:
                 link.command("CONF:FREQ")
                 somebody.sendall(b"NONSENSE\n*OPC?\n")  # from the front panel, meanwhile
@@ -170,7 +182,7 @@ def test_errors_that_were_there_before_are_not_the_commands(tmp_path: Path) -> N
 
 
 def test_an_instrument_that_falls_silent_prints_no_traceback(tmp_path: Path) -> None:
-    with simulating(tmp_path) as (bench, control):
+    with simulating(tmp_path, patient=False) as (bench, control):
         command = ("calibrate", "output", "--bench", bench, "--data", "data", "--yes")
         with started(*command, cwd=tmp_path) as process:
             deadline = time.monotonic() + PATIENCE_S
@@ -197,7 +209,7 @@ def test_doctor_is_not_ready_where_a_drives_status_cannot_be_read(tmp_path: Path
         found = {each.what: each for each in instruments(simulators.description, tmp_path)}
         assert found["input drive"].state == "problem"
         assert "reports nan N·m" in found["input drive"].found
-    with simulating(tmp_path) as (bench, control):
+    with simulating(tmp_path, patient=False) as (bench, control):
         control.ask("misbehave", endpoint="output_drive", kind="drop")
         checked = run("doctor", "--bench", bench, cwd=tmp_path)
         assert checked.returncode == 1

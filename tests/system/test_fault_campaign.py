@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from benchmarks import faults
+from benchmarks import faults, network_faults
 from benchmarks.fault_bench import KINDS
 from benchmarks.fault_judging import Outcome, differing
 from benchmarks.fault_procedures import PROCEDURES
@@ -21,12 +21,14 @@ from benchmarks.network_faults import (
     SLOW,
     WireFault,
     drawn_wires,
+    networked,
     one_wire_fault,
     time_to_rest,
     wire_faults,
 )
 from benchmarks.phase_faults import PHASE_FAULTS, PHASE_KINDS, PHASES
 
+from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
 from torquebench.campaign.reducers.results import ReducerTestQuantity
 from torquebench.errors import BenchError
@@ -177,7 +179,25 @@ def test_an_instrument_that_does_not_answer_leaves_nothing_wrong(
     assert outcome.wall_s <= AT_REST_S
 
 
-def test_an_instrument_that_fails_once_is_no_reason_to_stop(tmp_path: Path) -> None:
+def test_an_instrument_that_fails_once_is_no_reason_to_stop(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def patient(seed: int, time: Any) -> BenchDescription:  # a busy computer fails nothing itself
+        description = networked(seed, time)
+        driver = {
+            key: section | {"timeout_s": 20.0}
+            if not key.endswith("_drive") and key != "simulation"
+            else section
+            for key, section in description.driver.items()
+        }
+        changed: dict[str, Any] = {"driver": driver}
+        for side in ("input", "output"):
+            module = description.module(side)
+            drive = module.drive.model_copy(update={"watchdog_s": 10.0})
+            changed[side] = module.model_copy(update={"drive": drive})
+        return description.model_copy(update=changed)
+
+    monkeypatch.setattr(network_faults, "networked", patient)
     fault = WireFault("input_drive", "drop once")
     draw = np.random.default_rng(1)
     outcome = one_wire_fault(fault, procedure("verify input"), 1, tmp_path, draw)

@@ -21,7 +21,7 @@ from torquebench.bench.drivers.instruments import open_role
 from torquebench.errors import BenchError, LimitError
 
 PEERS = Path(__file__).resolve().parents[1] / "peers"
-LONGEST_S = 10.0
+LONGEST_S = 120.0
 
 
 def test_they_know_nothing_of_torquebench() -> None:
@@ -97,6 +97,8 @@ def test_a_drive_that_is_not_fed_goes_off_and_comes_back(
     motor, drive = motor_and_drive
     drive.enable()
     drive.command_torque(5.0, 100.0)
+    assert drive.state().enabled
+    motor.starve(WATCHDOG_S)
     wait_for(lambda: not drive.state().enabled)
     assert not motor.on
     assert "watchdog" in drive.state().fault
@@ -169,20 +171,24 @@ def test_a_read_out_states_every_sample_once() -> None:
         try:
             assert isinstance(readout, Identified)
             assert readout.identity().model == "amplifier of its own"
+            before = time.monotonic()
+            for side in ("input", "output"):
+                readout.read(side, 0.0, 0.0)
             begun = time.monotonic()
             parts = {"input": [], "output": []}  # type: ignore[var-annotated]
             for block in range(1, 9):
                 time.sleep(0.05)
+                asked = time.monotonic()
                 for side in ("input", "output"):
                     parts[side].append(readout.read(side, 0.05 * block, 0.05 * block))
-            passed = (time.monotonic() - begun) / 0.01
+            least, most = (asked - begun) / 0.01, (time.monotonic() - before) / 0.01
         finally:
             readout.close()
     for side, sign in (("input", 1.0), ("output", -1.0)):
         torque = np.concatenate([part.torque_nm for part in parts[side]])
         time_s = np.concatenate([part.time_s for part in parts[side]])
         np.testing.assert_allclose(torque, sign * 12.5)
-        assert 0.8 * passed - 3 <= torque.size <= passed + 3
+        assert 0.8 * least - 3 <= torque.size <= most + 3
         assert np.all(np.diff(time_s) > 0.0)
 
 

@@ -5,6 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 from selenium.webdriver.common.by import By
+from tests.system.command_line import patient_bench
 from tests.system.panel_browser import SLOW, Panel, Visitor, browser, running_panel
 
 pytestmark = SLOW
@@ -13,7 +14,9 @@ STRIP = ".job-strip"
 
 @pytest.fixture(scope="module")
 def panel(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Panel]:
-    with running_panel(tmp_path_factory.mktemp("panel")) as panel:  # in real time: it takes a while
+    folder = tmp_path_factory.mktemp("panel")
+    bench = ("--bench", patient_bench(folder).name)  # in real time: a job takes a while
+    with running_panel(folder, *bench) as panel:
         yield panel
 
 
@@ -80,7 +83,7 @@ def test_a_page_that_was_left_takes_no_message_from_the_next(person: Visitor) ->
     begin(person)
     person.open("/alarms")
     abort(person)
-    person.sees("Calibration: aborted", seconds=60.0)
+    person.sees("Calibration: aborted")
     dismiss(person)
 
 

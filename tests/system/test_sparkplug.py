@@ -102,7 +102,7 @@ def test_a_full_buffer_says_how_much_is_lost(tmp_path: Path) -> None:
         with bench.publisher(tmp_path, server.url, buffer_mb=0.1):
             for number in range(5):
                 bench.put(NODE, "Bench/Name", f"{number}" * 40_000)
-                time.sleep(0.25)
+                bench.taken()
         server.start()
         with host(server.port) as scada, bench.publisher(tmp_path, server.url, buffer_mb=0.1):
             birth = scada.until_kind("NBIRTH")

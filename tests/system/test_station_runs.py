@@ -347,7 +347,7 @@ def test_a_registry_that_fails_costs_no_run_and_catches_up_visibly(station: Stat
         assert station.queue.waiting == 2
         assert station.registry.runs() == []
         database.execute("DROP TRIGGER full")
-    deadline = time.monotonic() + 20.0
+    deadline = time.monotonic() + 120.0
     while station.alarms and time.monotonic() < deadline:
         time.sleep(0.02)
     assert station.alarms == ()
@@ -380,7 +380,7 @@ def test_a_signal_that_fails_meanwhile_ends_the_run_as_failed(station: Station) 
 
     with pytest.raises(SignalFault, match="output_torque"):
         station.run(plan(), kind="measure")
-    assert station.supervisor.wait_safe(5.0)
+    assert station.supervisor.wait_safe(60.0)
     assert torque_off(station)
     (summary,) = station.registry.runs()
     assert summary.status == "failed"
