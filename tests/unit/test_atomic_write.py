@@ -150,7 +150,7 @@ class TestSpecialFiles:
         reader = threading.Thread(target=lambda: read.append(pipe.read_bytes()))
         reader.start()
         atomic_write(name, "content")
-        reader.join(20.0)
+        reader.join(120.0)
         assert read == [b"content"]
         assert stat.S_ISFIFO(pipe.stat().st_mode)
 

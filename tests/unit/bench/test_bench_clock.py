@@ -97,7 +97,7 @@ def test_what_safety_requires_goes_on_although_a_loop_hangs() -> None:
     async def hangs() -> float:
         await clock.sleep(BLOCK_S)
         clock.require(1.0)
-        deadline = time.monotonic() + 5.0
+        deadline = time.monotonic() + 120.0
         while clock.now() < 1.0 and time.monotonic() < deadline:
             time.sleep(0.001)
         return clock.now()
@@ -143,9 +143,9 @@ def test_an_interruption_reaches_threads_that_wait() -> None:
 
     thread = threading.Thread(target=wait)
     thread.start()
-    assert clock.wait_for_demand(5.0)
+    assert clock.wait_for_demand(120.0)
     clock.interrupt(LimitError("too much"))
-    thread.join(5.0)
+    thread.join(120.0)
     assert len(caught) == 1
 
 

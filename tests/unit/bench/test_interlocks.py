@@ -65,7 +65,7 @@ def test_no_speed_beyond_the_limit(bench: LowBench, value: float) -> None:
 
 def test_nothing_moves_while_an_alarm_is_latched(bench: LowBench) -> None:
     ready(bench).supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
-    assert bench.supervisor.wait_safe(10.0)
+    assert bench.supervisor.wait_safe(60.0)
     for refused in (
         lambda: interlocks.check_torque(bench.state, "output", 1.0),
         lambda: interlocks.check_speed(bench.state, "output", 1.0),
