@@ -75,7 +75,7 @@ PHASES: dict[str, tuple[Any, str, int]] = {
 EVENTS = ("killed", "disk full", "database restarts")
 DOWN_S = 2.0
 """How long a restart of the database takes, s."""
-LONGEST_S = 120.0
+LONGEST_S = 250.0
 LATE_S = 0.05
 """How long after the beginning of its phase something happens at most, s."""
 

@@ -214,7 +214,7 @@ def test_simulate_serves_and_doctor_finds_everything_well(tmp_path: Path) -> Non
             assert text in words
     finally:
         serving.send_signal(signal.SIGINT)
-        _, said = serving.communicate(timeout=100)
+        _, said = serving.communicate(timeout=240)
     assert serving.returncode == 0
     assert "simulators ended" in said
 

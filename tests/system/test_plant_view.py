@@ -96,7 +96,7 @@ def test_a_password_is_asked_for_where_others_can_read(reader: str) -> None:
         text=True,
         env=environment(),
         cwd="/",
-        timeout=60,
+        timeout=240,
         check=False,
     )
     assert done.returncode == 2

@@ -31,7 +31,7 @@ def test_the_comparison_of_models_stays_on_the_page(width: int, tmp_path: Path) 
         capture_output=True,
         text=True,
         check=True,
-        timeout=120,
+        timeout=240,
     )
     beyond = re.search(r"<title>beyond (-?\d+)", shown.stdout)
     assert beyond is not None
