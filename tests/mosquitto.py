@@ -18,7 +18,7 @@ import paho.mqtt.client as mqtt
 from esio_spb_builder.core import sparkplug_b_pb2 as foreign
 from paho.mqtt.enums import CallbackAPIVersion
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 def program() -> str | None:

@@ -101,7 +101,7 @@ def test_wrong_arguments_are_explained_as_in_files(admin: httpx.Client) -> None:
 
 def test_a_stream_of_live_rows_has_no_gap(server: Server, people: dict[str, httpx.Client]) -> None:
     token = people["plant"].headers["Authorization"].removeprefix("Bearer ")
-    with connect(server.url.replace("http", "ws") + "/api/v1/stream") as socket:
+    with connect(server.url.replace("http", "ws") + "/api/v1/stream", open_timeout=200) as socket:
         socket.send(json.dumps({"token": token, "signals": ["output_raw_nm"]}))
         first = json.loads(socket.recv(timeout=200))
         second = json.loads(socket.recv(timeout=200))
@@ -113,7 +113,7 @@ def test_a_stream_of_live_rows_has_no_gap(server: Server, people: dict[str, http
     "message", ["", "{}", '{"token": "x"}', '{"token": "tb_x"}', "[" * 1000, '{"rate": 1e9}']
 )
 def test_a_stream_without_a_token_ends_at_once(server: Server, message: str) -> None:
-    with connect(server.url.replace("http", "ws") + "/api/v1/stream") as socket:
+    with connect(server.url.replace("http", "ws") + "/api/v1/stream", open_timeout=200) as socket:
         socket.send(message)
         with pytest.raises(ConnectionClosed) as closed:
             socket.recv(timeout=200)
@@ -123,7 +123,7 @@ def test_a_stream_without_a_token_ends_at_once(server: Server, message: str) -> 
 
 def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) -> None:
     olga, plant, chief = people["Olga"], people["plant"], people["Max"]
-    started = olga.post("/start/calibrate", json={"side": "output"})
+    started = olga.post("/start/calibrate", json={"side": "output", "step_percent": 2})
     assert started.status_code == 202
     job = started.json()["job_id"]
     assert plant.get("/command").json()["holder"] == "Olga"
@@ -174,7 +174,7 @@ def test_a_stop_waits_for_no_other_request(
 
 def test_a_job_is_paused_resumed_and_aborted(people: dict[str, httpx.Client]) -> None:
     olga = people["Olga"]
-    job = olga.post("/start/calibrate", json={"side": "output"}).json()["job_id"]
+    job = olga.post("/start/calibrate", json={"side": "output", "step_percent": 2}).json()["job_id"]
     _wait(lambda: olga.get(f"/jobs/{job}/points").json())
     assert olga.post(f"/jobs/{job}/pause").status_code == 200
     _wait(lambda: olga.get(f"/jobs/{job}").json()["state"] == "paused")
@@ -285,7 +285,7 @@ def test_answers_carry_security_headers(server: Server, admin: httpx.Client) -> 
     api = admin.get("/bench").headers
     assert api["content-security-policy"].startswith("default-src 'none'")
     assert api["cache-control"] == "no-store"
-    page = httpx.get(server.url, follow_redirects=True).headers
+    page = httpx.get(server.url, follow_redirects=True, timeout=200).headers
     for headers in (api, page):
         assert headers["x-frame-options"] == "DENY"
         assert headers["x-content-type-options"] == "nosniff"

@@ -209,7 +209,7 @@ def test_what_happens_is_told_to_whoever_listens(server: Server, admin: httpx.Cl
                     if over():
                         return
 
-            job = await other.start("calibrate", side="output")
+            job = await other.start("calibrate", side="output", step_percent=2.0)
             listening = asyncio.create_task(listen())
             await ready.wait()
             await other.stop("a noise")
@@ -292,7 +292,7 @@ def test_a_job_that_fails_is_an_error_with_its_reason(max_: Client) -> None:
             max_.stop("a noise again")
 
     with pytest.raises(JobError, match="a noise again") as failed:
-        max_.run("calibrate", stop, side="output")
+        max_.run("calibrate", stop, side="output", step_percent=2.0)
     assert failed.value.job["state"] == "failed"
     for _ in range(2000):
         try:

@@ -12,7 +12,15 @@ import psutil
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
-from tests.system.panel_browser import PEOPLE, SLOW, Panel, Visitor, browser, running_panel
+from tests.system.panel_browser import (
+    PATIENCE_S,
+    PEOPLE,
+    SLOW,
+    Panel,
+    Visitor,
+    browser,
+    running_panel,
+)
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
@@ -188,12 +196,12 @@ def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -
         token = driver.find_element(By.TAG_NAME, "code").text
         bench = f"{person.panel.url}/api/v1/bench"
         headers = {"Authorization": f"Bearer {token}"}
-        assert httpx.get(bench, headers=headers).status_code == 200
+        assert httpx.get(bench, headers=headers, timeout=PATIENCE_S).status_code == 200
         person.press("Revoke")
         person.sees("from now on and for good")
         driver.find_element(By.CSS_SELECTOR, ".sheet .danger").click()
         person.sees("No program has a token.")
-        assert httpx.get(bench, headers=headers).status_code == 401
+        assert httpx.get(bench, headers=headers, timeout=PATIENCE_S).status_code == 401
         person.press("Log")
         person.sees("revoked a client")
         person.wait(lambda: driver.execute_script("return !!document.querySelector('time').title"),
@@ -211,7 +219,9 @@ def test_tokens_and_the_log_have_pages_with_the_readers_clock(person: Visitor) -
 
 def test_pages_load_nothing_from_elsewhere(person: Visitor) -> None:
     for path in (*PATHS, "/sign-in", "/nowhere", "/panel/static/panel.js"):
-        policy = httpx.get(person.panel.url + path).headers["Content-Security-Policy"]
+        policy = httpx.get(person.panel.url + path, timeout=PATIENCE_S).headers[
+            "Content-Security-Policy"
+        ]
         parts = {part.split()[0]: set(part.split()[1:]) for part in policy.split(";")}
         assert parts["default-src"] == parts["connect-src"] == {"'self'"}
         compiled = {"'unsafe-inline'", "'unsafe-eval'"} if path in PATHS else set()
@@ -503,8 +513,8 @@ def test_a_deactivated_person_is_sent_away_and_a_page_number_alone_opens_nothing
     query = "return new URLSearchParams(socket.io.opts.query).toString()"
     address = f"ws{panel.url.removeprefix('http')}/_nicegui_ws/socket.io/?EIO=4&transport=websocket"
     with pytest.raises(InvalidStatus):
-        connect(f"{address}&{stranger.driver.execute_script(query)}")
-    with httpx.Client(base_url=f"{panel.url}/api/v1") as admin:
+        connect(f"{address}&{stranger.driver.execute_script(query)}", open_timeout=PATIENCE_S)
+    with httpx.Client(base_url=f"{panel.url}/api/v1", timeout=PATIENCE_S) as admin:
         given = {"name": "Admin", "password": PEOPLE["Admin"][1]}
         token = admin.post("/session", json=given).json()["token"]
         admin.headers["Authorization"] = f"Bearer {token}"

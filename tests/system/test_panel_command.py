@@ -10,7 +10,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes, serialization
 from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
-from tests.system.command_line import run
+from tests.system.command_line import TIMEOUT_S, run
 from tests.system.panel_api import administrator, serving
 
 from torquebench.errors import InputError
@@ -67,10 +67,14 @@ def test_a_network_in_clear_is_warned_of_and_answers_to_its_own_names_only(tmp_p
         url = server.url.replace("0.0.0.0", "127.0.0.1")
         stop = {"X-Torquebench": "panel"}
         for name in ("127.0.0.1", "192.0.2.7", "localhost", "bench-7.example", "BENCH-7.example"):
-            answer = httpx.get(f"{url}/sign-in", headers={"Host": f"{name}:8080"})
+            answer = httpx.get(
+                f"{url}/sign-in", headers={"Host": f"{name}:8080"}, timeout=TIMEOUT_S
+            )
             assert answer.status_code == 200
         for name in ("evil.example", "127.0.0.1.evil.example", "0x7f000001"):
-            asked = httpx.post(f"{url}/panel/stop", headers=stop | {"Host": f"{name}:8080"})
+            asked = httpx.post(
+                f"{url}/panel/stop", headers=stop | {"Host": f"{name}:8080"}, timeout=TIMEOUT_S
+            )
             assert asked.status_code == 403
         server.process.send_signal(signal.SIGTERM)
         said = " ".join("".join(server.process.communicate(timeout=240)).split())

@@ -11,7 +11,7 @@ import httpx
 import pytest
 from tests import postgresql_server
 from tests.plant_bench import filled
-from tests.system.command_line import COMMAND, environment
+from tests.system.command_line import COMMAND, TIMEOUT_S, environment
 
 from torquebench.plant import Plant, forward
 from torquebench.records import Registry
@@ -48,7 +48,7 @@ def served(*options: str, **changes: str) -> Iterator[str]:
 
 
 def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
-    with served("--plant", reader) as url, httpx.Client(base_url=url) as browser:
+    with served("--plant", reader) as url, httpx.Client(base_url=url, timeout=TIMEOUT_S) as browser:
         first = browser.get("/")
         assert first.status_code == 200
         assert "2 Bench &lt;1&gt;" in first.text
@@ -85,10 +85,10 @@ def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
 
 def test_a_password_is_asked_for_where_others_can_read(reader: str) -> None:
     with served("--plant", reader, TORQUEBENCH_VIEW_PASSWORD="secret") as url:
-        assert httpx.get(url).status_code == 401
-        assert httpx.get(url, auth=("anybody", "wrong")).status_code == 401
-        assert httpx.get(url, auth=("anybody", "secret")).status_code == 200
-        assert httpx.get(f"{url}/runs.csv").status_code == 401
+        assert httpx.get(url, timeout=TIMEOUT_S).status_code == 401
+        assert httpx.get(url, auth=("anybody", "wrong"), timeout=TIMEOUT_S).status_code == 401
+        assert httpx.get(url, auth=("anybody", "secret"), timeout=TIMEOUT_S).status_code == 200
+        assert httpx.get(f"{url}/runs.csv", timeout=TIMEOUT_S).status_code == 401
     command = [COMMAND, "plant", "view", "--host", "0.0.0.0", "--insecure-network", "--port", "0"]
     done = subprocess.run(
         [*command, "--plant", reader],

@@ -116,7 +116,7 @@ def conditions(client: Any) -> dict[str, Any]:
     said: dict[str, Any] = {"refreshed": call(client, *CONDITION_REFRESH, number)[0]}
 
     def wait(wanted: Callable[[dict[str, Any]], bool]) -> dict[str, Any]:
-        for _ in range(300):
+        for _ in range(1200):
             if found := next(filter(wanted, list(events)), None):
                 return found
             time.sleep(0.1)
