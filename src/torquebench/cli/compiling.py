@@ -60,19 +60,26 @@ def fits_compiled_ahead() -> Iterator[None]:
 
 
 def compile_fits() -> None:
-    """Fit the demo's models to a few points and take one reading through each: both compile.
+    """Count a few edges, fit the demo's models to a few points, take a reading through each.
 
-    A bench that is acquiring meanwhile goes first.
+    That compiles the kernels: the counter's first, because a simulated bench needs it right after
+    its own. A bench that acquires meanwhile goes first.
     """
     with contextlib.suppress(AttributeError):  # no niceness on Windows
         os.nice(10)
     import numpy as np
 
     from torquebench.bench.active_chain import ActiveChain
+    from torquebench.bench.description import default_bench
     from torquebench.calibration import CalibrationData
     from torquebench.campaign.demo import DemoSettings
     from torquebench.campaign.fitting import fit_models
+    from torquebench.signals import EdgeBlock, FrequencyCounter
 
+    counting = default_bench().counter
+    counter = FrequencyCounter(counting.method, counting.window_s, counting.timebase_hz)
+    stop_tick = 2 * counter.window_ticks
+    counter.push(EdgeBlock(np.arange(0, stop_tick, 1600), 0, stop_tick, counting.timebase_hz))
     rising = np.linspace(0.1, 1.0, 10)
     torque_nm = np.concatenate((rising, rising[::-1], -rising, -rising[::-1]))
     branch = np.tile(np.repeat([1, -1], 10), 2)

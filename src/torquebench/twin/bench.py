@@ -128,6 +128,13 @@ class BenchTwin:
         for channel in ("input_torque", "output_torque"):
             self._sources[channel].begin(self._zero_hz(channel))
         self._settle_plant()
+        self._compile()
+
+    def _compile(self) -> None:
+        """Compile the largest kernel, by a run of no steps, while nothing waits for a block."""
+        self._run_into = simulation.record(0)
+        self._catch_up()
+        self._run_into = None
 
     # Data known to a bench --------------------------------------------------------------
     @property
