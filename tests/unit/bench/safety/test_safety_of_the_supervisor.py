@@ -127,7 +127,8 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
         bench.load_output(100.0)
         bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")
         assert not bench.supervisor.wait_safe(PATIENCE_S)
-        assert not deaf["output"].drive.state().enabled, "its watchdog wasn't fed"
+        off = comes(lambda: not deaf["output"].drive.state().enabled)
+        assert off, "its watchdog wasn't fed"
         with pytest.raises(InterlockError, match="state of the drive unknown"):
             bench.supervisor.acknowledge("A. Tester")
         for each in deaf.values():
