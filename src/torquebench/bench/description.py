@@ -253,6 +253,11 @@ class CounterDescription(_Section):
         """The counter and its clock: calibration and measurement must use the same ones."""
         return f"{self.serial}/{self.clock}"
 
+    def with_blocks(self, block_s: float) -> Self:
+        """Return it with blocks of as many whole windows as such a time holds, at least one."""
+        windows = max(1, int(block_s / self.window_s + 1e-9))
+        return self.model_copy(update={"block_s": windows * self.window_s})
+
     @model_validator(mode="after")
     def _whole_windows(self) -> Self:
         ratio = self.block_s / self.window_s

@@ -3,19 +3,24 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
+from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
 
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.finishing import (
     FinishedCalibration,
+    calibration_fit,
     finish_calibration,
     registers_calibration,
 )
-from torquebench.campaign.fitting import ModelChoice
+from torquebench.campaign.fitting import FittedModel, ModelChoice
 from torquebench.campaign.measuring import (
+    Measured,
     measure_calibration,
     measure_friction,
     measure_verification,
@@ -26,9 +31,9 @@ from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
 from torquebench.message import Message
-from torquebench.procedures import FrictionSettings
+from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records import REGISTERS
+from torquebench.records import REGISTERS, ModelEntry
 from torquebench.station import Station
 
 __all__ = ["DemoSettings", "run_demo"]
@@ -71,7 +76,11 @@ class DemoSettings:
 
 
 def run_demo(
-    station: Station, settings: DemoSettings | None = None, progress: Progress = NO_PROGRESS
+    station: Station,
+    settings: DemoSettings | None = None,
+    progress: Progress = NO_PROGRESS,
+    *,
+    pool: Executor | None = None,
 ) -> DemoResult:
     """Zero, calibrate, fit, verify both modules and sweep the friction of a mounted reducer.
 
@@ -83,11 +92,13 @@ def run_demo(
     settings : DemoSettings, optional
     progress : Progress
         Told every stage.
+    pool : concurrent.futures.Executor, optional
+        A process that fits while this one measures; without it, this one does both.
     """
     settings = settings or DemoSettings()
     started, clock_started = datetime.now(UTC), time.perf_counter()
     bench_started = station.clock.now()
-    modules = _modules(station, settings, progress)
+    modules = _modules(station, settings, progress, pool)
     friction = None
     if settings.friction is not None:
         station.activate_compensation("input")
@@ -108,37 +119,67 @@ def run_demo(
     )
 
 
-def _modules(station: Station, settings: DemoSettings, progress: Progress) -> list[ModuleResult]:
+def _modules(
+    station: Station, settings: DemoSettings, progress: Progress, pool: Executor | None
+) -> list[ModuleResult]:
     """Calibrate both modules before the standard is exchanged for the verifications."""
     choices = settings.choices()
     recommended = choices[0].name
     known = registers_calibration(choices, recommended)
-    profile = settings.calibration
-    measured = [
-        measure_calibration(station, side, profile, metadata=known, progress=progress)
-        for side in SIDES
-    ]
-    calibrated = [
-        finish_calibration(station.registry, item, profile, choices, recommended, progress)
-        for item in measured
-    ]
-    for item in calibrated:
-        entry = item.registered.models[recommended]
-        if entry.contradictions:
-            raise RecordError(
-                Message(
-                    "model-{model_id} isn't in use, because its calibration contradicts "
-                    "itself: {contradictions}",
-                    entry.model_id,
-                    Message.joined((each.found for each in entry.contradictions), "; "),
-                ),
-                "a plausible calibration",
-                "find the cause and calibrate again",
-            )
-    return [
-        _verify(station, settings, side, item, recommended, progress)
-        for side, item in zip(SIDES, calibrated, strict=True)
-    ]
+    profile, registry = settings.calibration, station.registry
+    measured: list[Measured[StaircaseResult]] = []
+    fits: list[Callable[[], list[FittedModel]]] = []
+    for side in SIDES:
+        item = measure_calibration(station, side, profile, metadata=known, progress=progress)
+        measured.append(item)
+        fit = calibration_fit(registry, item, profile, choices, progress)
+        fits.append(_begun(fit, Message("Fitting the {side} module", side), progress, pool))
+    modules = []
+    for side, item, fitted in zip(SIDES, measured, fits, strict=True):
+        calibrated = finish_calibration(
+            registry, item, profile, choices, recommended, progress, fitted=fitted()
+        )
+        _require_plausible(calibrated.registered.models[recommended])
+        modules.append(_verify(station, settings, side, calibrated, recommended, progress))
+    return modules
+
+
+def _begun(
+    fit: Callable[..., list[FittedModel]], title: str, progress: Progress, pool: Executor | None
+) -> Callable[[], list[FittedModel]]:
+    """Begin a fit in another process, if there is one, and return what waits for its result."""
+    here = partial(fit, progress=progress, title=title)
+    if pool is None:
+        return here
+    try:
+        future = pool.submit(fit)
+    except BrokenExecutor:
+        return here
+
+    def wait() -> list[FittedModel]:
+        progress.start(title, 1)
+        try:
+            fitted = future.result()
+        except BrokenExecutor:  # for want of memory, for instance
+            return here()
+        progress.finish()
+        return fitted
+
+    return wait
+
+
+def _require_plausible(entry: ModelEntry) -> None:
+    if entry.contradictions:
+        raise RecordError(
+            Message(
+                "model-{model_id} isn't in use, because its calibration contradicts "
+                "itself: {contradictions}",
+                entry.model_id,
+                Message.joined((each.found for each in entry.contradictions), "; "),
+            ),
+            "a plausible calibration",
+            "find the cause and calibrate again",
+        )
 
 
 def _verify(

@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
+from functools import partial
 from typing import Any
 
 from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
@@ -42,6 +43,7 @@ from torquebench.station import RunRecord, enter_run
 __all__ = [
     "Finished",
     "FinishedCalibration",
+    "calibration_fit",
     "discard_run",
     "find_unfinished",
     "finish_calibration",
@@ -104,6 +106,31 @@ def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> 
     return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
 
 
+def calibration_fit(
+    registry: Registry,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    choices: Sequence[ModelChoice],
+    progress: Progress = NO_PROGRESS,
+) -> partial[list[FittedModel]]:
+    """Return the fit of models to a calibration, to be called here or in another process.
+
+    It takes `progress` and `title` as `fit_models` does. The parameters are those of
+    `finish_calibration`.
+    """
+    data, run_id = measured.result.data, measured.record.run_id
+    return partial(
+        fit_models,
+        data,
+        choices,
+        effects=recorded_effects(measured.record.metadata, data),
+        limits=profile.plausibility,
+        before=registered_patiently(
+            registry, run_id, lambda: model_in_use(registry, data), progress
+        ),
+    )
+
+
 def finish_calibration(
     registry: Registry,
     measured: Measured[StaircaseResult],
@@ -113,6 +140,7 @@ def finish_calibration(
     progress: Progress = NO_PROGRESS,
     *,
     title: str = "",
+    fitted: Sequence[FittedModel] | None = None,
 ) -> FinishedCalibration:
     """Fit models to a calibration, register it with them, and put one into use.
 
@@ -130,6 +158,8 @@ def finish_calibration(
     progress : Progress
     title : str
         Of the stage of fitting.
+    fitted : sequence of FittedModel, optional
+        What `calibration_fit` has returned, if it was called before.
 
     Raises
     ------
@@ -137,16 +167,10 @@ def finish_calibration(
         The registry or the disk can't take it. Everything is measured: it can be finished later.
     """
     data, run_id = measured.result.data, measured.record.run_id
-    before = registered_patiently(registry, run_id, lambda: model_in_use(registry, data), progress)
-    fitted = fit_models(
-        data,
-        choices,
-        progress,
-        title=title or Message("Fitting the {side} module", data.side),
-        effects=recorded_effects(measured.record.metadata, data),
-        limits=profile.plausibility,
-        before=before,
-    )
+    if fitted is None:
+        fit = calibration_fit(registry, measured, profile, choices, progress)
+        title = title or Message("Fitting the {side} module", data.side)
+        fitted = fit(progress=progress, title=title)
     if any(item.contradictions for item in fitted if item.name == active):
         active = None
 

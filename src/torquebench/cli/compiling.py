@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import contextlib
+import multiprocessing
 import os
-import subprocess
+import signal
 import sys
 from collections.abc import Callable, Iterator
+from concurrent.futures import Executor, ProcessPoolExecutor
 
 from rich.console import Console
 
@@ -36,37 +38,64 @@ def telling_compilation(console: Console) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def fits_compiled_ahead() -> Iterator[None]:
-    """Let a second process compile what fits need while this one compiles and measures.
+def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[Executor]:
+    """Offer a second process, which compiles what fits need while this one measures.
 
-    It is started by the first compilation for the bench; where nothing is compiled, there is none.
+    It is started by the first compilation here: where nothing is compiled, there is none.
+
+    Parameters
+    ----------
+    at_once : bool
+        Start it now, for somebody who also wants to fit in it.
     """
-    process: subprocess.Popen[bytes] | None = None
+    before = set(multiprocessing.active_children())
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_give_way)
+    begun = False
 
     def start(package: str) -> None:
-        nonlocal process
-        if process is None and package != "torquebench.compensation":
-            command = [sys.executable, "-c", f"import {__name__} as c; c.{compile_fits.__name__}()"]
-            nothing = subprocess.DEVNULL
-            process = subprocess.Popen(command, stdin=nothing, stdout=nothing, stderr=nothing)
+        nonlocal begun
+        if not begun and package != "torquebench.compensation":
+            begun = True
+            with _interrupts_held():
+                pool.submit(compile_fits)
 
+    if at_once:
+        start("")
     with _at_compilation(start):
         try:
-            yield
+            yield pool
         finally:
-            if process is not None:
+            for process in set(multiprocessing.active_children()) - before:
                 process.terminate()
-                process.wait()
+            pool.shutdown()
+
+
+def _give_way() -> None:
+    """Let a bench that acquires go first."""
+    with contextlib.suppress(AttributeError):  # no niceness on Windows
+        os.nice(10)
+
+
+@contextlib.contextmanager
+def _interrupts_held() -> Iterator[None]:
+    """Start processes that Ctrl-C doesn't reach: whoever has started them ends them."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def compile_fits() -> None:
     """Count a few edges, fit the demo's models to a few points, take a reading through each.
 
     That compiles the kernels: the counter's first, because a simulated bench needs it right after
-    its own. A bench that acquires meanwhile goes first.
+    its own.
     """
-    with contextlib.suppress(AttributeError):  # no niceness on Windows
-        os.nice(10)
     import numpy as np
 
     from torquebench.bench.active_chain import ActiveChain

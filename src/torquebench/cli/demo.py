@@ -28,6 +28,9 @@ if TYPE_CHECKING:
 
 __all__ = ["register"]
 
+FAST_BLOCK_S = 0.1
+"""Length of blocks of simulated time: twice the usual one, as somebody waits who wants to see."""
+
 
 class Preset(StrEnum):
     """Which twin."""
@@ -69,7 +72,7 @@ def demo(
     from torquebench.cli.reducer_tables import check_reports
 
     check_reports([report])
-    description = _description(bench, seed, preset)
+    description = _description(bench, seed, preset, real_time=real_time)
     with simulators_running(description, bench) as started:
         if started:
             note("simulators started for this demo; they end with it")
@@ -80,7 +83,9 @@ def demo(
     say(f"Records: torquebench records list --data {data}")
 
 
-def _description(bench: Path | None, seed: int | None, preset: Preset | None) -> BenchDescription:
+def _description(
+    bench: Path | None, seed: int | None, preset: Preset | None, *, real_time: bool
+) -> BenchDescription:
     """Return the simulated bench with the options of the command line."""
     description = bench_description(bench)
     if not description.simulated:
@@ -89,7 +94,11 @@ def _description(bench: Path | None, seed: int | None, preset: Preset | None) ->
             'a bench with driver = "simulated", or with a section [driver.simulation]',
             "use `torquebench calibrate` on a real bench",
         )
-    return described(description, seed=seed, preset=None if preset is None else preset.value)
+    description = described(description, seed=seed, preset=None if preset is None else preset.value)
+    counter = description.counter
+    if real_time or counter.block_s >= FAST_BLOCK_S:
+        return description
+    return description.model_copy(update={"counter": counter.with_blocks(FAST_BLOCK_S)})
 
 
 def _settings(description: BenchDescription, quick: bool, groups: int | None) -> DemoSettings:
@@ -120,11 +129,11 @@ def _tell(
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     with (
-        fits_compiled_ahead(),
+        fits_compiled_ahead(at_once=True) as pool,
         open_bench(description, data, real_time=real_time, yes=True, announce=False) as session,
         session.measuring(may_pause=False) as (progress, _),
     ):
-        return run_demo(session.station, settings, progress)
+        return run_demo(session.station, settings, progress, pool=pool)
 
 
 def _write_report(path: Path, result: DemoResult) -> None:

@@ -200,9 +200,19 @@ class HybridModel(CompensationModel):
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of full scale."""
-        mean = main_columns(u) @ self.main_ + deviation_kernel(u, self.train_u_) @ self.deviation_
+        mean = np.empty_like(u)
         means = dict(zip(KINDS, self.effects_, strict=True))
-        return np.asarray(mean + effects_sum(at_zero_time(u, branch), self.dictionary_, means))
+        for start in range(0, u.size, _BLOCK):
+            part = slice(start, start + _BLOCK)
+            points = at_zero_time(u[part], branch[part])
+            mean[part] = main_columns(u[part]) @ self.main_
+            mean[part] += deviation_kernel(u[part], self.train_u_) @ self.deviation_
+            mean[part] += effects_sum(points, self.dictionary_, means)
+        return mean
+
+
+_BLOCK = 64
+"""Readings at a time: from 128 KiB on, the memory of their columns would be new pages each time."""
 
 
 def _mean_noise(problem: Problem, member: Member) -> float:

@@ -713,6 +713,4 @@ def _live_paced(description: BenchDescription) -> BenchDescription:
     counter = description.counter
     if counter.block_s <= LIVE_BLOCK_S:
         return description
-    windows = max(1, int(LIVE_BLOCK_S / counter.window_s + 1e-9))
-    paced = counter.model_copy(update={"block_s": windows * counter.window_s})
-    return description.model_copy(update={"counter": paced})
+    return description.model_copy(update={"counter": counter.with_blocks(LIVE_BLOCK_S)})
