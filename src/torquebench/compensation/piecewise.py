@@ -61,8 +61,11 @@ _BLOCK = 1024  # readings whose places fit the first-level cache
 
 
 @inner
-def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # Numba infers
-    """Fill in every reading's interval and its place there; return how many are outside."""
+def _locate(reading, grid, order, start, first_of, place):  # type: ignore[no-untyped-def] # Numba infers
+    """Find every reading's coefficients and place in the interval; return how many are outside.
+
+    The coefficients of the branch begin at `start` of the table.
+    """
     scale, zero, extra, near, low, high, _ = grid
     outside = 0
     for i in range(reading.size):
@@ -73,7 +76,7 @@ def _locate(reading, grid, interval, place):  # type: ignore[no-untyped-def] # N
         central = min(max(clamped, -near), near)
         location = clamped * scale + (central * extra + zero) + 0.5
         number = np.int32(location)
-        interval[i] = number
+        first_of[i] = order * number + start
         place[i] = location - number - 0.5
         outside += clamped != value
     return outside
@@ -97,17 +100,15 @@ def evaluate_piecewise(reading, branch, out, table, intervals, order, grid):  # 
     """Evaluate block by block: locating is vectorised, fetching coefficients isn't."""
     first_of = np.empty(_BLOCK, dtype=np.int32)
     place = np.empty(_BLOCK)
+    branch_step = np.int32(order * intervals)
     outside = 0
     for start in range(0, reading.size, _BLOCK):
         part, result = reading[start : start + _BLOCK], out[start : start + _BLOCK]
-        outside += _locate(part, grid, first_of, place)
+        outside += _locate(part, grid, np.int32(order), branch_step, first_of, place)
         if branch.size:
             signs = branch[start : start + _BLOCK]
             for i in range(part.size):
-                first_of[i] = order * (first_of[i] + intervals * (signs[i] + 1))
-        else:
-            for i in range(part.size):
-                first_of[i] = order * (first_of[i] + intervals)
+                first_of[i] += branch_step * signs[i]
         if order == 2:
             for i in range(part.size):
                 k = np.uint64(first_of[i])
