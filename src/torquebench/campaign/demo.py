@@ -4,10 +4,8 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from concurrent.futures import BrokenExecutor, Executor
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
-from functools import partial
 
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
@@ -37,6 +35,10 @@ from torquebench.records import REGISTERS, ModelEntry
 from torquebench.station import Station
 
 __all__ = ["DemoSettings", "run_demo"]
+
+
+Fit = Callable[[], list[FittedModel]]
+Begin = Callable[[Fit], Fit]
 
 
 @dataclass(frozen=True)
@@ -80,7 +82,8 @@ def run_demo(
     settings: DemoSettings | None = None,
     progress: Progress = NO_PROGRESS,
     *,
-    pool: Executor | None = None,
+    begin: Begin = lambda function: function,
+    verified: Callable[[ModuleResult], object] | None = None,
 ) -> DemoResult:
     """Zero, calibrate, fit, verify both modules and sweep the friction of a mounted reducer.
 
@@ -92,13 +95,16 @@ def run_demo(
     settings : DemoSettings, optional
     progress : Progress
         Told every stage.
-    pool : concurrent.futures.Executor, optional
-        A process that fits while this one measures; without it, this one does both.
+    begin : callable
+        Begins a fit elsewhere and returns what waits for its result; without it, fits are made here
+        as soon as they are needed.
+    verified : callable, optional
+        Told each module's results.
     """
     settings = settings or DemoSettings()
     started, clock_started = datetime.now(UTC), time.perf_counter()
     bench_started = station.clock.now()
-    modules = _modules(station, settings, progress, pool)
+    modules = _modules(station, settings, progress, begin, verified)
     friction = None
     if settings.friction is not None:
         station.activate_compensation("input")
@@ -120,7 +126,11 @@ def run_demo(
 
 
 def _modules(
-    station: Station, settings: DemoSettings, progress: Progress, pool: Executor | None
+    station: Station,
+    settings: DemoSettings,
+    progress: Progress,
+    begin: Begin,
+    verified: Callable[[ModuleResult], object] | None,
 ) -> list[ModuleResult]:
     """Calibrate both modules before the standard is exchanged for the verifications."""
     choices = settings.choices()
@@ -128,44 +138,24 @@ def _modules(
     known = registers_calibration(choices, recommended)
     profile, registry = settings.calibration, station.registry
     measured: list[Measured[StaircaseResult]] = []
-    fits: list[Callable[[], list[FittedModel]]] = []
+    fits: list[Fit] = []
     for side in SIDES:
         item = measure_calibration(station, side, profile, metadata=known, progress=progress)
         measured.append(item)
-        fit = calibration_fit(registry, item, profile, choices, progress)
-        fits.append(_begun(fit, Message("Fitting the {side} module", side), progress, pool))
+        fits.append(begin(calibration_fit(registry, item, profile, choices, progress)))
     modules = []
-    for side, item, fitted in zip(SIDES, measured, fits, strict=True):
+    for side, item, fit in zip(SIDES, measured, fits, strict=True):
+        progress.start(Message("Fitting the {side} module", side))
+        fitted = fit()
+        progress.finish()
         calibrated = finish_calibration(
-            registry, item, profile, choices, recommended, progress, fitted=fitted()
+            registry, item, profile, choices, recommended, progress, fitted=fitted
         )
         _require_plausible(calibrated.registered.models[recommended])
         modules.append(_verify(station, settings, side, calibrated, recommended, progress))
+        if verified is not None:
+            verified(modules[-1])
     return modules
-
-
-def _begun(
-    fit: Callable[..., list[FittedModel]], title: str, progress: Progress, pool: Executor | None
-) -> Callable[[], list[FittedModel]]:
-    """Begin a fit in another process, if there is one, and return what waits for its result."""
-    here = partial(fit, progress=progress, title=title)
-    if pool is None:
-        return here
-    try:
-        future = pool.submit(fit)
-    except BrokenExecutor:
-        return here
-
-    def wait() -> list[FittedModel]:
-        progress.start(title, 1)
-        try:
-            fitted = future.result()
-        except BrokenExecutor:  # for want of memory, for instance
-            return here()
-        progress.finish()
-        return fitted
-
-    return wait
 
 
 def _require_plausible(entry: ModelEntry) -> None:

@@ -8,13 +8,16 @@ import os
 import signal
 import sys
 from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, Executor, ProcessPoolExecutor
+from typing import TypeVar
 
 from rich.console import Console
 
 from torquebench.cli.console import is_quiet
 
-__all__ = ["compile_fits", "fits_compiled_ahead", "telling_compilation"]
+__all__ = ["SecondProcess", "compile_fits", "fits_compiled_ahead", "telling_compilation"]
+
+Result = TypeVar("Result")
 
 _TOLD = "compiling numerical kernels, once after an installation: some 15 s"
 _told = False
@@ -38,7 +41,7 @@ def telling_compilation(console: Console) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[Executor]:
+def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[SecondProcess]:
     """Offer a second process, which compiles what fits need while this one measures.
 
     It is started by the first compilation here: where nothing is compiled, there is none.
@@ -46,7 +49,7 @@ def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[Executor]:
     Parameters
     ----------
     at_once : bool
-        Start it now, for somebody who also wants to fit in it.
+        Start it now, for somebody who also wants to compute in it.
     """
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
@@ -64,11 +67,33 @@ def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[Executor]:
         start("")
     with _at_compilation(start):
         try:
-            yield pool
+            yield SecondProcess(pool)
         finally:
             for process in set(multiprocessing.active_children()) - before:
                 process.terminate()
             pool.shutdown()
+
+
+class SecondProcess:
+    """Computes while this process measures; if it dies, this one computes instead."""
+
+    def __init__(self, pool: Executor) -> None:
+        self._pool = pool
+
+    def begin(self, function: Callable[[], Result]) -> Callable[[], Result]:
+        """Begin a computation, which has to be picklable; return what waits for its result."""
+        try:
+            future = self._pool.submit(function)
+        except BrokenExecutor:
+            return function
+
+        def wait() -> Result:
+            try:
+                return future.result()
+            except BrokenExecutor:  # for want of memory, for instance
+                return function()
+
+        return wait
 
 
 def _give_way() -> None:

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from enum import StrEnum
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -24,7 +26,8 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.campaign.demo import DemoSettings
-    from torquebench.campaign.results import DemoResult
+    from torquebench.campaign.results import DemoResult, ModuleResult
+    from torquebench.reports.page import Section
 
 __all__ = ["register"]
 
@@ -76,8 +79,9 @@ def demo(
     with simulators_running(description, bench) as started:
         if started:
             note("simulators started for this demo; they end with it")
-        result = _tell(description, _settings(description, quick, groups), data, real_time)
-    _write_report(report, result)
+        settings = _settings(description, quick, groups)
+        result, drawn = _measured(description, settings, data, real_time)
+    _write_report(report, result, drawn)
     _print(result)
     say_file("Report", report)
     say(f"Records: torquebench records list --data {data}")
@@ -120,23 +124,33 @@ def _settings(description: BenchDescription, quick: bool, groups: int | None) ->
     return settings
 
 
-def _tell(
+def _measured(
     description: BenchDescription, settings: DemoSettings, data: Path, real_time: bool
-) -> DemoResult:
+) -> tuple[DemoResult, list[list[Section]]]:
+    """Run the demo; return its result, and what the report has of the modules."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
     from torquebench.cli.compiling import fits_compiled_ahead
+    from torquebench.reports.module_report import module_sections
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
-    with (
-        fits_compiled_ahead(at_once=True) as pool,
-        open_bench(description, data, real_time=real_time, yes=True, announce=False) as session,
-        session.measuring(may_pause=False) as (progress, _),
-    ):
-        return run_demo(session.station, settings, progress, pool=pool)
+    drawings: list[Callable[[], list[Section]]] = []
+    with fits_compiled_ahead(at_once=True) as second:
+
+        def draw(module: ModuleResult) -> None:
+            drawings.append(second.begin(partial(module_sections, module)))
+
+        with (
+            open_bench(description, data, real_time=real_time, yes=True, announce=False) as session,
+            session.measuring(may_pause=False) as (progress, _),
+        ):
+            result = run_demo(
+                session.station, settings, progress, begin=second.begin, verified=draw
+            )
+        return result, [each() for each in drawings]
 
 
-def _write_report(path: Path, result: DemoResult) -> None:
+def _write_report(path: Path, result: DemoResult, drawn: list[list[Section]]) -> None:
     from torquebench.cli.progress import TerminalProgress
 
     with TerminalProgress() as progress:
@@ -144,7 +158,7 @@ def _write_report(path: Path, result: DemoResult) -> None:
         from torquebench.reports.demo_report import demo_page
         from torquebench.reports.page_pdf import write_report
 
-        write_report(demo_page(result), path)
+        write_report(demo_page(result, drawn), path)
         progress.reach(1)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
+
 import numpy as np
 
 from torquebench.campaign.results import DemoResult
@@ -14,13 +16,15 @@ from torquebench.reports.page import Facts, Figure, Page, Section, Table
 __all__ = ["demo_page"]
 
 
-def demo_page(result: DemoResult) -> Page:
+def demo_page(result: DemoResult, drawn: Iterable[Sequence[Section]] = ()) -> Page:
     """Return the report of a demonstration.
 
     Parameters
     ----------
     result : DemoResult
         Results of the campaign.
+    drawn : iterable of sequences of Section
+        What `module_sections` has returned for the modules, where it was called before.
 
     Returns
     -------
@@ -28,8 +32,8 @@ def demo_page(result: DemoResult) -> Page:
         Ready for `torquebench.reports.page.write_page`.
     """
     sections = [_summary(result)]
-    for module in result.modules:
-        sections += module_sections(module)
+    for each in drawn or map(module_sections, result.modules):
+        sections += each
     if result.friction is not None:
         sections.append(_friction_section(result.friction, result.friction_run_id))
     return Page(

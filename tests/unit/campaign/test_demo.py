@@ -1,9 +1,5 @@
 """A complete run in its smallest form, and what it leaves in the registry."""
 
-import os
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import replace
-from multiprocessing import get_context
 from pathlib import Path
 
 import numpy as np
@@ -118,12 +114,3 @@ def test_an_abort_is_an_error_that_carries_its_record(tmp_path: Path) -> None:
 def test_the_operator_is_the_one_named(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("TORQUEBENCH_OPERATOR", "A. Technician")
     assert operator_name() == "A. Technician"
-
-
-def test_a_process_for_fits_that_dies_is_done_without(tmp_path: Path) -> None:
-    settings = replace(SETTINGS, friction=None, models=())
-    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
-        pool.submit(os._exit, 1).exception()
-        with Station.open(None, tmp_path) as station:
-            result = run_demo(station, settings, pool=pool)
-    assert [module.recommended.name for module in result.modules] == [RECOMMENDED] * 2

@@ -1,5 +1,7 @@
 """Kernels compiled by a second process while the first one measures."""
 
+from functools import partial
+
 import numpy as np
 import psutil
 from numba import njit
@@ -65,9 +67,19 @@ def test_what_fits_in_the_second_process_is_what_fits_here() -> None:
     reading_nm = 1.002 * torque_nm + 0.8 * branch * np.sin(torque_nm / 700.0)
     data = CalibrationData(reading_nm, torque_nm, np.repeat([1, 2], 40), branch, 2000.0)
     choices = [ModelChoice("hybrid"), ModelChoice("polynomial-2")]
-    with fits_compiled_ahead(at_once=True) as pool:
-        there = pool.submit(fit_models, data, choices).result()
+    with fits_compiled_ahead(at_once=True) as second:
+        there = second.begin(partial(fit_models, data, choices))()
     for one, other in zip(there, fit_models(data, choices), strict=True):
         X = data.features(one.model.n_features_in_)
         np.testing.assert_allclose(one.model.predict(X), other.model.predict(X), atol=1e-9)
         assert (one.name, one.remarks, one.choice) == (other.name, other.remarks, other.choice)
+
+
+def test_what_a_second_process_that_dies_has_begun_is_computed_here() -> None:
+    before = set(psutil.Process().children())
+    with fits_compiled_ahead(at_once=True) as second:
+        wait = second.begin(partial(sum, (1, 2)))
+        for each in second_processes(before):
+            each.kill()
+        assert wait() == 3
+        assert second.begin(partial(sum, (2, 2)))() == 4
