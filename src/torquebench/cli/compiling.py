@@ -14,6 +14,7 @@ from typing import TypeVar
 from rich.console import Console
 
 from torquebench.cli.console import is_quiet
+from torquebench.processes import end_with_parent
 
 __all__ = ["SecondProcess", "compile_fits", "fits_compiled_ahead", "telling_compilation"]
 
@@ -53,7 +54,7 @@ def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[SecondProcess]:
     """
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_give_way)
+    pool = ProcessPoolExecutor(1, mp_context=context, initializer=_serve)
     begun = False
 
     def start(package: str) -> None:
@@ -96,10 +97,11 @@ class SecondProcess:
         return wait
 
 
-def _give_way() -> None:
-    """Let a bench that acquires go first."""
+def _serve() -> None:
+    """Let a bench that acquires go first, and end with the process that has asked."""
     with contextlib.suppress(AttributeError):  # no niceness on Windows
         os.nice(10)
+    end_with_parent()
 
 
 @contextlib.contextmanager

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.message import Message
+from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 
 __all__ = ["ProcessEndedError", "run_in_process"]
@@ -94,6 +95,7 @@ class _Sent(NoProgress):
 
 
 def _work(pipe: Connection, function: Callable[..., Any], arguments: tuple[Any, ...]) -> None:
+    end_with_parent()
     if hasattr(os, "setpriority"):
         os.setpriority(os.PRIO_PROCESS, 0, NICE)  # inherited from the bench's process
     try:

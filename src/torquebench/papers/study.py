@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation import MODELS, features
+from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
@@ -390,7 +391,9 @@ def run_study(
         results: Iterable[list[Finding]]
         if workers > 1:
             context = multiprocessing.get_context("spawn")
-            pool = closing.enter_context(ProcessPoolExecutor(workers, mp_context=context))
+            pool = closing.enter_context(
+                ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
+            )
             results = pool.map(_task, tasks, itertools.repeat(models))
         else:
             results = map(_task, tasks, itertools.repeat(models))

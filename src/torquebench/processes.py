@@ -1,0 +1,26 @@
+"""Processes that work for another one."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import threading
+
+__all__ = ["end_with_parent"]
+
+
+def end_with_parent() -> None:
+    """End this process as soon as the one that started it has ended.
+
+    Who is killed can't end others: without this, they would wait for work forever. Only processes
+    that `multiprocessing` has started know their parent; any other one goes on.
+    """
+    parent = multiprocessing.parent_process()
+    if parent is None:
+        return
+
+    def wait() -> None:
+        parent.join()
+        os._exit(1)
+
+    threading.Thread(target=wait, name="torquebench-parent", daemon=True).start()
