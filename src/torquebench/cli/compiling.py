@@ -55,17 +55,18 @@ def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[SecondProcess]:
     before = set(multiprocessing.active_children())
     context = multiprocessing.get_context("spawn")
     pool = ProcessPoolExecutor(1, mp_context=context, initializer=_serve)
-    begun = False
+    compiling = False
 
     def start(package: str) -> None:
-        nonlocal begun
-        if not begun and package != "torquebench.compensation":
-            begun = True
+        nonlocal compiling
+        if not compiling and package != "torquebench.compensation":
+            compiling = True
             with _interrupts_held():
                 pool.submit(compile_fits)
 
     if at_once:
-        start("")
+        with _interrupts_held():
+            pool.submit(_import_fits)
     with _at_compilation(start):
         try:
             yield SecondProcess(pool)
@@ -102,6 +103,11 @@ def _serve() -> None:
     with contextlib.suppress(AttributeError):  # no niceness on Windows
         os.nice(10)
     end_with_parent()
+
+
+def _import_fits() -> None:
+    """Import what fits need, before there is one."""
+    import torquebench.campaign.fitting  # noqa: F401
 
 
 @contextlib.contextmanager
