@@ -19,7 +19,7 @@ import tempfile
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -129,6 +129,24 @@ def fitted_model() -> CompensationModel:
     return make_model(RECOMMENDED).fit(features(reading, branch), standard)
 
 
+class Conditions(NamedTuple):
+    """What instruments beside the counter card deliver with a block."""
+
+    speed_rpm: float
+    temperature_c: float
+    angles: AngleSamples
+
+    @classmethod
+    def of_block(cls, index: int) -> Conditions:
+        """Return those of a shaft that swings."""
+        start_s = index * BLOCK_S
+        time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
+        rpm = float(np.mean(600.0 * np.sin(0.5 * time_s)))
+        celsius = 23.0 + 5.0 * float(np.sin(0.1 * start_s))
+        counts = np.round(360_000 / 60.0 * 1200.0 * (1.0 - np.cos(0.5 * time_s)))
+        return cls(rpm, celsius, AngleSamples(time_s, counts.astype(np.int64), 360_000))
+
+
 class LivePath:
     """Everything between the counter card and the journal, for eight channels."""
 
@@ -151,22 +169,18 @@ class LivePath:
             )
         self.index = 0
 
-    def push(self, edges: dict[str, EdgeBlock]) -> AcquiredBlock:
+    def push(self, edges: dict[str, EdgeBlock], conditions: Conditions) -> AcquiredBlock:
         """Turn edges into a checked block."""
         samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
         start_s = self.index * BLOCK_S
-        time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
-        rpm = float(np.mean(600.0 * np.sin(0.5 * time_s)))
-        celsius = 23.0 + 5.0 * float(np.sin(0.1 * start_s))
-        counts = np.round(360_000 / 60.0 * 1200.0 * (1.0 - np.cos(0.5 * time_s)))
-        angles = AngleSamples(time_s, counts.astype(np.int64), 360_000)
+        rpm, celsius, angles = conditions
         compensated = {
             name: chain.push(
                 StreamReadings.joined(
                     [(samples[name].time_s, samples[name].torque_nm, samples[name].counter_nm)],
                     [rpm],
                     [celsius],
-                    [self.shafts[name](time_s, counts, 360_000)],
+                    [self.shafts[name](angles.time_s, angles.counts, 360_000)],
                 )
             )
             for name, chain in self.chains.items()
@@ -200,8 +214,9 @@ def measure(duration_s: float, compensated: int) -> NDArray[np.float64]:
         journal = QueuedJournal(RunJournal(writer, PROBES, edges=True))
         gc.collect()
         for edges in edge_blocks(duration_s):
+            conditions = Conditions.of_block(path.index)
             begun, begun_s = time.perf_counter(), time.thread_time()
-            block = path.push(edges)
+            block = path.push(edges, conditions)
             checked, own_s = time.perf_counter(), time.thread_time() - begun_s
             journal.write(Stretch((block,), block.compensated))
             viewer.put(block)

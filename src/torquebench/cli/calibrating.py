@@ -47,7 +47,7 @@ def run_calibrations(
     from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.compiling import fits_compiled_ahead
+    from torquebench.cli.compiling import second_process
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
     from torquebench.compensation import RECOMMENDED
 
@@ -56,7 +56,7 @@ def run_calibrations(
     known = registers_calibration([choice], choice.name)
     resumed = interrupted.run_ids[-1] if interrupted else ""
     with (
-        fits_compiled_ahead(),
+        second_process(),
         open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session,
     ):
         station = session.station

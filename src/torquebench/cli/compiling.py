@@ -16,7 +16,7 @@ from rich.console import Console
 from torquebench.cli.console import is_quiet
 from torquebench.processes import end_with_parent
 
-__all__ = ["SecondProcess", "compile_fits", "fits_compiled_ahead", "telling_compilation"]
+__all__ = ["SecondProcess", "compile_fits", "second_process", "telling_compilation"]
 
 Result = TypeVar("Result")
 
@@ -42,7 +42,7 @@ def telling_compilation(console: Console) -> Iterator[None]:
 
 
 @contextlib.contextmanager
-def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[SecondProcess]:
+def second_process(*, at_once: bool = False) -> Iterator[SecondProcess]:
     """Offer a second process, which compiles what fits need while this one measures.
 
     It is started by the first compilation here: where nothing is compiled, there is none.
@@ -61,7 +61,7 @@ def fits_compiled_ahead(*, at_once: bool = False) -> Iterator[SecondProcess]:
         nonlocal compiling
         if not compiling and package != "torquebench.compensation":
             compiling = True
-            with _interrupts_held():
+            with _interrupts_held(), contextlib.suppress(BrokenExecutor):
                 pool.submit(compile_fits)
 
     if at_once:

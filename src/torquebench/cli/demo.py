@@ -130,12 +130,12 @@ def _measured(
     """Run the demo; return its result, and what the report has of the modules."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.compiling import fits_compiled_ahead
+    from torquebench.cli.compiling import second_process
     from torquebench.reports.module_report import module_sections
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
     drawings: list[Callable[[], list[Section]]] = []
-    with fits_compiled_ahead(at_once=True) as second:
+    with second_process(at_once=True) as second:
 
         def draw(module: ModuleResult) -> None:
             drawings.append(second.begin(partial(module_sections, module)))

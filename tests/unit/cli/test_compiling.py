@@ -11,7 +11,7 @@ from torquebench.bench.active_chain import ActiveChain, StreamReadings
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.demo import DemoSettings
 from torquebench.campaign.fitting import ModelChoice, fit_models
-from torquebench.cli.compiling import compile_fits, fits_compiled_ahead
+from torquebench.cli.compiling import compile_fits, second_process
 
 
 class Compiled(event.Listener):
@@ -52,7 +52,7 @@ def second_processes(before: set[psutil.Process]) -> list[psutil.Process]:
 
 def test_a_second_process_is_started_by_a_compilation_and_ends_with_the_block() -> None:
     before = set(psutil.Process().children())
-    with fits_compiled_ahead():
+    with second_process():
         assert second_processes(before) == []
         njit(lambda x: 3 * x)(1.0)
         njit(lambda x: 4 * x)(1.0)
@@ -67,8 +67,8 @@ def test_what_fits_in_the_second_process_is_what_fits_here() -> None:
     reading_nm = 1.002 * torque_nm + 0.8 * branch * np.sin(torque_nm / 700.0)
     data = CalibrationData(reading_nm, torque_nm, np.repeat([1, 2], 40), branch, 2000.0)
     choices = [ModelChoice("hybrid"), ModelChoice("polynomial-2")]
-    with fits_compiled_ahead(at_once=True) as second:
-        there = second.begin(partial(fit_models, data, choices))()
+    with second_process(at_once=True) as other:
+        there = other.begin(partial(fit_models, data, choices))()
     for one, other in zip(there, fit_models(data, choices), strict=True):
         X = data.features(one.model.n_features_in_)
         np.testing.assert_allclose(one.model.predict(X), other.model.predict(X), atol=1e-9)
@@ -77,9 +77,10 @@ def test_what_fits_in_the_second_process_is_what_fits_here() -> None:
 
 def test_what_a_second_process_that_dies_has_begun_is_computed_here() -> None:
     before = set(psutil.Process().children())
-    with fits_compiled_ahead(at_once=True) as second:
-        wait = second.begin(partial(sum, (1, 2)))
+    with second_process(at_once=True) as other:
+        wait = other.begin(partial(sum, (1, 2)))
         for each in second_processes(before):
             each.kill()
         assert wait() == 3
-        assert second.begin(partial(sum, (2, 2)))() == 4
+        assert other.begin(partial(sum, (2, 2)))() == 4
+        assert njit(lambda x: 5 * x)(1.0) == 5.0
