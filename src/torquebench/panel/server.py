@@ -119,7 +119,7 @@ def serve(
             StopFirst(Turns(behind, service), service),
             address.hosts,
             secure=address.secure,
-            compiled=PAGES,
+            compiled={page.path for page in PAGES.values()},
         )
         config = uvicorn.Config(
             guarded,

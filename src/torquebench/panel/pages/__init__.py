@@ -1,8 +1,12 @@
-"""The pages of the panel: live, calibrate, tests, records, settings, alarms.
+"""The pages of the panel, which register themselves by `page`; they use the panel's service only.
 
-`register_pages(service)` adds them to NiceGUI's application; they use the panel's service only.
+`register_pages(service)` adds them to NiceGUI's application. A new page is one module here with its
+texts in `panel/text/en.toml` and `zh.toml`.
 """
 
-from torquebench.panel.pages.register import PAGES, register_pages
+from torquebench.panel.pages.page import PAGES
+from torquebench.panel.pages.register import import_pages, register_pages
 
 __all__ = ["PAGES", "register_pages"]
+
+import_pages()

@@ -16,6 +16,7 @@ from torquebench.panel.components.elements import (
     words,
 )
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView
 
@@ -115,6 +116,7 @@ class _AlarmsPage:
         self.refresh()
 
 
+@page("alarms", "/alarms", picture="notifications", place=6)
 def alarms_page(visitor: Visitor) -> None:
     """Build the page of the alarms."""
     page = _AlarmsPage(visitor)

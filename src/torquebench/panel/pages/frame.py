@@ -16,21 +16,12 @@ from torquebench.panel.components.elements import box, icon, on_press, repeat, w
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.job_strip import JobStrip
 from torquebench.panel.pages.menu import Menu
+from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
 from torquebench.panel.text import Text
 
-__all__ = ["PAGES", "STOP", "frame", "head_html", "page_title"]
-
-PAGES = {
-    "live": ("/", "speed"),
-    "calibrate": ("/calibrate", "tune"),
-    "reducer": ("/reducer", "settings_suggest"),
-    "records": ("/records", "folder_open"),
-    "settings": ("/settings", "build"),
-    "alarms": ("/alarms", "notifications"),
-}
-"""Path and icon of every page, in the order of the keys Alt+1 and so on."""
+__all__ = ["STOP", "frame", "head_html", "page_title"]
 
 REFRESH_S = 0.5
 LANGUAGE_TAGS = {"en": "en", "zh": "zh-CN"}
@@ -84,7 +75,7 @@ class _Frame:
         self.visitor = visitor
         self.text = visitor.text
         self._shown: tuple[Any, ...] = ()
-        self._path = PAGES[current][0]
+        self._path = PAGES[current].path
         client = ui.context.client
         with client.layout:
             with box("div") as before:
@@ -130,21 +121,21 @@ class _Frame:
 
     def _rail(self, current: str) -> None:
         with box("nav", "rail", aria_label=self.text("navigation.label")), box("ul"):
-            for place, (name, (path, picture)) in enumerate(PAGES.items(), start=1):
-                here = "page" if name == current else None
+            for page in sorted(PAGES.values(), key=lambda page: page.place):
+                here = "page" if page.name == current else None
                 with (
                     box("li"),
                     box(
                         "a",
-                        href=path,
+                        href=page.path,
                         aria_current=here,
-                        data_shortcut=str(place),
-                        aria_keyshortcuts=f"Alt+{place}",
+                        data_shortcut=str(page.place),
+                        aria_keyshortcuts=f"Alt+{page.place}",
                     ),
                 ):
-                    icon(picture)
-                    words("span", self.text(f"navigation.{name}"))
-                    if name == "alarms":
+                    icon(page.picture)
+                    words("span", self.text(f"navigation.{page.name}"))
+                    if page.name == "alarms":
                         self._count = words("span", "", "count")
 
     def strips(self) -> None:

@@ -11,6 +11,7 @@ from torquebench.panel.components.elements import box, moment, panel, repeat, ta
 from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live_chart import LiveChart
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import BenchSnapshot, SideSnapshot
 from torquebench.panel.service.live.hub import SIGNAL_UNITS
@@ -184,6 +185,7 @@ def _fact(title: str, unit: str) -> Any:
     return value
 
 
+@page("live", "/", picture="speed", place=1)
 def live_page(visitor: Visitor) -> None:
     """Build the live page."""
     page = _LivePage(visitor)

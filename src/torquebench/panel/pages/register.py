@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from importlib import import_module
 from pathlib import Path
+from pkgutil import walk_packages
 from typing import Annotated
 from urllib.parse import quote, urlencode
 
@@ -12,34 +13,28 @@ from fastapi.responses import RedirectResponse, Response
 from nicegui import app, ui
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.pages.alarms import alarms_page
-from torquebench.panel.pages.calibrate.wizard import calibrate_page
 from torquebench.panel.pages.calibrate.workflow import Dismissed
-from torquebench.panel.pages.live import live_page
-from torquebench.panel.pages.records.overview import records_page
-from torquebench.panel.pages.reducer.tests import reducer_page
-from torquebench.panel.pages.settings.overview import settings_page
+from torquebench.panel.pages.page import PAGES, Page
 from torquebench.panel.pages.sign_in import no_such_page, safe_target, sign_in_page
-from torquebench.panel.pages.visitor import SESSION_COOKIE, Visitor, visitor_of
+from torquebench.panel.pages.visitor import SESSION_COOKIE, visitor_of
 from torquebench.panel.service import BenchService, LockedOutError, SignInError
 
-__all__ = ["PAGES", "register_pages"]
+__all__ = ["import_pages", "register_pages"]
 
 STATIC = Path(__file__).parents[1] / "static"
-PAGES: dict[str, Callable[[Visitor], None]] = {
-    "/": live_page,
-    "/calibrate": calibrate_page,
-    "/reducer": reducer_page,
-    "/records": records_page,
-    "/settings": settings_page,
-    "/alarms": alarms_page,
-}
 Entry = Annotated[str, Form(max_length=200)]
 LONGEST_NAME = 64
 KEPT_S = 30.0
 """How long a page waits for a lost connection, s; afterwards it is loaded anew, and typed text is
 gone.
 """
+
+
+def import_pages() -> None:
+    """Import every module of this package: a page registers itself."""
+    folder = Path(__file__).parent
+    for module in walk_packages([str(folder)], f"{__package__}."):
+        import_module(module.name)
 
 
 def register_pages(service: BenchService) -> dict[str, str]:
@@ -68,27 +63,21 @@ def register_pages(service: BenchService) -> dict[str, str]:
         return no_such_page(request)
 
     dismissed = Dismissed()
-    for path, build in PAGES.items():
-        _page(service, path, build, dismissed, opened)
+    for page in PAGES.values():
+        _add(service, page, dismissed, opened)
     return opened
 
 
-def _page(
-    service: BenchService,
-    path: str,
-    build: Callable[[Visitor], None],
-    dismissed: Dismissed,
-    opened: dict[str, str],
-) -> None:
-    @ui.page(path, reconnect_timeout=KEPT_S)
-    def page(request: Request) -> Response | None:
+def _add(service: BenchService, page: Page, dismissed: Dismissed, opened: dict[str, str]) -> None:
+    @ui.page(page.path, reconnect_timeout=KEPT_S)
+    def show(request: Request) -> Response | None:
         visitor = visitor_of(service, request, dismissed)
         if visitor is None:
-            return RedirectResponse(f"/sign-in?next={quote(path)}", status_code=303)
+            return RedirectResponse(f"/sign-in?next={quote(page.path)}", status_code=303)
         client = ui.context.client
         opened[client.id] = visitor.token
         client.on_delete(lambda: opened.pop(client.id, None))
-        build(visitor)
+        page.build(visitor)
         return None
 
 

@@ -12,6 +12,7 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse
 
 from torquebench.panel.pages.frame import LANGUAGE_TAGS, STOP, head_html, page_title
+from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import look_of, text_of
 from torquebench.panel.service import BenchService
 from torquebench.panel.text import LANGUAGES, Text
@@ -30,8 +31,7 @@ def safe_target(target: str) -> str:
     >>> safe_target("/records"), safe_target("//elsewhere.example"), safe_target("https://x.example")
     ('/records', '/', '/')
     """
-    known = ("/", "/calibrate", "/reducer", "/records", "/settings", "/alarms")
-    return target if target in known else "/"
+    return target if any(target == page.path for page in PAGES.values()) else "/"
 
 
 def element(tag: str, *content: str, classes: str = "", **attributes: str | bool | None) -> str:

@@ -11,6 +11,7 @@ from torquebench.panel.pages.calibrate.sign import CertificateStep, SignStep
 from torquebench.panel.pages.calibrate.verify import VerifyStep
 from torquebench.panel.pages.calibrate.workflow import Step
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 
 __all__ = ["calibrate_page"]
@@ -25,6 +26,7 @@ STEPS: Mapping[Step, Callable[[CalibratePage], StepView]] = {
 }
 
 
+@page("calibrate", "/calibrate", picture="tune", place=2)
 def calibrate_page(visitor: Visitor) -> None:
     """Build the wizard's page."""
     page = CalibratePage(visitor, STEPS, visitor.query.get("step", ""))

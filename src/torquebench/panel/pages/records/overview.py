@@ -23,6 +23,7 @@ from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
@@ -322,6 +323,7 @@ def _certificates(visitor: Visitor) -> None:
             certificate_buttons(visitor, each.number, tuple(each.files))
 
 
+@page("records", "/records", picture="folder_open", place=4)
 def records_page(visitor: Visitor) -> None:
     """Build the page of the records."""
     views: dict[str, Any] = {

@@ -12,6 +12,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.job_panel import JobPanel
 from torquebench.panel.pages.job_preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
 from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
@@ -166,6 +167,7 @@ class _ReducerPage:
         return asked if asked in TESTS and asked != "full" else next(iter(parts), "hysteresis")
 
 
+@page("reducer", "/reducer", picture="settings_suggest", place=3)
 def reducer_page(visitor: Visitor) -> None:
     """Build the page of the reducer tests."""
     page = _ReducerPage(visitor)

@@ -23,6 +23,7 @@ from torquebench.panel.components.elements import (
 )
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.page import page
 from torquebench.panel.pages.settings.editor import SettingEditor, change_lines
 from torquebench.panel.pages.settings.log import LogView
 from torquebench.panel.pages.settings.tokens import TokensView
@@ -209,6 +210,7 @@ class _History:
         self._show()
 
 
+@page("settings", "/settings", picture="build", place=5)
 def settings_page(visitor: Visitor) -> None:
     """Build the page of the settings."""
     text = visitor.text
