@@ -5,7 +5,6 @@ from .effect import (
     EFFECTS as EFFECTS,
     Effect as Effect,
     MeasuredPart as MeasuredPart,
-    effect_from as effect_from,
     register as register,
 )
 from .effects import (
@@ -39,6 +38,7 @@ from .identification import (
 from .measuring_chain import (
     ChainStream as ChainStream,
     MeasuringChain as MeasuringChain,
+    effect_from as effect_from,
     load_chain as load_chain,
 )
 from .readings import (

@@ -5,7 +5,6 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
-from importlib import import_module
 from math import isfinite
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
 
@@ -17,7 +16,7 @@ from torquebench.chain.torque import Component
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["EFFECTS", "Effect", "MeasuredPart", "Refusal", "effect_from", "register"]
+__all__ = ["EFFECTS", "Effect", "MeasuredPart", "Refusal", "register"]
 
 EFFECTS: dict[str, type[Effect]] = {}
 """All stored effects by the kind named in chain files."""
@@ -180,30 +179,3 @@ def register(kind: str) -> Callable[[_Effect], _Effect]:
         return effect
 
     return enter
-
-
-def effect_from(specification: Mapping[str, Any]) -> Effect:
-    """Return a stored effect.
-
-    Raises
-    ------
-    InputError
-        An unknown kind, or fields that it doesn't have.
-    """
-    import_module("torquebench.chain.effects")  # imported to register the effects
-    values = dict(specification)
-    kind = values.pop("kind", None)
-    if kind not in EFFECTS:
-        raise InputError(
-            Message("effect {kind!r} of a measuring chain", kind),
-            ", ".join(sorted(EFFECTS)),
-            "use the version of torquebench that the chain was made with",
-        )
-    try:
-        return EFFECTS[kind].from_specification(values)
-    except TypeError as problem:
-        raise InputError(
-            Message("effect {kind!r} with other fields ({problem})", kind, problem),
-            ", ".join(each.name for each in fields(EFFECTS[kind])),
-            "fit the chain again",
-        ) from problem

@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
 
 import numpy as np
 
-from torquebench.chain.effect import EFFECTS, Effect, effect_from
+from torquebench.chain.effect import EFFECTS, Effect
 from torquebench.chain.effects import (
     SWITCHES,
     Dynamics,
@@ -31,7 +31,7 @@ from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "load_chain"]
+__all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "effect_from", "load_chain"]
 
 GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
 
@@ -39,6 +39,32 @@ GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
 _OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia, Ripple)
 _NOT_EXPECTED = (Inertia, Ripple, SwitchedOff, Timebase)
 """Effects that a chain may lack without a warning."""
+
+
+def effect_from(specification: Mapping[str, Any]) -> Effect:
+    """Return a stored effect.
+
+    Raises
+    ------
+    InputError
+        An unknown kind, or fields that it doesn't have.
+    """
+    values = dict(specification)
+    kind = values.pop("kind", None)
+    if kind not in EFFECTS:
+        raise InputError(
+            Message("effect {kind!r} of a measuring chain", kind),
+            ", ".join(sorted(EFFECTS)),
+            "use the version of torquebench that the chain was made with",
+        )
+    try:
+        return EFFECTS[kind].from_specification(values)
+    except TypeError as problem:
+        raise InputError(
+            Message("effect {kind!r} with other fields ({problem})", kind, problem),
+            ", ".join(each.name for each in fields(EFFECTS[kind])),
+            "fit the chain again",
+        ) from problem
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,8 +9,7 @@ import pytest
 from torquebench.bench import default_bench
 from torquebench.bench.chain_effects import PROBE_K, chain_effects, standard_effect
 from torquebench.bench.description import CertifiedPoints
-from torquebench.chain import Readings, Reference
-from torquebench.chain.effect import effect_from
+from torquebench.chain import Readings, Reference, effect_from
 from torquebench.uncertainty import CertifiedUncertainty
 
 TORQUE_NM = np.array([10.0, 40.0, 1020.0, -2000.0])
