@@ -22,10 +22,12 @@ from torquebench.bench.drivers.simulated import SimulatedBench
 from torquebench.errors import BenchError
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["KINDS", "FaultyBench", "Kind"]
+__all__ = ["KINDS", "TRIES", "FaultyBench", "Kind"]
 
 SETTLED_BLOCKS = 3
 """A drive has power for good after so many blocks; what comes before has nothing to compare."""
+TRIES = 5
+"""Attempts to cause a fault whose procedure ended before its moment."""
 
 
 @dataclass(eq=False)

@@ -42,7 +42,7 @@ from typing import Any
 import numpy as np
 from tests import postgresql_server
 
-from benchmarks.fault_bench import KINDS, FaultyBench, Kind, on_thread
+from benchmarks.fault_bench import KINDS, TRIES, FaultyBench, Kind, on_thread
 from benchmarks.fault_judging import (
     Outcome,
     checked,
@@ -56,7 +56,11 @@ from benchmarks.fault_judging import (
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.fault_report import Kept, Start, section, summary
+from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
+from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
+from benchmarks.restarts import RESTARTS, numbered_restart
 from benchmarks.section import BENCHMARKS, write_section
+from benchmarks.undisturbed import TITLE, undisturbed
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import SIDES
@@ -74,7 +78,6 @@ FULL = 300
 QUICK_WIRE, QUICK_REAL, QUICK_PHASES, QUICK_RESTARTS = 3, 1, 2, 1
 AT_ONCE = 3
 """Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
-TRIES = 5
 KEPT_POWER_S = 2.0
 """How long to wait for a drive that doesn't go off whatever it is told, s of wall time."""
 MET_LATER = (
@@ -169,9 +172,9 @@ def one_fault(
     outcome = judged(station, faulty, kind, procedure, error, result)
     problems = [*outcome.problems, *works_again(station, faulty, kind)]
     if isinstance(result, ReducerTestRecord) and not problems:
-        undisturbed = procedure.go(station)
-        assert isinstance(undisturbed, ReducerTestRecord)
-        problems += differing(result, undisturbed)
+        again = procedure.go(station)
+        assert isinstance(again, ReducerTestRecord)
+        problems += differing(result, again)
     return replace(outcome, problems=tuple(problems))
 
 
@@ -372,8 +375,6 @@ def main() -> int:
             outcomes[part.title] = gone_through(begun[name], tell=tell)
             print("\n".join(summary(outcomes[part.title], part.title)), flush=True)
     if arguments.minutes:
-        from benchmarks.undisturbed import TITLE, undisturbed  # imports this module
-
         outcomes[TITLE] = undisturbed(arguments.minutes, seed, kept, tell=tell)
         print("\n".join(summary(outcomes[TITLE], TITLE)), flush=True)
     print(f"\n{time.monotonic() - began:.0f} s, of which {computing_s():.0f} s computing")
@@ -400,10 +401,6 @@ class Part:
 
 
 def _parts() -> dict[str, Part]:
-    from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
-    from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
-    from benchmarks.restarts import RESTARTS, numbered_restart
-
     wires = len(wire_faults())
     parts = {
         "simulated": Part("simulated bench", numbered, FULL, len(KINDS)),

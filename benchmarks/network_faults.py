@@ -21,6 +21,7 @@ from typing import Literal
 
 import numpy as np
 
+from benchmarks.fault_bench import TRIES
 from benchmarks.fault_judging import (
     Outcome,
     await_safe,
@@ -32,7 +33,6 @@ from benchmarks.fault_judging import (
     unsafe_end,
 )
 from benchmarks.fault_procedures import PROCEDURES, Procedure
-from benchmarks.faults import TRIES
 from benchmarks.served import Served, moves, served
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side

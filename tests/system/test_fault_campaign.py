@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from benchmarks import faults, network_faults
-from benchmarks.fault_bench import KINDS
+from benchmarks.fault_bench import KINDS, TRIES
 from benchmarks.fault_judging import Outcome, differing
 from benchmarks.fault_procedures import PROCEDURES
 from benchmarks.fault_report import Kept, section, summary
@@ -206,7 +206,7 @@ def test_an_instrument_that_fails_once_is_no_reason_to_stop(
 
 def test_the_same_holds_in_real_time(tmp_path: Path) -> None:
     fault, draw = WireFault("input_drive", "disconnect"), np.random.default_rng(1)
-    for attempt in range(faults.TRIES):  # a busy computer may stop it before its drive is broken
+    for attempt in range(TRIES):  # a busy computer may stop it before its drive is broken
         data = tmp_path / str(attempt)
         outcome = one_wire_fault(fault, procedure("verify input"), 1, data, draw, "real")
         if outcome.status != "too late":
