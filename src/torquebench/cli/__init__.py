@@ -42,57 +42,43 @@ def _add_commands(wanted: str) -> None:
     if wanted == "records":
         app.add_typer(records.app)
         return
-    from torquebench.cli import (
-        calibrate,
-        certificate,
-        check_standard,
-        compensation_files,
-        demo,
-        doctor,
-        evaluate,
-        evaluate_dynamics,
-        evaluate_lubrication,
-        evaluate_reducer,
-        in_place,
-        measure,
-        mechanics,
-        models,
-        panel,
-        papers,
-        plant_questions,
-        reducer_test,
-        simulate,
-        teds,
-        turn,
-        verification,
-    )
+    from torquebench.cli import demo, evaluate, mechanics, plant_questions, reducer_test, teds
+    from torquebench.cli.calibrate import calibrate
+    from torquebench.cli.certificate import certificate
+    from torquebench.cli.check_standard import check
+    from torquebench.cli.compensation_files import budget, export
+    from torquebench.cli.doctor import doctor
+    from torquebench.cli.in_place import in_place
+    from torquebench.cli.measure import measure
+    from torquebench.cli.models import apply, fit, verify
+    from torquebench.cli.panel import panel
+    from torquebench.cli.papers import papers
+    from torquebench.cli.simulate import simulate
+    from torquebench.cli.turn import turn
+    from torquebench.cli.verification import verification
 
-    for group in (
-        demo,
+    demo.register(app)
+    for command in (
         calibrate,
-        check_standard,
+        check,
         certificate,
-        models,
+        fit,
+        apply,
+        verify,
         verification,
-        compensation_files,
+        export,
+        budget,
         measure,
         turn,
-        reducer_test,
         panel,
         papers,
         in_place,
-        mechanics,
         doctor,
         simulate,
     ):
-        group.register(app)
-    app.add_typer(records.app)
-    evaluate_dynamics.register(evaluate.app)
-    evaluate_lubrication.register(evaluate.app)
-    evaluate_reducer.register(evaluate.app)
-    app.add_typer(evaluate.app)
-    app.add_typer(plant_questions.app)
-    app.add_typer(teds.app)
+        app.command()(command)
+    for group in (reducer_test, mechanics, records, evaluate, plant_questions, teds):
+        app.add_typer(group.app)
 
 
 _add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")

@@ -12,7 +12,7 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["register"]
+__all__ = ["audit"]
 
 SHOWN_ELSEWHERE = (
     "event",
@@ -29,11 +29,6 @@ SHOWN_ELSEWHERE = (
     "previous_sha256",
     "sha256",
 )
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("audit")(audit)
 
 
 def audit(

@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from torquebench.calibration import Profile
     from torquebench.campaign.fitting import ModelChoice
 
-__all__ = ["register"]
+__all__ = ["calibrate"]
 
 
 class Sides(StrEnum):
@@ -47,11 +47,6 @@ class Sides(StrEnum):
         if self is Sides.both:
             return ("input", "output")
         return ("input",) if self is Sides.input else ("output",)
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("calibrate")(calibrate)
 
 
 def calibrate(

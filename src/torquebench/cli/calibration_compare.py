@@ -24,12 +24,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.campaign.calibration_comparison import CalibrationComparison
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("compare")(compare)
+__all__ = ["compare"]
 
 
 def compare(

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
         IssuedCertificate,
     )
 
-__all__ = ["find_calibration", "register"]
+__all__ = ["certificate", "find_calibration"]
 
 
 class Language(StrEnum):
@@ -34,11 +34,6 @@ class Language(StrEnum):
     en = "en"
     de = "de"
     zh = "zh"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("certificate")(certificate)
 
 
 def certificate(

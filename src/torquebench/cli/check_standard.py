@@ -21,7 +21,7 @@ from torquebench.cli.options import (
 if TYPE_CHECKING:
     from torquebench.campaign.checking import CheckResult
 
-__all__ = ["register"]
+__all__ = ["check"]
 
 
 class Side(StrEnum):
@@ -29,11 +29,6 @@ class Side(StrEnum):
 
     input = "input"
     output = "output"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("check")(check)
 
 
 def check(

@@ -15,7 +15,7 @@ from torquebench.cli.options import ReferenceOption, check_output, stated_refere
 if TYPE_CHECKING:
     from torquebench.uncertainty import Budget
 
-__all__ = ["register"]
+__all__ = ["budget", "export"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 
@@ -29,12 +29,6 @@ class Branch(StrEnum):
 
 
 _SIGNS = {Branch.UP: 1, Branch.DOWN: -1, Branch.UNKNOWN: 0}
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("export")(export)
-    app.command("budget")(budget)
 
 
 def export(

@@ -28,7 +28,7 @@ from torquebench.errors import TorquebenchError
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["register"]
+__all__ = ["doctor"]
 
 LIBRARIES = (
     "numpy",
@@ -54,11 +54,6 @@ DOING = {
 """Message before a step that may take seconds."""
 NEEDED = ("Configured", "Reachable")
 """Steps that the later ones need."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("doctor")(doctor)
 
 
 def doctor(

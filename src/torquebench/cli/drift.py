@@ -16,12 +16,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.campaign.drifting import DriftSeries
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("drift")(drift)
+__all__ = ["drift"]
 
 
 def drift(

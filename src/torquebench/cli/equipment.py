@@ -28,7 +28,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.records import Equipment, Registry
 
-__all__ = ["register"]
+__all__ = ["add_certificate", "add_equipment", "adjust", "equipment", "fit_part"]
 
 
 class Kind(StrEnum):
@@ -48,15 +48,6 @@ KindArgument = Annotated[Kind, typer.Argument(help="What it is.")]
 SerialArgument = Annotated[
     str, typer.Argument(help="Its serial number; of a counter its identity, of a bench its name.")
 ]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("equipment")(equipment)
-    app.command("add-equipment")(add_equipment)
-    app.command("add-certificate")(add_certificate)
-    app.command("fit-part")(fit_part)
-    app.command("adjust")(adjust)
 
 
 def add_equipment(

@@ -11,6 +11,16 @@ from rich.markup import escape
 from rich.text import Text
 
 from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.cli.evaluate_dynamics import dynamics
+from torquebench.cli.evaluate_lubrication import lubrication
+from torquebench.cli.evaluate_reducer import (
+    breakaway,
+    efficiency,
+    friction,
+    hysteresis,
+    no_load,
+    transmission_error,
+)
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -443,3 +453,16 @@ def _quantities(evaluation: StaticEvaluation) -> Any:
         table.add_row(*row)
     table.caption = residual_zero(evaluation)
     return table
+
+
+for command in (
+    dynamics,
+    lubrication,
+    hysteresis,
+    friction,
+    no_load,
+    breakaway,
+    transmission_error,
+    efficiency,
+):
+    app.command()(command)

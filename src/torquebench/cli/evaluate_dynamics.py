@@ -13,12 +13,7 @@ from torquebench.cli.options import check_output
 if TYPE_CHECKING:
     from torquebench.campaign.dynamics import IdentifiedDynamics
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("dynamics")(dynamics)
+__all__ = ["dynamics"]
 
 
 def dynamics(

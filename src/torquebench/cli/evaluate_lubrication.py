@@ -11,12 +11,7 @@ import typer
 from torquebench.cli.console import answer, say, say_file
 from torquebench.cli.options import ColumnOption, check_output
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("lubrication")(lubrication)
+__all__ = ["lubrication"]
 
 
 def lubrication(

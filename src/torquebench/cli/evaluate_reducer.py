@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     )
     from torquebench.reports.page import Page
 
-__all__ = ["register"]
+__all__ = ["breakaway", "efficiency", "friction", "hysteresis", "no_load", "transmission_error"]
 
 DataArgument = Annotated[Path, typer.Argument(help="A table with a header (CSV, Excel, TDMS, …).")]
 ColumnOption = Annotated[
@@ -78,16 +78,6 @@ class Kinds(StrEnum):
 
     starting = "starting"
     back_driving = "back-driving"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("hysteresis")(hysteresis)
-    app.command("friction")(friction)
-    app.command("no-load")(no_load)
-    app.command("breakaway")(breakaway)
-    app.command("transmission-error")(transmission_error)
-    app.command("efficiency")(efficiency)
 
 
 def _described(name: str | None) -> ReducerDescription | None:

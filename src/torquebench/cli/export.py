@@ -21,12 +21,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.records import Registry, RunSummary
 
-__all__ = ["find_run", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("export")(export)
+__all__ = ["export", "find_run"]
 
 
 def export(

@@ -14,7 +14,7 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["register"]
+__all__ = ["export_data"]
 
 
 class Format(StrEnum):
@@ -32,11 +32,6 @@ class StreamName(StrEnum):
 
     samples = "samples"
     edges = "edges"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("export-data")(export_data)
 
 
 def export_data(

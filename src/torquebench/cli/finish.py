@@ -13,13 +13,7 @@ from torquebench.errors import InputError
 if TYPE_CHECKING:
     from torquebench.records import Registry, UnfinishedRun
 
-__all__ = ["finish_and_report", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("finish")(finish)
-    app.command("discard")(discard)
+__all__ = ["discard", "finish", "finish_and_report"]
 
 
 def finish(

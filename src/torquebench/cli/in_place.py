@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from torquebench.calibration import CalibrationData
     from torquebench.papers.tables import ModuleTables
 
-__all__ = ["register"]
+__all__ = ["in_place"]
 
 RECORDS = Path("torquebench-data")
 
@@ -31,11 +31,6 @@ class Module(StrEnum):
 
     input = "input"
     output = "output"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("in-place")(in_place)
 
 
 def in_place(

@@ -27,12 +27,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.station import Station
 
-__all__ = ["compensated", "register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("measure")(measure)
+__all__ = ["compensated", "measure"]
 
 
 def measure(

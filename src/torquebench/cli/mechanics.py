@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from torquebench.reports.page import Facts, Figure, Table
 
-__all__ = ["register"]
+__all__ = ["app"]
 
 ReportOption = Annotated[
     list[Path] | None,
@@ -31,11 +31,6 @@ app = typer.Typer(
     rich_markup_mode=HELP_MARKUP,
     help="Additional torque of a design by the papers' equations, and the twist of supports.",
 )
-
-
-def register(parent: typer.Typer) -> None:
-    """Add the commands."""
-    parent.add_typer(app)
 
 
 @app.command("additional-torque")

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
-__all__ = ["register"]
+__all__ = ["apply", "fit", "verify"]
 
 ReportsOption = Annotated[
     list[Path] | None,
@@ -54,13 +54,6 @@ class Outliers(StrEnum):
     DOWNWEIGHT = "downweight"
     REFUSE = "refuse"
     KEEP = "keep"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("fit")(fit)
-    app.command("apply")(apply)
-    app.command("verify")(verify)
 
 
 def fit(

@@ -12,12 +12,7 @@ import typer
 from torquebench.cli.console import note, say, warn
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, bench_description
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("panel")(panel)
+__all__ = ["panel"]
 
 
 def panel(

@@ -23,17 +23,12 @@ if TYPE_CHECKING:
     from torquebench.reducers import CertifiedFriction
     from torquebench.reports.page import Page
 
-__all__ = ["make_page", "register"]
+__all__ = ["make_page", "papers"]
 
 RECORDS = Path("torquebench-data")
 SEEDS = 3
 FINE_M, COARSE_M = 0.06, 0.12
 """Elements of the supports: full page, quick page."""
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("papers")(papers)
 
 
 def papers(

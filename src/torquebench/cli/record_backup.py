@@ -12,14 +12,7 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.progress import TerminalProgress
 
-__all__ = ["register"]
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("backup")(backup)
-    app.command("restore")(restore)
-    app.command("rebuild")(rebuild)
+__all__ = ["backup", "rebuild", "restore"]
 
 
 def backup(

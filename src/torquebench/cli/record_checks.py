@@ -13,7 +13,7 @@ from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["checked_directory", "register"]
+__all__ = ["amend", "checked_directory", "review", "use", "verify"]
 
 SubjectArgument = Annotated[
     str, typer.Argument(help="A record such as calibration-3, model-2 or certificate-1.")
@@ -29,14 +29,6 @@ SUBJECTS = {
     "report": "reports",
     "run": "runs",
 }
-
-
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    app.command("verify")(verify)
-    app.command("review")(review)
-    app.command("amend")(amend)
-    app.command("use")(use)
 
 
 def verify(

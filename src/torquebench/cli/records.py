@@ -11,18 +11,14 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli import (
-    audit,
-    calibration_compare,
-    drift,
-    equipment,
-    export,
-    export_data,
-    finish,
-    record_backup,
-    record_checks,
-)
+from torquebench.cli.audit import audit
+from torquebench.cli.calibration_compare import compare
 from torquebench.cli.console import answer, narrow_table, out, say
+from torquebench.cli.drift import drift
+from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
+from torquebench.cli.export import export
+from torquebench.cli.export_data import export_data
+from torquebench.cli.finish import discard, finish
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -31,6 +27,8 @@ from torquebench.cli.options import (
     DataOption,
     data_directory,
 )
+from torquebench.cli.record_backup import backup, rebuild, restore
+from torquebench.cli.record_checks import amend, review, use, verify
 from torquebench.cli.recovered import tell_unfinished
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -50,16 +48,28 @@ app = typer.Typer(
     no_args_is_help=True,
 )
 
-
-record_checks.register(app)
-record_backup.register(app)
-export.register(app)
-export_data.register(app)
-calibration_compare.register(app)
-drift.register(app)
-audit.register(app)
-equipment.register(app)
-finish.register(app)
+for command in (
+    verify,
+    review,
+    amend,
+    use,
+    backup,
+    restore,
+    rebuild,
+    export,
+    export_data,
+    compare,
+    drift,
+    audit,
+    equipment,
+    add_equipment,
+    add_certificate,
+    fit_part,
+    adjust,
+    finish,
+    discard,
+):
+    app.command()(command)
 
 
 class Kind(StrEnum):

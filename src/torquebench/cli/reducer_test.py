@@ -28,7 +28,9 @@ from torquebench.cli.options import (
     accepted_counter,
     bench_description,
 )
+from torquebench.cli.reducer_compare import compare
 from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.standard_reducer import standard_reducer
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -39,7 +41,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["register"]
+__all__ = ["app"]
 
 MORE = """
 
@@ -125,23 +127,13 @@ class _Tests(TyperGroup):
         return super().resolve_command(ctx, args)
 
 
-def register(app: typer.Typer) -> None:
-    """Add the commands."""
-    from torquebench.cli.reducer_compare import compare
-    from torquebench.cli.standard_reducer import standard_reducer
-
-    tests = typer.Typer(
-        cls=_Tests,
-        name="test",
-        no_args_is_help=True,
-        rich_markup_mode=HELP_MARKUP,
-        help="Test a mounted reducer, with uncertainties and a verdict against its data sheet.",
-    )
-    for name, test in TESTS.items():
-        tests.command(name, help=test.about + MORE)(_command(name))
-    tests.command("standard-reducer")(standard_reducer)
-    tests.command("compare")(compare)
-    app.add_typer(tests)
+app = typer.Typer(
+    cls=_Tests,
+    name="test",
+    no_args_is_help=True,
+    rich_markup_mode=HELP_MARKUP,
+    help="Test a mounted reducer, with uncertainties and a verdict against its data sheet.",
+)
 
 
 def _command(name: str) -> Callable[..., None]:
@@ -183,6 +175,12 @@ def _command(name: str) -> Callable[..., None]:
         _finish(record, report or [])
 
     return command
+
+
+for test_name, test in TESTS.items():
+    app.command(test_name, help=test.about + MORE)(_command(test_name))
+app.command()(standard_reducer)
+app.command()(compare)
 
 
 @dataclass(frozen=True)

@@ -21,16 +21,11 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["register", "simulators_running"]
+__all__ = ["simulate", "simulators_running"]
 
 READY = "Ready."
 PROGRAM = "from torquebench.cli import main; main()"
 START_TIMEOUT_S = 60.0
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("simulate")(simulate)
 
 
 def simulate(

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.procedures.turning.profile import TurningProfile
 
-__all__ = ["register"]
+__all__ = ["turn"]
 
 
 class Side(StrEnum):
@@ -40,11 +40,6 @@ class Side(StrEnum):
 
     input = "input"
     output = "output"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("turn")(turn)
 
 
 def turn(

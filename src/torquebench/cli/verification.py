@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from torquebench.records import ModelEntry
     from torquebench.station import Station
 
-__all__ = ["register"]
+__all__ = ["verification"]
 
 
 class Module(StrEnum):
@@ -40,11 +40,6 @@ class Module(StrEnum):
 
     input = "input"
     output = "output"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("verification")(verification)
 
 
 def verification(

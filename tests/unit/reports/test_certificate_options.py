@@ -7,8 +7,7 @@ import typer
 from tests.unit.reports.calibrated_bench import calibrated_bench
 from typer.testing import CliRunner
 
-from torquebench.cli.certificate import find_calibration
-from torquebench.cli.certificate import register as register_certificate
+from torquebench.cli.certificate import certificate, find_calibration
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.records import Registry
 
@@ -32,7 +31,7 @@ def test_bad_input_is_named_and_nothing_is_written(
     with Registry.open(tmp_path) as registry:
         calibrated_bench(registry)
     app = typer.Typer()
-    register_certificate(app)
+    app.command()(certificate)
     result = CliRunner().invoke(app, [*arguments, "--data", str(tmp_path)])
     assert isinstance(result.exception, TorquebenchError)
     assert said in str(result.exception)
