@@ -18,9 +18,10 @@ from torquebench.cli.options import (
     BenchOption,
     DataOption,
     RealTimeOption,
+    YesOption,
     bench_description,
 )
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import check_reports
 from torquebench.cli.resume import resume_run
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -109,9 +110,7 @@ def calibrate(
             "for each module. May be repeated.",
         ),
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Calibrate modules against the calibrator, fit the compensation and put it into use.
@@ -153,7 +152,7 @@ def calibrate(
             "give rapid-in-situ, adaptive, staircase, reversing, small-torques or a .toml file",
         )
     choice, found = _choice(model, parameter), mounting_record(mounting)
-    check_reports(report or [])
+    check_reports(report)
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return

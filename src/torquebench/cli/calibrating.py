@@ -11,11 +11,11 @@ from torquebench.cli.console import (
     answer,
     out,
     say,
-    say_file,
     warn,
     write_contradictions,
 )
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.reports import write_reports
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -88,13 +88,10 @@ def _write_reports(
     if not reports:
         return
     from torquebench.reports.calibration_report import calibration_page
-    from torquebench.reports.page_pdf import write_report
 
-    page = calibration_page(finished)
-    for path in reports:
-        side = finished.measured.result.data.side
-        own = path.with_stem(f"{path.stem}-{side}") if several else path
-        say_file("Report", write_report(page, own))
+    side = finished.measured.result.data.side
+    own = [path.with_stem(f"{path.stem}-{side}") if several else path for path in reports]
+    write_reports(calibration_page(finished), own)
 
 
 def report_calibration(finished: FinishedCalibration) -> None:

@@ -17,7 +17,7 @@ from torquebench.cli.options import (
     check_output,
     data_directory,
 )
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -30,12 +30,7 @@ __all__ = ["compare"]
 def compare(
     first: Annotated[str, typer.Argument(help="A calibration, such as `calibration-2`.")],
     second: Annotated[str, typer.Argument(help="Another one of the same transducer.")],
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a page with figures (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: Annotated[list[Path] | None, report_option("a page with figures")] = None,
     result: Annotated[Path | None, typer.Option("--out", help="Write the steps as CSV.")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
@@ -46,7 +41,7 @@ def compare(
     """
     from torquebench.records import Registry
 
-    check_reports(report or [])
+    check_reports(report)
     if result is not None:
         check_output(result, endings=CSV_ENDINGS)
     numbers = [_number(name) for name in (first, second)]
@@ -76,11 +71,9 @@ def compare(
         say_file("Steps", result)
     if report:
         from torquebench.reports.calibration_comparison import calibration_comparison_page
-        from torquebench.reports.page_pdf import write_report
 
         page = calibration_comparison_page(found)
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
 
 
 def _number(name: str) -> int:

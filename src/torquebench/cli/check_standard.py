@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +13,9 @@ from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
     DataOption,
+    ModuleArgument,
     RealTimeOption,
+    YesOption,
     bench_description,
 )
 
@@ -24,15 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["check"]
 
 
-class Side(StrEnum):
-    """Which module."""
-
-    input = "input"
-    output = "output"
-
-
 def check(
-    side: Annotated[Side, typer.Argument(help="Which module.")],
+    side: ModuleArgument,
     bench: BenchOption = None,
     tolerance: Annotated[
         float, typer.Option(min=1e-6, max=100, help="Largest error allowed, % of full scale.")
@@ -41,9 +35,7 @@ def check(
         str, typer.Option(help="Steps to check: a profile's name, or the path of a .toml.")
     ] = "check",
     data: DataOption = DEFAULT_DATA,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Check a module against the check standard: zero, a few steps, verdict with guard band.

@@ -72,7 +72,7 @@ def demo(
     in groups of 50 fresh points against the standard and the simulation's true torque. The
     no-load friction of the simulated standard reducer is measured in three sweeps.
     """
-    from torquebench.cli.reducer_tables import check_reports
+    from torquebench.cli.reports import check_reports
 
     check_reports([report])
     description = _description(bench, seed, preset, real_time=real_time)

@@ -35,7 +35,7 @@ from torquebench.cli.options import (
     performed_at,
     stated_reference,
 )
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -130,12 +130,7 @@ def static(
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: ReportOption = None,
     records: DataOption = DEFAULT_DATA,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
@@ -158,7 +153,7 @@ def static(
 
     chosen = load_profile(profile)
     check_steps(chosen)
-    check_reports(report or [])
+    check_reports(report)
     if result is not None:
         check_output(result, data, endings=(".json",))
     if register:
@@ -199,13 +194,11 @@ def static(
     found = _evaluate(evaluable, resolution, stated, model)
     if report:
         from torquebench.reports.evaluation_report import static_page
-        from torquebench.reports.page_pdf import write_report
 
         shown = points if evaluable.data is None else evaluable.data
         torque = None if model is None else _compensated(model, shown)
         page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable)
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
     content = {
         "profile": {"name": chosen.name, "sha256": chosen.sha256},
         "data_sha256": points.sha256(),

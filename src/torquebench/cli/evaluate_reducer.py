@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import say_file
 from torquebench.cli.reducer_columns import Kind, read_columns
-from torquebench.cli.reducer_tables import check_reports, present
+from torquebench.cli.reducer_tables import present
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import ARCMIN, ARCSEC
@@ -22,7 +22,6 @@ if TYPE_CHECKING:
         ReducerDescription,
         ReducerResult,
     )
-    from torquebench.reports.page import Page
 
 __all__ = ["breakaway", "efficiency", "friction", "hysteresis", "no_load", "transmission_error"]
 
@@ -45,10 +44,6 @@ ReducerOption = Annotated[
 ]
 OutputOption = Annotated[
     Path | None, typer.Option("--output", help="A folder for every number and the curves.")
-]
-ReportOption = Annotated[
-    list[Path] | None,
-    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
 ]
 RatioOption = Annotated[
     float | None,
@@ -112,15 +107,8 @@ def _finish(
     if report:
         from torquebench.reports.evaluation_report import evaluation_page
 
-        _write(evaluation_page(test, data.name, result, judged, described), report)
+        write_reports(evaluation_page(test, data.name, result, judged, described), report)
     present(test, data, result, judged, output, settings)
-
-
-def _write(page: Page, report: list[Path]) -> None:
-    from torquebench.reports.page_pdf import write_report
-
-    for path in report:
-        say_file("Report", write_report(page, path))
 
 
 def hysteresis(
@@ -175,7 +163,7 @@ def hysteresis(
     and demanded (requested torque); time if the inertia of a flange is given. Input locked, load at
     the output.
     """
-    check_reports(report or [])
+    check_reports(report)
     described = _described(reducer)
     if rated_torque is None and described is None:
         raise InputError("no rated torque", "--rated-torque, or --reducer")
@@ -234,7 +222,7 @@ def hysteresis(
         if report:
             from torquebench.reports.evaluation_report import open_loop_page
 
-            _write(open_loop_page(data.name, problem.loop, str(problem)), report)
+            write_reports(open_loop_page(data.name, problem.loop, str(problem)), report)
             raise
         remedy = Message("{remedy}; --report draws the gap", problem.remedy)
         raise InputError(problem.found, problem.allowed, remedy) from None
@@ -262,7 +250,7 @@ def friction(
     Columns: speed and torque, both clockwise positive; optionally branch (1 rising, -1 falling
     speed), temperature and demanded (requested speed).
     """
-    check_reports(report or [])
+    check_reports(report)
     kinds: dict[str, Kind] = {
         "speed": "speed",
         "torque": "torque",
@@ -312,7 +300,7 @@ def no_load(
     Columns: speed and torque at the input, both clockwise positive; optionally repeat, branch (1
     rising, -1 falling speed), temperature and demanded (requested speed, which groups the points).
     """
-    check_reports(report or [])
+    check_reports(report)
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "speed": "speed",
@@ -361,7 +349,7 @@ def breakaway(
     Columns: time, angle and torque of the driven side; optionally run (number of the ramp) and
     position.
     """
-    check_reports(report or [])
+    check_reports(report)
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "time": "time",
@@ -415,7 +403,7 @@ def transmission_error(
     Columns: input and output (angles of both encoders at the same moments), optionally time. Both
     directions may follow each other.
     """
-    check_reports(report or [])
+    check_reports(report)
     described = _described(reducer)
     kinds: dict[str, Kind] = {"input": "angle", "output": "angle", "time": "time"}
     table = read_columns(data, kinds, ("input", "output"), column or (), where or ())
@@ -458,7 +446,7 @@ def efficiency(
     Columns: input_torque and output_torque (the torque on the load), speed of the input, all
     clockwise positive; optionally temperature.
     """
-    check_reports(report or [])
+    check_reports(report)
     described = _described(reducer)
     kinds: dict[str, Kind] = {
         "input_torque": "torque",

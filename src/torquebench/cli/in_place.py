@@ -2,16 +2,22 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, narrow_table, out, say, say_file
-from torquebench.cli.options import BenchOption, RealTimeOption, bench_description
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.console import answer, narrow_table, out, say
+from torquebench.cli.options import (
+    BenchOption,
+    Module,
+    ModuleArgument,
+    RealTimeOption,
+    YesOption,
+    bench_description,
+)
+from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -26,15 +32,8 @@ __all__ = ["in_place"]
 RECORDS = Path("torquebench-data")
 
 
-class Module(StrEnum):
-    """Which module."""
-
-    input = "input"
-    output = "output"
-
-
 def in_place(
-    module: Annotated[Module, typer.Argument(help="Which module.")] = Module.output,
+    module: ModuleArgument = Module.output,
     alone: Annotated[
         Path | None,
         typer.Option(
@@ -45,12 +44,7 @@ def in_place(
     quick: Annotated[
         bool, typer.Option("--quick", help="Fewer points: takes a few seconds.")
     ] = False,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a report with a figure (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
     bench: BenchOption = None,
     records: Annotated[
         Path | None,
@@ -58,9 +52,7 @@ def in_place(
             help="Folder of the records; without it, records of simulated runs are discarded."
         ),
     ] = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Calibrate a transducer alone and its chain in place, and show the difference.
@@ -71,9 +63,9 @@ def in_place(
     """
     import dataclasses
 
-    check_reports(report or [])
+    check_reports(report)
     description = bench_description(bench)
-    side: Side = "input" if module is Module.input else "output"
+    side: Side = module.value
     table = None if alone is None else _alone(alone, side, description)
     if table is None and not description.simulated:
         raise InputError(
@@ -112,11 +104,8 @@ def in_place(
         worst_percent_fs=dict(zip(names, found, strict=True)),
     )
     if report:
-        from torquebench.reports.page_pdf import write_report
-
         page = in_place_page(description.name, side, fitted)
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
 
 
 def _alone(path: Path, side: Side, description: BenchDescription) -> CalibrationData:

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, narrow_table, out, say, say_file
+from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import HELP_MARKUP
+from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -19,10 +20,7 @@ if TYPE_CHECKING:
 
 __all__ = ["app"]
 
-ReportOption = Annotated[
-    list[Path] | None,
-    typer.Option("--report", help="Write a page with figures (.html or .pdf). May be repeated."),
-]
+ReportOption = Annotated[list[Path] | None, report_option("a page with figures")]
 DEFAULT_DESIGN = "output"
 
 app = typer.Typer(
@@ -50,7 +48,7 @@ def additional_torque(
     printed in the 2021 article; sensitivity to every parameter; effect of 0.03 mm of coaxiality
     error.
     """
-    reports = _checked(report)
+    check_reports(report)
     from torquebench.papers.mechanics import DESIGNS, additional_torque_blocks, load_design
 
     if design in DESIGNS:
@@ -65,19 +63,19 @@ def additional_torque(
     found, blocks = additional_torque_blocks(chosen)
     say(found.ours)
     answer(result=found.ours)
-    _finish("Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks, reports)
+    _finish("Additional torque", f"{chosen.name}, {chosen.range_nm:g} N·m", blocks, report)
 
 
 @app.command("sections")
 def sections(report: ReportOption = None) -> None:
     """Compare the twist of rectangles with that of a circle of the same area."""
-    reports = _checked(report)
+    check_reports(report)
     from torquebench.papers.mechanics import section_blocks
 
     found, blocks = section_blocks()
     say(found.ours)
     answer(result=found.ours)
-    _finish("Rectangle against circle", "twist per length at equal area", blocks, reports)
+    _finish("Rectangle against circle", "twist per length at equal area", blocks, report)
 
 
 @app.command("supports")
@@ -105,7 +103,7 @@ def supports(
     report: ReportOption = None,
 ) -> None:
     """Twist a cantilever support and a hollow cylinder of the same mass in three dimensions."""
-    reports = _checked(report)
+    check_reports(report)
     if not arm_height < height:
         raise InputError(
             Message(
@@ -121,21 +119,14 @@ def supports(
     found, blocks = support_blocks(torque, design, min(size, 0.5 * min(column, thickness)))
     say(found.ours)
     answer(result=found.ours)
-    _finish("Two supports", f"{torque:g} N·m about the vertical axis", blocks, reports)
-
-
-def _checked(reports: list[Path] | None) -> list[Path]:
-    from torquebench.cli.reducer_tables import check_reports
-
-    check_reports(reports or [])
-    return reports or []
+    _finish("Two supports", f"{torque:g} N·m about the vertical axis", blocks, report)
 
 
 def _finish(
     title: str,
     subtitle: str,
     blocks: Sequence[Facts | Table | Figure],
-    reports: list[Path],
+    reports: list[Path] | None,
 ) -> None:
     """Print the tables and write the page."""
     from torquebench.reports.page import Facts, Page, Section, Table
@@ -156,11 +147,8 @@ def _finish(
     facts = [item for block in blocks if isinstance(block, Facts) for item in block.items]
     answer(facts=dict(facts))
     if reports:
-        from torquebench.reports.page_pdf import write_report
-
         sections = [Section(title, "", tuple(blocks))]
-        for path in reports:
-            say_file("Page", write_report(Page(title, subtitle, sections), path))
+        write_reports(Page(title, subtitle, sections), reports, "Page")
 
 
 def _value(cell: str) -> str | float:

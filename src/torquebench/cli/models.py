@@ -22,6 +22,7 @@ from torquebench.cli.options import (
     check_output,
     stated_reference,
 )
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
 
@@ -39,10 +40,6 @@ if TYPE_CHECKING:
 
 __all__ = ["apply", "fit", "verify"]
 
-ReportsOption = Annotated[
-    list[Path] | None,
-    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
-]
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
 DEFAULT_KIND = "hybrid"
@@ -77,7 +74,7 @@ def fit(
     result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
         "model.json"
     ),
-    report: ReportsOption = None,
+    report: ReportOption = None,
     one_direction: Annotated[
         bool,
         typer.Option("--one-direction", help="The chain is loaded in one direction only."),
@@ -124,14 +121,13 @@ def fit(
     contradict each other, the exit code is 1 and the model file is marked.
     """
     from torquebench.calibration import load_profile
-    from torquebench.cli.reducer_tables import check_reports
     from torquebench.compensation import check_kind
     from torquebench.records import read_calibration_csv, read_empty_run
     from torquebench.records.tables import maps_one
 
     inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
     check_output(result, *inputs, endings=(".json",))
-    check_reports(report or [])
+    check_reports(report)
     if model is not None:
         check_kind(model)
     parameters = model_parameters(model or DEFAULT_KIND, parameter)
@@ -209,15 +205,13 @@ def fit(
     say_file("Model", result)
     if report:  # imported only now: drawing takes a third of the time
         from torquebench.reports.fit_report import fit_page
-        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.turning_report import identified_section
 
         page = fit_page(fitted)
         if turning.effects:
             section = identified_section(turning.effects, turning.remarks, points.range_nm)
             page = replace(page, sections=[*page.sections, section])
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
     if fitted.contradictions:
         write_contradictions(
             fitted.contradictions,
@@ -395,7 +389,7 @@ def verify(
         list[Path] | None,
         typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
     ] = None,
-    report: ReportsOption = None,
+    report: ReportOption = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
@@ -403,11 +397,10 @@ def verify(
     of MODEL. Points of a chain with empty runs may be at any speed and temperature within its
     measured range; their zero is that of the calibration unless --zero-temperature states another.
     """
-    from torquebench.cli.reducer_tables import check_reports
     from torquebench.compensation import load_model
     from torquebench.records import read_calibration_csv
 
-    check_reports(report or [])
+    check_reports(report)
     stored = load_model(model)
     compared = {f"model {path.stem}": load_model(path) for path in others or []}
     points = read_calibration_csv(data, range_nm=stored.provenance.range_nm, mapping=column or ())
@@ -517,7 +510,6 @@ def _write_verification(
     """Write the reports; for a rotating chain with errors over speed and temperature."""
     if not reports:
         return
-    from torquebench.reports.page_pdf import write_report
     from torquebench.reports.verification_report import Verified, verification_page
 
     verified = [
@@ -529,8 +521,7 @@ def _write_verification(
         from torquebench.reports.turning_report import turning_section
 
         page = replace(page, sections=[*page.sections, turning_section(points, turning, tolerance)])
-    for path in reports:
-        say_file("Report", write_report(page, path))
+    write_reports(page, reports)
 
 
 def _title(stored: StoredModel) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from datetime import UTC, date, datetime
+from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -28,10 +29,13 @@ __all__ = [
     "ClockToleranceOption",
     "ColumnOption",
     "DataOption",
+    "Module",
+    "ModuleArgument",
     "RangeOption",
     "RealTimeOption",
     "ReferenceOption",
     "WithoutOption",
+    "YesOption",
     "accepted_counter",
     "bench_description",
     "check_kept",
@@ -56,6 +60,15 @@ REGISTRY_URL = "TORQUEBENCH_REGISTRY"
 REGISTRY_FILE = "registry.sqlite"
 """Registry file in a data directory; see `records.REGISTRY_FILE`."""
 
+
+class Module(StrEnum):
+    """Which module."""
+
+    input = "input"
+    output = "output"
+
+
+ModuleArgument = Annotated[Module, typer.Argument(help="Which module.")]
 DataOption = Annotated[
     Path,
     typer.Option(
@@ -96,6 +109,9 @@ WithoutOption = Annotated[
         help="Don't correct hysteresis, temperature, rotation, inertia or ripple: U contains it "
         "instead. May be repeated.",
     ),
+]
+YesOption = Annotated[
+    bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
 ]
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")

@@ -9,10 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
+from torquebench.cli.console import answer, narrow_table, note, out, say
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import RealTimeOption, bench_description, check_output_folder
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.options import (
+    RealTimeOption,
+    YesOption,
+    bench_description,
+    check_output_folder,
+)
+from torquebench.cli.reports import check_reports, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -69,9 +74,7 @@ def papers(
         ),
     ] = None,
     mounting: MountingOption = None,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
@@ -242,7 +245,6 @@ def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
 
 
 def _write(page: Page, reports: list[Path]) -> None:
-    from torquebench.reports.page_pdf import write_report
 
     table = narrow_table(page.title + (" - simulated" if page.simulated else ""))
     table.add_column("item")
@@ -253,5 +255,4 @@ def _write(page: Page, reports: list[Path]) -> None:
         answer(items=[{"item": item, "verdict": verdict}])
     answer(simulated=page.simulated)
     out().print(table)
-    for path in reports:
-        say_file("Page", write_report(page, path))
+    write_reports(page, reports, "Page")

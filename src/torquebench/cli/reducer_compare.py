@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import answer, narrow_table, out, say, say_file
+from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import check_reports, report_option, write_reports
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.comparison import ReducerComparison
@@ -27,12 +27,7 @@ def compare(
     change: Annotated[
         bool, typer.Option("--change", help="Two runs of one specimen: before and after.")
     ] = False,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a page with figures (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: Annotated[list[Path] | None, report_option("a page with figures")] = None,
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Compare specimens of one type, or one specimen before and after.
@@ -42,7 +37,7 @@ def compare(
     from torquebench.campaign.reducers.comparison import compared, tested_specimen
     from torquebench.records import Registry
 
-    check_reports(report or [])
+    check_reports(report)
     with Registry.open(data_directory(data)) as registry:
         found = compared(
             [tested_specimen(find_run(registry, name)) for name in runs], change=change
@@ -65,12 +60,10 @@ def compare(
     if found.left_out:
         say(f"[dim]{found.left_out} values that aren't in every run are left out[/dim]")
     if report:
-        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.reducer_comparison import comparison_page
 
         page = comparison_page(found)
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
 
 
 def _quantities(found: ReducerComparison, *, change: bool) -> list[dict[str, Any]]:

@@ -11,23 +11,12 @@ from rich.markup import escape
 
 from torquebench.cli.console import answer, narrow_table, out, say_file, stderr_console
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import check_kept, check_output, check_output_folder
+from torquebench.cli.options import check_kept, check_output_folder
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
 
-__all__ = ["check_reports", "present"]
-
-
-def check_reports(reports: Sequence[Path]) -> None:
-    """Refuse reports that couldn't be written, before anything is done for them."""
-    if not reports:
-        return
-    from torquebench.reports.page_pdf import check_suffix
-
-    for report in reports:
-        check_suffix(report)
-        check_output(report)
+__all__ = ["present"]
 
 
 def present(

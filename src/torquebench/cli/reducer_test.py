@@ -13,7 +13,7 @@ from typer.core import TyperGroup
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.cli.confirming import confirm_test
-from torquebench.cli.console import answer, note, out, say, say_file
+from torquebench.cli.console import answer, note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
@@ -25,11 +25,12 @@ from torquebench.cli.options import (
     ClockToleranceOption,
     DataOption,
     RealTimeOption,
+    YesOption,
     accepted_counter,
     bench_description,
 )
 from torquebench.cli.reducer_compare import compare
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.standard_reducer import standard_reducer
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -73,10 +74,6 @@ NoTwistOption = Annotated[
 DryRunOption = Annotated[
     bool, typer.Option("--dry-run", help="Check limits and durations; nothing moves.")
 ]
-ReportOption = Annotated[
-    list[Path] | None,
-    typer.Option("--report", help="Write a report with figures (.html or .pdf). May be repeated."),
-]
 TareOption = Annotated[
     bool | None,
     typer.Option(
@@ -108,9 +105,6 @@ RepeatsOption = Annotated[
         "Largest number of repeats of no-load torque and efficiency, and of the empty run; by "
         "default 12 and 8. Repeating ends when the means are known well enough.",
     ),
-]
-YesOption = Annotated[
-    bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
 ]
 
 
@@ -165,7 +159,7 @@ def _command(name: str) -> Callable[..., None]:
         settings = settings.with_loops(loops, positions)
         wanted = _Wanted(name, kind, settings, serial, accepted)
         entered = mounting_record(mounting)
-        check_reports(report or [])
+        check_reports(report)
         if dry_run:
             _dry_run(described, wanted)
             return
@@ -321,11 +315,9 @@ def _finish(record: ReducerTestRecord, reports: list[Path]) -> None:
 
     print_record(record)
     if reports:
-        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.reducer_report import reducer_page
 
         page = reducer_page(record)
-        for report in reports:
-            say_file("Report", write_report(page, report))
+        write_reports(page, reports)
     if record.failed:
         raise typer.Exit(CHECK_FAILED)

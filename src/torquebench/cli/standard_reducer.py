@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.confirming import confirm_test
-from torquebench.cli.console import answer, narrow_table, note, out, say, say_file
+from torquebench.cli.console import answer, narrow_table, note, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
@@ -19,10 +19,11 @@ from torquebench.cli.options import (
     ClockToleranceOption,
     DataOption,
     RealTimeOption,
+    YesOption,
     accepted_counter,
     bench_description,
 )
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import check_reports, report_option, write_reports
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -52,18 +53,11 @@ def standard_reducer(
     both_directions: Annotated[
         bool, typer.Option("--both-directions", help="Counter-clockwise as well.")
     ] = False,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a report with a figure (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
     mounting: MountingOption = None,
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
     accept_counter: AcceptCounterOption = None,
     clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
@@ -74,7 +68,7 @@ def standard_reducer(
     module is compensated by its active model; without one, the result says so. Exit code 1 if error
     or repeatability exceeds the tolerance.
     """
-    check_reports(report or [])
+    check_reports(report)
     described = bench_description(bench)
     kind, entered = _kind(reducer, described), mounting_record(mounting)
     accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
@@ -86,7 +80,6 @@ def standard_reducer(
         )
     _print(found)
     if report:
-        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.standard_reducer_report import standard_reducer_page
 
         page = standard_reducer_page(
@@ -97,8 +90,7 @@ def standard_reducer(
             run_id=found.run_id,
             simulated=found.simulated,
         )
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
     if not found.check.kept:
         raise typer.Exit(CHECK_FAILED)
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,7 +20,10 @@ from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
     DataOption,
+    Module,
+    ModuleArgument,
     RealTimeOption,
+    YesOption,
     bench_description,
     check_output,
 )
@@ -35,15 +37,8 @@ if TYPE_CHECKING:
 __all__ = ["turn"]
 
 
-class Side(StrEnum):
-    """Which module."""
-
-    input = "input"
-    output = "output"
-
-
 def turn(
-    side: Annotated[Side, typer.Argument(help="Which module.")],
+    side: ModuleArgument,
     result: Annotated[Path, typer.Option("--out", help="The CSV file to write.")],
     profile: Annotated[
         str, typer.Option(help="A profile's name, or the path of a .toml.")
@@ -59,9 +54,7 @@ def turn(
     resume: Annotated[
         bool, typer.Option("--resume", help="Resume the interrupted run in the file of --out.")
     ] = False,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     seed: Annotated[
         int | None,
         typer.Option(min=0, help="Draw the random points of a verification by another seed."),
@@ -92,7 +85,9 @@ def turn(
     _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
 
 
-def _confirm(description: BenchDescription, side: Side, profile: TurningProfile, yes: bool) -> None:
+def _confirm(
+    description: BenchDescription, side: Module, profile: TurningProfile, yes: bool
+) -> None:
     """Ask for confirmation before a shaft turns on a real bench."""
     import sys
 
@@ -117,7 +112,7 @@ def _confirm(description: BenchDescription, side: Side, profile: TurningProfile,
 
 def _run(
     description: BenchDescription,
-    side: Side,
+    side: Module,
     profile: TurningProfile,
     result: Path,
     data: Path,
@@ -153,7 +148,7 @@ def _run(
     answer(rows=done.rows, bench_seconds=done.bench_seconds, run=done.run_id)
 
 
-def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
+def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
     """Rehearse the same plan as the real run, and print it."""
     import tempfile
 
@@ -206,7 +201,7 @@ def _dry_run(description: Any, side: Side, profile: TurningProfile) -> None:
 
 
 def _describe_steps(
-    table: Any, description: BenchDescription, side: Side, profile: TurningProfile
+    table: Any, description: BenchDescription, side: Module, profile: TurningProfile
 ) -> None:
     """Add steps and sines of torque, and what the drive makes of them."""
     module, steps, sines = description.module(side.value), profile.steps, profile.sines

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, out, say, say_file
+from torquebench.cli.console import answer, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
     DataOption,
+    ModuleArgument,
     RealTimeOption,
+    YesOption,
     bench_description,
     data_directory,
 )
-from torquebench.cli.reducer_tables import check_reports
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -35,15 +36,8 @@ if TYPE_CHECKING:
 __all__ = ["verification"]
 
 
-class Module(StrEnum):
-    """Which module."""
-
-    input = "input"
-    output = "output"
-
-
 def verification(
-    module: Annotated[Module, typer.Argument(help="Which module.")],
+    module: ModuleArgument,
     models: Annotated[
         list[str] | None,
         typer.Option(
@@ -67,18 +61,11 @@ def verification(
         float,
         typer.Option(min=0, help="Largest error of a reading, and repeatability, % of full scale."),
     ] = 0.1,
-    report: Annotated[
-        list[Path] | None,
-        typer.Option(
-            "--report", help="Write a report with figures (.html or .pdf). May be repeated."
-        ),
-    ] = None,
+    report: ReportOption = None,
     mounting: MountingOption = None,
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
-    yes: Annotated[
-        bool, typer.Option("--yes", "-y", help="Confirm all questions without asking.")
-    ] = False,
+    yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
     """Verify a module at fresh points against the verification standard, in groups.
@@ -87,11 +74,11 @@ def verification(
     models are compared on the same readings. Exit code 1 if error or repeatability of the first
     model exceeds the tolerance.
     """
-    check_reports(report or [])
+    check_reports(report)
     entered = mounting_record(mounting)
     description = bench_description(bench)
     data_directory(data)
-    side: Side = "input" if module is Module.input else "output"
+    side: Side = module.value
     from torquebench.calibration import load_profile
 
     profile = load_profile("verification").with_options(
@@ -116,7 +103,6 @@ def verification(
     )
     if report:
         from torquebench.bench.mounting_record import mounting_facts
-        from torquebench.reports.page_pdf import write_report
         from torquebench.reports.verification_report import Verified, verification_page
 
         verified = [
@@ -133,8 +119,7 @@ def verification(
             *mounting_facts(entered),
         )
         page = verification_page(measured, verified, facts, tolerance)
-        for path in report:
-            say_file("Report", write_report(page, path))
+        write_reports(page, report)
     if not kept:
         raise typer.Exit(CHECK_FAILED)
 

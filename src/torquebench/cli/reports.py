@@ -1,0 +1,44 @@
+"""`--report`: the option of every command that writes one, its check before and the files after."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.console import say_file
+from torquebench.cli.options import check_output
+
+if TYPE_CHECKING:
+    from torquebench.reports.page import Page
+
+__all__ = ["ReportOption", "check_reports", "report_option", "write_reports"]
+
+
+def report_option(what: str) -> Any:
+    """Return the option of a command whose report is something else than `ReportOption` says."""
+    return typer.Option("--report", help=f"Write {what} (.html or .pdf). May be repeated.")
+
+
+ReportOption = Annotated[list[Path] | None, report_option("a report with figures")]
+
+
+def check_reports(reports: Sequence[Path] | None) -> None:
+    """Refuse reports that couldn't be written, before anything is done for them."""
+    if not reports:
+        return
+    from torquebench.reports.page_pdf import check_suffix
+
+    for report in reports:
+        check_suffix(report)
+        check_output(report)
+
+
+def write_reports(page: Page, reports: Sequence[Path], title: str = "Report") -> None:
+    """Write a page into each file, and say where."""
+    from torquebench.reports.page_pdf import write_report
+
+    for report in reports:
+        say_file(title, write_report(page, report))
