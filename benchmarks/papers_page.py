@@ -14,7 +14,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from torquebench.cli.papers import make_page
+from torquebench.cli.papers import papers
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 
 DOCS = Path(__file__).parents[1] / "docs"
@@ -94,7 +94,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
     chosen = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as folder:
         reports = [(chosen.out or Path(folder)) / f"papers.{kind}" for kind in ("html", "pdf")]
-        page = make_page(reports, data=chosen.data)
+        page = papers(reports, data=chosen.data)
     page = dataclasses.replace(page, subtitle=INTRODUCTION + page.subtitle)
     with tempfile.TemporaryDirectory() as folder:
         text = markdown(page, IMAGES if chosen.write else Path(folder))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from torquebench.reducers import CertifiedFriction
     from torquebench.reports.page import Page
 
-__all__ = ["make_page", "papers"]
+__all__ = ["papers"]
 
 RECORDS = Path("torquebench-data")
 SEEDS = 3
@@ -76,7 +76,7 @@ def papers(
     mounting: MountingOption = None,
     yes: YesOption = False,
     real_time: RealTimeOption = False,
-) -> None:
+) -> Any:
     """Reproduce the two source papers item by item: one page with figures, tables and verdicts.
 
     Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
@@ -84,38 +84,7 @@ def papers(
     claims. On a real bench no model is put into use. --save writes the tables, from which --data
     makes the same page again.
     """
-    make_page(
-        report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")],
-        bench=bench,
-        data=data,
-        save=save,
-        reducer=reducer,
-        seeds=seeds,
-        study=study,
-        quick=quick,
-        records=records,
-        mounting=mounting,
-        yes=yes,
-        real_time=real_time,
-    )
-
-
-def make_page(
-    reports: list[Path],
-    *,
-    bench: Path | None = None,
-    data: Path | None = None,
-    save: Path | None = None,
-    reducer: str | None = None,
-    seeds: int = SEEDS,
-    study: bool = True,
-    quick: bool = False,
-    records: Path | None = None,
-    mounting: list[str] | None = None,
-    yes: bool = False,
-    real_time: bool = False,
-) -> Page:
-    """Execute the command and return the page; arguments are its options."""
+    reports = report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")]
     check_reports(reports)
     if save is not None:
         check_output_folder(save)
@@ -152,7 +121,7 @@ def make_page(
         answer(files=[str(path) for path in written])
     page = _page(tables, study, quick)
     _write(page, reports)
-    return page
+    return page  # for callers from Python
 
 
 def _certified(reducer: str | None) -> tuple[CertifiedFriction, ...]:

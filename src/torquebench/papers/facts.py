@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable
 from pathlib import Path
 
 from torquebench.atomic_write import atomic_write
@@ -23,9 +23,7 @@ __all__ = [
     "FACTS",
     "MOUNTING",
     "bench_facts",
-    "read_facts",
     "read_rows",
-    "write_facts",
     "write_rows",
 ]
 
@@ -106,22 +104,6 @@ def _module(described: ModuleDescription) -> str:
         f"transducer ±{described.range_nm:g} N·m, drive, encoder of "
         f"{described.encoder.counts_per_revolution} counts, free / driven / locked"
     )
-
-
-def write_facts(folder: Path, facts: Mapping[str, str]) -> Path:
-    """Write the facts to the folder of the tables, two columns."""
-    return write_rows(folder / FACTS, [("item", "value"), *facts.items()])
-
-
-def read_facts(folder: Path) -> dict[str, str]:
-    """Read them back; empty where the folder has none.
-
-    Raises
-    ------
-    InputError
-        A row has other than two cells.
-    """
-    return dict(read_rows(folder / FACTS, 2))
 
 
 def write_rows(path: Path, rows: Iterable[Iterable[object]]) -> Path:

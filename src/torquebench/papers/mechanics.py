@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
+from typing import Literal
 
 import numpy as np
 
@@ -143,13 +144,12 @@ def coaxiality_effect_nm(design: Design) -> float:
     return float(limit - without)
 
 
-def _odd(design: Design, form: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _odd(
+    design: Design, form: Literal["consistent", "published"]
+) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Return torques over ±range and the odd parts there."""
     torque = np.linspace(-design.range_nm, design.range_nm, 401)
-    published = form == "published"
-    parts = additional_torque(
-        design.chain, np.abs(torque), form="published" if published else "consistent"
-    )
+    parts = additional_torque(design.chain, np.abs(torque), form=form)
     names = ("bearing friction", "parallel misalignment", "angular misalignment", "sum")
     sign = np.where(torque < 0.0, -1.0, 1.0)
     return torque, {name: sign * part for name, part in zip(names, parts, strict=True)}

@@ -33,7 +33,7 @@ from torquebench.papers.models import (
 from torquebench.papers.study import CHAINS, CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM, Row
 from torquebench.papers.tables import BenchTables, FrictionTable
 from torquebench.reducers import CertifiedFriction, FrictionCheck, check_friction
-from torquebench.reports.calibration_report import loading_figures
+from torquebench.reports.calibration_report import error_curves, loading_figures
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
@@ -44,6 +44,7 @@ from torquebench.reports.standard_reducer_report import (
 from torquebench.reports.verification_report import (
     Verified,
     before_after_figure,
+    kept_words,
     verification_tables,
 )
 from torquebench.uncertainty import stated
@@ -386,33 +387,10 @@ def _loading(bench: BenchResult) -> Blocks:
 
 
 def _error_curves(bench: BenchResult) -> Blocks:
-    panels = []
-    for side, module in bench.modules.items():
-        data = module.tables.calibration
-        curves = []
-        for sign, direction in ((1, "clockwise"), (-1, "counter-clockwise")):
-            for branch, word in ((1, "rising"), (-1, "falling")):
-                chosen = (np.sign(data.standard_nm) == sign) & (data.branch == branch)
-                if chosen.any():
-                    rows = np.flatnonzero(chosen)
-                    order = np.argsort(np.abs(data.standard_nm[rows]), kind="stable")
-                    part = data.subset(rows[order])
-                    curves.append(
-                        Curve(
-                            f"{direction}, {word}",
-                            np.abs(part.standard_nm),
-                            part.reading_nm - part.standard_nm,
-                        )
-                    )
-        panels.append(
-            Panel(
-                curves,
-                "amount of torque in N·m",
-                "error in N·m",
-                range_nm=data.range_nm,
-                title=f"{side} module",
-            )
-        )
+    panels = [
+        error_curves(module.tables.calibration, f"{side} module")
+        for side, module in bench.modules.items()
+    ]
     return [
         Figure(
             panels_figure(panels),
@@ -526,10 +504,6 @@ def _verified(module: FittedModule, data: CalibrationData) -> list[Verified]:
             for each in module.models.values()
         ),
     ]
-
-
-def _kept(percent: float) -> str:
-    return "met" if percent <= LIMIT_PERCENT else "not met"
 
 
 def _groups(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
@@ -714,14 +688,6 @@ def in_place_page(name: str, side: Side, module: FittedModule) -> Page:
     )
 
 
-def alone_model(module: FittedModule) -> tuple[np.ndarray, np.ndarray]:
-    """Return readings and standard of the calibration alone, at rising readings."""
-    data = module.tables.alone
-    assert data is not None
-    order = np.argsort(data.reading_nm)
-    return data.reading_nm[order], data.standard_nm[order]
-
-
 def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
     """Return worst errors in % FS: raw, calibrated alone, in place, and by BP in place."""
     data = module.tables.verification
@@ -741,10 +707,11 @@ def alone_row(module: FittedModule) -> tuple[float, float, float, float] | None:
 
 def _by_alone(module: FittedModule, data: CalibrationData) -> np.ndarray:
     """Return errors on fresh readings of one cubic per calibration alone, N·m."""
-    reading, standard = alone_model(module)
-    x = reading / data.range_nm
+    alone = module.tables.alone
+    assert alone is not None
+    x = alone.reading_nm / data.range_nm
     powers = np.column_stack([x, x**2, x**3])
-    weights = np.linalg.lstsq(powers, standard, rcond=None)[0]
+    weights = np.linalg.lstsq(powers, alone.standard_nm, rcond=None)[0]
     fresh = data.reading_nm / data.range_nm
     return np.asarray(np.column_stack([fresh, fresh**2, fresh**3]) @ weights - data.standard_nm)
 
@@ -799,9 +766,9 @@ def friction_blocks(
         [
             words,
             number(check.error_percent),
-            _kept(check.error_percent),
+            kept_words(check.error_percent, LIMIT_PERCENT),
             number(check.repeatability_percent),
-            _kept(check.repeatability_percent),
+            kept_words(check.repeatability_percent, LIMIT_PERCENT),
         ]
         for words, check in zip(titles, checks.values(), strict=True)
     ]

@@ -11,7 +11,7 @@ import contextlib
 import itertools
 import multiprocessing
 import zlib
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, field
 from types import MappingProxyType
@@ -278,10 +278,6 @@ class Finding:
 
 def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) -> list[Finding]:
     """Fit every model to one calibration of a chain, and find their errors on fresh readings."""
-    return list(_errors(chain, series, wanted))
-
-
-def _errors(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) -> Iterator[Finding]:
     share, branch = _path(series)
     rng = np.random.default_rng([chain.seed, zlib.crc32(series.encode())])
     torque = RANGE_NM * share
@@ -294,18 +290,22 @@ def _errors(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) ->
     dense = RANGE_NM * np.tile(_DENSE, len(sides))
     on = np.repeat(sides, _DENSE.size)
     quiet = features(chain.reading_nm(dense, on), on)
+    found = []
     for contender in wanted:
         model = MODELS[contender.kind](range_nm=READ_NM, **contender.parameters)
         columns = 2 if "branch" in model.used_features else 1
         model.fit(X[:, :columns], torque)
-        yield Finding(
-            chain.family,
-            series,
-            contender.title,
-            chain.seed,
-            float(np.max(np.abs(model.predict(read[:, :columns]) - fresh))),
-            float(np.max(np.abs(model.predict(quiet[:, :columns]) - dense))),
+        found.append(
+            Finding(
+                chain.family,
+                series,
+                contender.title,
+                chain.seed,
+                float(np.max(np.abs(model.predict(read[:, :columns]) - fresh))),
+                float(np.max(np.abs(model.predict(quiet[:, :columns]) - dense))),
+            )
         )
+    return found
 
 
 @dataclass(frozen=True)

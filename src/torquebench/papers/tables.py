@@ -26,13 +26,7 @@ from torquebench.campaign.measuring import (
 from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.papers.facts import (
-    bench_facts,
-    read_facts,
-    read_rows,
-    write_facts,
-    write_rows,
-)
+from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
 from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.table_files import read_table
@@ -358,7 +352,8 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
             path = folder / f"certificate-{side}.csv"
             written.append(write_rows(path, [_CERTIFICATE, *rows]))
     if tables.facts:
-        written.append(write_facts(folder, tables.facts))
+        facts = [("item", "value"), *tables.facts.items()]
+        written.append(write_rows(folder / FACTS, facts))
     if tables.reducer:
         header = [each.name for each in fields(ReducerValue)]
         values = [[getattr(each, name) for name in header] for each in tables.reducer]
@@ -436,7 +431,7 @@ def read_tables(folder: Path) -> BenchTables:
         simulated,
         modules,
         friction,
-        read_facts(folder),
+        dict(read_rows(folder / FACTS, 2)),
         tuple(
             _reducer_value(folder / REDUCER, row)
             for row in read_rows(folder / REDUCER, len(fields(ReducerValue)))

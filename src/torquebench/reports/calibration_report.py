@@ -18,7 +18,7 @@ from torquebench.reports.errors_table import number
 from torquebench.reports.fit_report import fit_page
 from torquebench.reports.page import Facts, Figure, Page, Section
 
-__all__ = ["calibration_page", "loading_figures"]
+__all__ = ["calibration_page", "error_curves", "loading_figures"]
 
 LOADING_LIMIT_PERCENT = 0.1
 """Loading accuracy of the source papers, % of range."""
@@ -52,6 +52,15 @@ def calibration_page(finished: FinishedCalibration) -> Page:
 
 def _curves(finished: FinishedCalibration) -> Section:
     data = finished.measured.result.data
+    figure = Figure(
+        panels_figure([error_curves(data)]),
+        "Reading minus standard at every step, without compensation.",
+    )
+    return Section("Error curves", "", (figure,))
+
+
+def error_curves(data: CalibrationData, title: str = "") -> Panel:
+    """Return reading minus standard over the amount of torque, by direction and branch."""
     curves = []
     for sign, direction in ((1, "clockwise"), (-1, "counter-clockwise")):
         for branch, word in ((1, "rising"), (-1, "falling")):
@@ -60,11 +69,9 @@ def _curves(finished: FinishedCalibration) -> Section:
                 part = data.subset(rows[np.argsort(np.abs(data.standard_nm[rows]), kind="stable")])
                 error = part.reading_nm - part.standard_nm
                 curves.append(Curve(f"{direction}, {word}", np.abs(part.standard_nm), error))
-    panel = Panel(curves, "amount of torque in N·m", "error in N·m", range_nm=data.range_nm)
-    figure = Figure(
-        panels_figure([panel]), "Reading minus standard at every step, without compensation."
+    return Panel(
+        curves, "amount of torque in N·m", "error in N·m", range_nm=data.range_nm, title=title
     )
-    return Section("Error curves", "", (figure,))
 
 
 def _loading(finished: FinishedCalibration) -> Section:

@@ -17,6 +17,7 @@ from torquebench.reports.page import Facts, Figure, Page, Section, Table
 __all__ = [
     "Verified",
     "before_after_figure",
+    "kept_words",
     "verification_page",
     "verification_tables",
 ]
@@ -73,10 +74,10 @@ def verification_tables(
                 each.title,
                 number(worst_nm),
                 number(worst),
-                _kept(worst, tolerance_percent),
+                kept_words(worst, tolerance_percent),
                 number(None if spread is None else spread.worst_nm),
                 number(None if spread is None else spread.worst_percent_fs),
-                "–" if spread is None else _kept(spread.worst_percent_fs, tolerance_percent),
+                "–" if spread is None else kept_words(spread.worst_percent_fs, tolerance_percent),
             ]
         )
     limit = f"≤ {tolerance_percent:g} %"
@@ -105,7 +106,8 @@ def verification_tables(
     ]
 
 
-def _kept(percent: float, tolerance_percent: float) -> str:
+def kept_words(percent: float, tolerance_percent: float) -> str:
+    """Return whether a largest error keeps its tolerance, in words."""
     return "met" if percent <= tolerance_percent else "not met"
 
 
