@@ -12,10 +12,11 @@ from torquebench.campaign.finishing import FinishedCalibration
 from torquebench.campaign.fitting import feature_columns
 from torquebench.campaign.results import FitResult
 from torquebench.compensation import noise_floor
-from torquebench.figures import Curve, staircase_figure
+from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.fit_report import fit_page
+from torquebench.reports.module_report import staircase_figures
 from torquebench.reports.page import Facts, Figure, Page, Section
 
 __all__ = ["calibration_page", "error_curves", "loading_figures"]
@@ -92,19 +93,11 @@ def _loading(finished: FinishedCalibration) -> Section:
             )
         )
     facts += mounting_facts(MountingRecord.of_run(finished.measured.record.metadata))
-    blocks: list[Facts | Figure] = [Facts(tuple(facts)), *loading_figures(data)]
-    if data.time_s is not None:
-        blocks.append(
-            Figure(
-                staircase_figure(
-                    data.time_s - data.time_s[0],
-                    data.standard_nm,
-                    data.additional_torque_nm,
-                    data.range_nm,
-                ),
-                "The staircase as the standard read it, and the additional torque of each step.",
-            )
-        )
+    blocks: list[Facts | Figure] = [
+        Facts(tuple(facts)),
+        *loading_figures(data),
+        *staircase_figures(data, "standard"),
+    ]
     return Section("Loading", "", tuple(blocks))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration import ErrorSummary
+from torquebench.calibration import CalibrationData, ErrorSummary
 from torquebench.campaign.results import CompensationResult, ModuleResult
 from torquebench.compensation import CompensationModel, features
 from torquebench.figures import (
@@ -18,7 +18,7 @@ from torquebench.figures import (
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Section, Table
 
-__all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections"]
+__all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections", "staircase_figures"]
 
 SOURCES_LIMIT_FS = 0.001
 """0.1 % of full scale: the accuracy of the published instrument (doi 10.1177/00202940221103308)."""
@@ -101,19 +101,7 @@ def _calibration_blocks(module: ModuleResult) -> list[Facts | Figure]:
     curves: list[Curve] = []
     if recommended.model is not None:
         curves = branch_curves(recommended.model, recommended.title, data.reading_nm)
-    blocks: list[Facts | Figure] = [facts]
-    if data.time_s is not None:
-        blocks.append(
-            Figure(
-                staircase_figure(
-                    data.time_s - data.time_s[0],
-                    data.standard_nm,
-                    data.additional_torque_nm,
-                    module.range_nm,
-                ),
-                "The staircase as the calibrator read it, and the additional torque of each step.",
-            )
-        )
+    blocks: list[Facts | Figure] = [facts, *staircase_figures(data, "calibrator")]
     blocks.append(
         Figure(
             additional_torque_figure(
@@ -123,6 +111,23 @@ def _calibration_blocks(module: ModuleResult) -> list[Facts | Figure]:
         )
     )
     return blocks
+
+
+def staircase_figures(data: CalibrationData, who: str) -> list[Figure]:
+    """Return the staircase as the standard read it, over time; empty without times."""
+    if data.time_s is None:
+        return []
+    return [
+        Figure(
+            staircase_figure(
+                data.time_s - data.time_s[0],
+                data.standard_nm,
+                data.additional_torque_nm,
+                data.range_nm,
+            ),
+            f"The staircase as the {who} read it, and the additional torque of each step.",
+        )
+    ]
 
 
 def _verification_text(module: ModuleResult) -> str:

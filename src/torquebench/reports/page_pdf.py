@@ -6,7 +6,6 @@ import json
 import math
 import re
 import tempfile
-from collections.abc import Iterator
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -62,7 +61,7 @@ def page_pdf(page: Page) -> bytes:
             for section in page.sections
         ],
     }
-    fonts, content["fonts"] = fonts_for(_texts(content))
+    fonts, content["fonts"] = fonts_for(content)
     with tempfile.TemporaryDirectory(prefix="torquebench-report-") as scratch:
         folder = Path(scratch)
         template = resources.files("torquebench.reports") / "templates" / "page.typ"
@@ -142,14 +141,6 @@ def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, 
     name = f"figure-{len(figures) + 1}.svg"
     figures[name] = block.svg
     return {"kind": "figure", "file": name, "caption": _unbroken(block.caption)}
-
-
-def _texts(content: Any) -> Iterator[str]:
-    if isinstance(content, str):
-        yield content
-    elif isinstance(content, dict | list):
-        for value in content.values() if isinstance(content, dict) else content:
-            yield from _texts(value)
 
 
 def write_report(page: Page, path: Path) -> Path:

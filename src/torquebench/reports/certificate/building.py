@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,10 +37,14 @@ from torquebench.reports.certificate.record import (
     Party,
     VerificationSummary,
 )
-from torquebench.reports.certificate.results import evaluate_results, turning_budget, turning_range
+from torquebench.reports.certificate.results import (
+    conformity_of,
+    evaluate_results,
+    turning_budget,
+    turning_range,
+)
 from torquebench.reports.certificate.source import Source, run_data
 from torquebench.reports.certificate.static import static_tables
-from torquebench.uncertainty import Verdict
 
 __all__ = [
     "DEFAULT_TOLERANCE_PERCENT_FS",
@@ -190,7 +195,6 @@ def build_record(
             "(`torquebench records use`), or have somebody else sign",
         )
     earlier = registry.certificates(calibration.calibration_id)
-    mounting = _mounting(source)
     return CertificateRecord(
         number=issue.number or _number(calibration, len(earlier)),
         languages=tuple(dict.fromkeys(issue.languages)),
@@ -230,15 +234,11 @@ def build_record(
         supersedes=earlier[0].number if earlier else "",
         unreviewed=unreviewed,
         loading_accuracy=_loading(data),
-        coaxiality=mounting.get("coaxiality", ""),
-        clamp_pressure=mounting.get("clamp_pressure", ""),
-        mounting_time=mounting.get("mounting_time", ""),
-        lubrication=mounting.get("lubrication", ""),
-        mounted_by=mounting.get("mounted_by", ""),
         turning="" if source.chain is None else turning_range(source.chain),
         turning_budget=None
         if source.chain is None
         else turning_budget(data, source.chain, source.reference),
+        **_mounting(source),
     )
 
 
@@ -247,7 +247,8 @@ def _loading(data: CalibrationData) -> str:
     return "" if percent is None else f"{percent:.2g} %"
 
 
-def _mounting(source: Source) -> dict[str, str]:
+def _mounting(source: Source) -> dict[str, Any]:
+    """Return the statements of the mounting's record, by the fields of the certificate's."""
     record = MountingRecord.of_run(source.folder.metadata)
     return {} if record is None else record.stated()
 
@@ -395,19 +396,12 @@ def _judged_points(
         standard=stated_uncertainty(standard, data.side, data.range_nm),
         tolerance_percent_fs=tolerance_percent_fs,
     )
-    error = torque - data.standard_nm
-    deciding = max(
-        range(len(decisions)),
-        key=lambda place: (decisions[place].verdict.severity, abs(error[place]) + expanded[place]),
-    )
-    found = [decision.verdict for decision in decisions]
-    return Conformity(
-        tolerance_percent_fs=tolerance_percent_fs,
-        verdict=found[deciding],
-        worst_error_nm=float(error[deciding]),
-        expanded_nm=float(expanded[deciding]),
-        at_nm=float(data.standard_nm[deciding]),
-        counts={verdict.value: found.count(verdict) for verdict in Verdict if verdict},
+    return conformity_of(
+        (torque - data.standard_nm).tolist(),
+        expanded.tolist(),
+        data.standard_nm.tolist(),
+        decisions,
+        tolerance_percent_fs,
         fresh=True,
     )
 

@@ -194,20 +194,21 @@ def _counts(found: Conformity, words: Labels) -> str:
 
 
 def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
-    entries = []
-    for each in record.deviations:
-        found, allowed = deviation_words(each, words)
-        entries.append(f"{found}; {words['allowed']}: {allowed} ({words['clause']}: {each.clause})")
+    entries = [
+        f"{deviation_words(each, words)} ({words['clause']}: {each.clause})"
+        for each in record.deviations
+    ]
     return entries or [words["deviations_none"]]
 
 
-def deviation_words(deviation: DeviationStatement, words: Labels) -> tuple[str, str]:
+def deviation_words(deviation: DeviationStatement, words: Labels) -> str:
     """Return found and allowed of a deviation, translated if the language has the sentence."""
+    found, allowed = deviation.found, deviation.allowed
     key = f"deviation_{deviation.key}"
-    if key not in words:
-        return deviation.found, deviation.allowed
-    allowed = f"allowed_{deviation.key}"
-    return words.filled(key, deviation.values), words.filled(allowed, deviation.values)
+    if key in words:
+        found = words.filled(key, deviation.values)
+        allowed = words.filled(f"allowed_{deviation.key}", deviation.values)
+    return f"{found}; {words['allowed']}: {allowed}"
 
 
 def _verification(record: CertificateRecord, words: Labels) -> dict[str, str] | None:
@@ -276,21 +277,13 @@ def _row(row: ResultRow, words: Labels) -> list[str]:
 def _budget(record: CertificateRecord, words: Labels) -> dict[str, Any]:
     row = record.results[record.budget_step]
     _, expanded_nm, factor = row.judged
-    combined = expanded_nm / factor
-    expanded = words.uncertainty(expanded_nm)
+    freedom = _freedom(record.budget_freedom, words)
     return {
         "title": words["budget"],
         "text": words[_word("budget_text", record)].format(
             torque=words.short(row.torque_nm), branch=_ARROWS[row.branch]
         ),
-        **_lines(record.budget, words),
-        "total": [
-            words["budget_total"],
-            f"k = {words.number(factor, 2)}; U = {expanded} N·m",
-            words.uncertainty(combined),
-            _freedom(record.budget_freedom, words),
-            f"{words.number(100.0, 0)} %",
-        ],
+        **_lines(record.budget, expanded_nm, factor, freedom, words),
     }
 
 
@@ -306,18 +299,13 @@ def _turning(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
             speed=words.short(found.speed_rpm),
             temperature=words.number(found.temperature_c, 1),
         ),
-        **_lines(found.rows, words),
-        "total": [
-            words["budget_total"],
-            f"k = {words.number(found.factor, 2)}; U = {words.uncertainty(found.expanded_nm)} N·m",
-            words.uncertainty(found.expanded_nm / found.factor),
-            "",
-            f"{words.number(100.0, 0)} %",
-        ],
+        **_lines(found.rows, found.expanded_nm, found.factor, "", words),
     }
 
 
-def _lines(rows: Sequence[BudgetRow], words: Labels) -> dict[str, Any]:
+def _lines(
+    rows: Sequence[BudgetRow], expanded_nm: float, factor: float, freedom: str, words: Labels
+) -> dict[str, Any]:
     return {
         "header": [words["quantity"], words["distribution"], "u / N·m", "ν", words["share"]],
         "rows": [
@@ -329,6 +317,13 @@ def _lines(rows: Sequence[BudgetRow], words: Labels) -> dict[str, Any]:
                 f"{words.number(100.0 * line.share, 1)} %",
             ]
             for line in rows
+        ],
+        "total": [
+            words["budget_total"],
+            f"k = {words.number(factor, 2)}; U = {words.uncertainty(expanded_nm)} N·m",
+            words.uncertainty(expanded_nm / factor),
+            freedom,
+            f"{words.number(100.0, 0)} %",
         ],
     }
 

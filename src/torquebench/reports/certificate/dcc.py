@@ -1,7 +1,8 @@
 """The digital calibration certificate: XML in the form of PTB's DCC, version 3.3.0."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from xml.etree import ElementTree
 
 from torquebench.reports.certificate.content import deviation_words, unreviewed_words
@@ -81,14 +82,19 @@ class _Writer:
 
     # Text in every language of the certificate
 
-    def _words(self, parent: ElementTree.Element, name: str, *keys: str, **values: object) -> None:
-        """Add an element with a label's text, in each language."""
+    def _spoken(
+        self, parent: ElementTree.Element, name: str, said: Callable[[Labels], str | None]
+    ) -> None:
+        """Add an element with what is said in each language."""
         element = _add(parent, name)
         for language, words in self.words.items():
-            content = _add(
-                element, "content", " ".join(words[key].format(**values) for key in keys)
-            )
-            content.set("lang", language)
+            _add(element, "content", said(words)).set("lang", language)
+
+    def _words(self, parent: ElementTree.Element, name: str, *keys: str, **values: object) -> None:
+        """Add an element with a label's text, in each language."""
+        self._spoken(
+            parent, name, lambda words: " ".join(words[key].format(**values) for key in keys)
+        )
 
     def _text(self, parent: ElementTree.Element, name: str, text: str) -> None:
         """Add an element without a language: a name, a serial number, a recorded text."""
@@ -196,10 +202,8 @@ class _Writer:
             if getattr(record, warning):
                 self._words(_add(parent, "statement"), "declaration", warning)
         if record.unreviewed:
-            declaration = _add(_add(parent, "statement"), "declaration")
-            for language, words in self.words.items():
-                content = _add(declaration, "content", unreviewed_words(record, words))
-                content.set("lang", language)
+            statement = _add(parent, "statement")
+            self._spoken(statement, "declaration", partial(unreviewed_words, record))
         if record.compensation and record.verification is None:
             statement = _add(parent, "statement")
             self._words(statement, "name", "verification")
@@ -208,11 +212,7 @@ class _Writer:
             statement = _add(parent, "statement")
             self._words(statement, "name", "deviations")
             _add(statement, "reference", f"{record.method.name}: {each.clause}")
-            declaration = _add(statement, "declaration")
-            for language, words in self.words.items():
-                found, allowed = deviation_words(each, words)
-                content = _add(declaration, "content", f"{found}; {words['allowed']}: {allowed}")
-                content.set("lang", language)
+            self._spoken(statement, "declaration", partial(deviation_words, each))
         for label, text in record.stated():
             statement = _add(parent, "statement")
             name = _add(statement, "name")
@@ -239,16 +239,10 @@ class _Writer:
         for table in self.record.static:
             statement = _add(parent, "statement")
             self._words(statement, "name", "static", *_static_labels(table, self.record))
-            declaration = _add(statement, "declaration")
-            for language, words in self.words.items():
-                content = _add(declaration, "content", class_words(table, words))
-                content.set("lang", language)
+            self._spoken(statement, "declaration", partial(class_words, table))
         if self.record.zero_hysteresis is not None:
             statement = _add(parent, "statement")
-            declaration = _add(statement, "declaration")
-            for language, words in self.words.items():
-                content = _add(declaration, "content", zero_hysteresis_words(self.record, words))
-                content.set("lang", language)
+            self._spoken(statement, "declaration", partial(zero_hysteresis_words, self.record))
 
     # Results
 

@@ -1,9 +1,10 @@
 """Fonts of a certificate, and what to install if one is missing."""
 
 import unicodedata
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import typst
 
@@ -55,15 +56,13 @@ def chinese_family(installed: typst.Fonts) -> str:
     )
 
 
-def fonts_for(
-    texts: Iterable[str], installed: typst.Fonts | None = None
-) -> tuple[typst.Fonts, list[str]]:
+def fonts_for(content: Any, installed: typst.Fonts | None = None) -> tuple[typst.Fonts, list[str]]:
     """Return the fonts to set texts in, and the names of their families in order.
 
     Parameters
     ----------
-    texts : iterable of str
-        Everything that will be set.
+    content : mapping or sequence
+        Everything that will be set: the texts in it, at any depth.
     installed : typst.Fonts, optional
         By default those of the system.
 
@@ -72,7 +71,7 @@ def fonts_for(
     InputError
         Where a text is Chinese and no font for it is installed.
     """
-    if not has_chinese(texts):
+    if not has_chinese(_texts(content)):
         return _fonts(), [LATIN]
     found = installed or _system_fonts()
     family = chinese_family(found)
@@ -84,6 +83,14 @@ def fonts_for(
         }
     )
     return _fonts(*folders), [LATIN, family]
+
+
+def _texts(content: Any) -> Iterator[str]:
+    if isinstance(content, str):
+        yield content
+    elif isinstance(content, dict | list | tuple):
+        for value in content.values() if isinstance(content, dict) else content:
+            yield from _texts(value)
 
 
 @cache

@@ -1,6 +1,7 @@
 """Results at each step, before and after compensation, with their uncertainty budget."""
 
 import warnings
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import inf, sqrt
 
@@ -42,6 +43,7 @@ from torquebench.uncertainty import (
 __all__ = [
     "TEMPERATURE_PERCENT_PER_10K",
     "Results",
+    "conformity_of",
     "evaluate_results",
     "turning_budget",
     "turning_range",
@@ -132,16 +134,19 @@ def evaluate_results(
         rows.append(steps.row(place, data, raw, compensated, decision))
         budgets.append(judged)
     largest = int(np.argmax([budget.expanded_uncertainty() for budget in budgets]))
+    conformity = None
+    if tolerance_percent_fs is not None:
+        error_nm, expanded_nm, _ = zip(*(row.judged for row in rows), strict=True)
+        torque_nm = [row.torque_nm for row in rows]
+        conformity = conformity_of(
+            error_nm, expanded_nm, torque_nm, decisions, tolerance_percent_fs
+        )
     return Results(
         rows=tuple(rows),
         budget=_budget_rows(budgets[largest]),
         budget_step=largest,
         budget_freedom=_freedom(budgets[largest].degrees_of_freedom),
-        conformity=(
-            None
-            if tolerance_percent_fs is None
-            else _conformity(rows, decisions, tolerance_percent_fs)
-        ),
+        conformity=conformity,
     )
 
 
@@ -234,7 +239,7 @@ class _Steps:
         compensated: Budget | None,
         judged: Decision | None,
     ) -> ResultRow:
-        after = None if compensated is None else _stated(compensated)
+        after = (None, None, None) if compensated is None else _stated(compensated)
         return ResultRow(
             torque_nm=float(self.torque_nm[place]),
             branch=int(self.branch[place]),
@@ -243,9 +248,9 @@ class _Steps:
             error_before_nm=raw.value,
             expanded_before_nm=raw.expanded_uncertainty(),
             factor_before=raw.coverage_factor(),
-            error_after_nm=None if after is None else after[0],
-            expanded_after_nm=None if after is None else after[1],
-            factor_after=None if after is None else after[2],
+            error_after_nm=after[0],
+            expanded_after_nm=after[1],
+            factor_after=after[2],
             verdict=None if judged is None else judged.verdict,
         )
 
@@ -381,24 +386,27 @@ def _freedom(value: float) -> float | None:
     return None if value == inf or value > 1e6 else float(value)
 
 
-def _conformity(
-    rows: list[ResultRow], decisions: list[Decision], tolerance_percent_fs: float
+def conformity_of(
+    error_nm: Sequence[float],
+    expanded_nm: Sequence[float],
+    torque_nm: Sequence[float],
+    decisions: Sequence[Decision],
+    tolerance_percent_fs: float,
+    *,
+    fresh: bool = False,
 ) -> Conformity:
-    deciding = max(
-        range(len(rows)),
-        key=lambda place: (
-            decisions[place].verdict.severity,
-            abs(rows[place].judged[0]) + rows[place].judged[1],
-        ),
-    )
-    row, verdict = rows[deciding], decisions[deciding].verdict
-    error_nm, expanded_nm, _ = row.judged
+    """Return the statement by the worst of steps or of a verification's fresh points."""
     found = [decision.verdict for decision in decisions]
+    deciding = max(
+        range(len(found)),
+        key=lambda place: (found[place].severity, abs(error_nm[place]) + expanded_nm[place]),
+    )
     return Conformity(
         tolerance_percent_fs=tolerance_percent_fs,
-        verdict=verdict,
-        worst_error_nm=error_nm,
-        expanded_nm=expanded_nm,
-        at_nm=row.torque_nm,
+        verdict=found[deciding],
+        worst_error_nm=float(error_nm[deciding]),
+        expanded_nm=float(expanded_nm[deciding]),
+        at_nm=float(torque_nm[deciding]),
         counts={verdict.value: found.count(verdict) for verdict in Verdict if verdict},
+        fresh=fresh,
     )

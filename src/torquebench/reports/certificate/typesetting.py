@@ -3,7 +3,6 @@
 import io
 import json
 import tempfile
-from collections.abc import Iterator
 from datetime import UTC, datetime, time
 from importlib import resources
 from pathlib import Path
@@ -65,7 +64,7 @@ def _typeset(
     record: CertificateRecord, language: str, installed: typst.Fonts | None, **kind: Any
 ) -> list[bytes]:
     content = certificate_content(record, language)
-    fonts, families = fonts_for(_texts(content), installed)
+    fonts, families = fonts_for(content, installed)
     content["fonts"] = families
     with tempfile.TemporaryDirectory(prefix="torquebench-certificate-") as scratch:
         folder = Path(scratch)
@@ -115,14 +114,3 @@ def errors_svg(record: CertificateRecord, language: str) -> str:
         abscissa=words["figure_torque"],
         ordinate=words["figure_error"],
     )
-
-
-def _texts(content: Any) -> Iterator[str]:
-    if isinstance(content, str):
-        yield content
-    elif isinstance(content, dict):
-        for value in content.values():
-            yield from _texts(value)
-    elif isinstance(content, list | tuple):
-        for value in content:
-            yield from _texts(value)
