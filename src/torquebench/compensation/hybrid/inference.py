@@ -73,6 +73,8 @@ _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _USUAL_NOISE = 2e-4
 _KEPT_CHANCE = 0.99
+_PLAIN_ODDS = 0.6
+"""Prior odds of a plain form, all together, to a chain with effects."""
 _PLAIN_ZERO = 5.0
 """Factor on the scale of c₀ in plain forms, in which nothing else describes an offset."""
 PLAIN_FORMS = (
@@ -265,8 +267,7 @@ class Problem:
         """Return the problem of a chain with some columns of the main form only."""
         problem = copy.copy(self)
         problem._take_main(self.prior_scale * np.array(form))
-        # all plain forms together are as likely as a chain with effects
-        problem._log_plain = -float(np.log(len(PLAIN_FORMS)))
+        problem._log_plain = float(np.log(_PLAIN_ODDS / len(PLAIN_FORMS)))
         return problem
 
     def with_even_ripple(self) -> Problem:
