@@ -72,6 +72,7 @@ def by_rows(chain: MeasuringChain) -> Told:
             branch=np.ones(1),
             counter_nm=COUNTER_NM,
             speed_rpm=0.0,
+            acceleration_rad_s2=0.0,
             temperature_c=TEMPERATURE_C,
             zero_age_h=0.0,
             zero_temperature_c=TEMPERATURE_C,
@@ -86,8 +87,8 @@ def torque_budget(chain: MeasuringChain) -> tuple[BudgetLine, ...]:
 
 
 def by_apply(file: Path, folder: Path) -> Told:
-    header = "reading_nm,branch,speed_rpm,temperature_c,standard_error_nm"
-    row = f"{READING_NM},up,0,{TEMPERATURE_C},{COUNTER_NM}"
+    header = "reading_nm,branch,speed_rpm,acceleration_rad_s2,temperature_c,standard_error_nm"
+    row = f"{READING_NM},up,0,0,{TEMPERATURE_C},{COUNTER_NM}"
     (folder / "readings.csv").write_text(f"{header}\n{row}\n")
     options = ("--zero-age", 0, "--zero-temperature", TEMPERATURE_C)
     result = run("apply", file, "readings.csv", "--out", "torque.csv", *options, cwd=folder)
@@ -106,13 +107,12 @@ def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
     path[-1] = READING_NM
     time_s = 0.01 * np.arange(path.size)
     counter_nm = np.full(path.size, COUNTER_NM)
-    speed_rpm = 0.0
-    past = StreamReadings(time_s[:-1], path[:-1], counter_nm[:-1], speed_rpm, TEMPERATURE_C)
-    active.push(past)
+    still = {"speed_rpm": 0.0, "acceleration_rad_s2": 0.0, "temperature_c": TEMPERATURE_C}
+    active.push(StreamReadings(time_s[:-1], path[:-1], counter_nm[:-1], **still))
     active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C)
     last = time_s[-1:]
     counted = counter_nm[-1:]
-    torque = active.push(StreamReadings(last, path[-1:], counted, speed_rpm, TEMPERATURE_C))
+    torque = active.push(StreamReadings(last, path[-1:], counted, **still))
     samples = ChannelSamples(
         "output_torque", "output", False, last, np.array([82.5e3]), path[-1:],
         np.zeros(1, np.uint8), counted,

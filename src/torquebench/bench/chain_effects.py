@@ -7,7 +7,17 @@ from datetime import date
 
 from torquebench.bench.description import BenchDescription, StandardDescription
 from torquebench.bench.roles import Side
-from torquebench.chain import Counter, Drift, Effect, Reference, Rotation, Temperature, Zero
+from torquebench.chain import (
+    Counter,
+    Creep,
+    Drift,
+    Effect,
+    Inertia,
+    Reference,
+    Rotation,
+    Temperature,
+    Zero,
+)
 
 __all__ = ["chain_effects", "standard_effect"]
 
@@ -61,6 +71,18 @@ def chain_effects(
         ),
         Counter(f"counter {description.counter.identity}", description.counter_nm(side)),
     ]
+    if module.flange_inertia_kgm2 is not None:
+        moment = module.flange_inertia_kgm2
+        effects.append(
+            Inertia(
+                "description of the flange",
+                moment,
+                moment * module.flange_inertia_uncertainty_percent / 200.0,
+                module.drive.speed_rate_rad_per_s2,
+            )
+        )
+    if transducer.creep_percent is not None:
+        effects.append(Creep(datasheet, transducer.creep_percent))
     if transducer.zero_drift_percent_per_h is not None:
         drift = 1e-2 * transducer.zero_drift_percent_per_h * nominal
         effects.append(Zero(datasheet, drift, conditions.zero_interval_h))

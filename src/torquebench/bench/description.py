@@ -64,8 +64,8 @@ class TransducerDescription(_Section):
     `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120 kHz).
     Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
     nominal torque. The limits of its data sheet are shares of the nominal torque, those of the span
-    shares of the torque; zero drift and long-term drift aren't known where they aren't given, and
-    then aren't in U either.
+    shares of the torque; zero drift, long-term drift and creep under load aren't known where they
+    aren't given, and then aren't in U either.
     """
 
     serial: Text
@@ -80,6 +80,7 @@ class TransducerDescription(_Section):
     speed_zero_percent_per_1000rpm: Annotated[float, Field(ge=0, le=10, description="%")] = 0.01
     zero_drift_percent_per_h: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
     drift_percent_per_year: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
+    creep_percent: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
 
     @property
     def nominal_sensitivity_hz_per_nm(self) -> float:
@@ -194,8 +195,7 @@ class ModuleDescription(_Section):
 
     `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
     measuring section and the reducer, with its expanded uncertainty (k = 2) as a share:
-    torque-angle loops subtract the torque that accelerates the output's flange. Unknown if it isn't
-    given. `motor_inertia_kgm2` is that of motor, coupling and shaft up to the measuring section, by
+    the torque that accelerates it is subtracted. Unknown if it isn't given. `motor_inertia_kgm2` is that of motor, coupling and shaft up to the measuring section, by
     their data sheets: the dynamics by steps of torque need it. `bearing_drag_percent` is the limit
     of the drag of bearings between transducer and flange.
     """

@@ -105,7 +105,7 @@ def stated_effects(
     if span_percent_per_10k is not None or zero_percent_per_10k is not None:
         warmth = known.get(Temperature)
         assert warmth is None or isinstance(warmth, Temperature)
-        warmth = warmth or Temperature(record, 0.0, 0.0)
+        warmth = warmth or Temperature(record, None, None)
         if zero_percent_per_10k is not None:
             warmth = replace(warmth, zero_nm_per_k=1e-3 * zero_percent_per_10k * range_nm)
         if span_percent_per_10k is not None:
@@ -114,7 +114,7 @@ def stated_effects(
     if drift_percent_per_year is not None:
         effects.append(Drift(record, drift_percent_per_year))
     if zero_nm is not None and Zero not in known:
-        effects.append(Zero(record, 0.0))
+        effects.append(Zero(record, None))
     return tuple(effects)
 
 

@@ -10,6 +10,7 @@ from .effect import (
 from .effects import (
     SWITCHES as SWITCHES,
     Counter as Counter,
+    Creep as Creep,
     Drift as Drift,
     Dynamics as Dynamics,
     Inertia as Inertia,
@@ -51,6 +52,9 @@ from .recorded import (
 from .states import (
     EffectState as EffectState,
     effect_states as effect_states,
+)
+from .table_rows import (
+    readings_of_rows as readings_of_rows,
 )
 from .torque import (
     COVERAGE_FACTOR as COVERAGE_FACTOR,

@@ -130,7 +130,8 @@ def rotation(
     columns: FloatArray,
     loads: FloatArray,
     noise: FloatArray,
-    unknown: tuple[float, float],
+    unknown: FloatArray,
+    load_unknown: FloatArray,
     limits_rpm: tuple[float, float, float],
     lubrication: tuple[float, float],
     widening: float,
@@ -153,6 +154,11 @@ def rotation(
         Drag by the load and its u; no torques where it wasn't identified.
     noise : float64 array of shape (speeds,)
         Noise in a window of the empty runs; empty if unknown.
+    unknown : float64 array of shape (5,)
+        At an unknown speed: u of the zero, of the drag, of the span (share of the torque) and of
+        running-in, and the largest drag.
+    load_unknown : float64 array of shape (2, torques)
+        At an unknown speed: u of the drag by the load, and its largest value.
     limits_rpm : lowest and highest speed, and the largest speed of a standing shaft
     lubrication : factor on the drag, and its u
     widening : noise of a reading's window by that of the empty runs' windows
@@ -168,7 +174,15 @@ def rotation(
             size = nodes[0][-1] if math.isnan(speed) else abs(speed)
             found[5, k] = widening * interpolated(size, nodes[0], noise)
         if math.isnan(speed):
-            found[0, k], found[2, k] = unknown[0], lubrication[0] * unknown[1]
+            of_span, load_u, most = unknown[2] * torque_nm[k], 0.0, unknown[4]
+            if nodes[2].size:
+                column = _place(nodes[2], abs(torque_nm[k]))
+                load_u = _on_line(load_unknown[0], column)
+                most += _on_line(load_unknown[1], column)
+            found[0, k] = math.sqrt(unknown[0] * unknown[0] + of_span * of_span)
+            found[2, k] = lubrication[0] * math.sqrt(unknown[1] * unknown[1] + load_u * load_u)
+            found[4, k] = lubrication[1] * most
+            found[7, k] = unknown[3]
             continue
         outside = speed < limits_rpm[0] or speed > limits_rpm[1]
         sign = 0.0

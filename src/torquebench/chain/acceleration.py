@@ -9,13 +9,13 @@ import numpy as np
 from torquebench.chain.readings import FloatArray
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["AccelerationBySpeed"]
+__all__ = ["LEARNED", "AccelerationBySpeed"]
 
 _WANTED_RAD_S2 = 0.3
 """Largest standard uncertainty caused by noise of the speed: 1 % of a ramp of 300 rpm/s."""
 _LONGEST_S = 0.25
-_LEARNED = 4096
-"""Samples from which noise is estimated: those of a record's first block, however it is cut."""
+LEARNED = 4096
+"""Samples from which noise and step are estimated: those of a record's first block, however it is cut."""
 _GAP_STEPS = 1.5
 _MEDIAN_OF_SQUARES = 0.4549
 # variance of the third difference of white noise, as a multiple of the noise's
@@ -59,7 +59,7 @@ class AccelerationBySpeed:
         ----------
         time_s, speed_rpm : float64 array of shape (n,)
         """
-        time_s, speed_rpm = time_s[:_LEARNED], speed_rpm[:_LEARNED]
+        time_s, speed_rpm = time_s[:LEARNED], speed_rpm[:LEARNED]
         if speed_rpm.size < 5:
             return cls()
         third = np.diff(speed_rpm, 3)

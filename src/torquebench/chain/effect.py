@@ -93,6 +93,10 @@ class Effect(ABC):
         Whether it is applied before the static curve, to the reading.
     influence : str
         Kind of the effect whose limits it replaces, because it was measured; "" for none.
+    expected : bool
+        Whether U lacks something in a chain without this effect or one that replaces it.
+    of_turning : bool
+        Whether it was measured while speed, temperature or acceleration changed.
     record : str
         Source of its numbers: a certificate, a data sheet, a calibration.
     """
@@ -102,6 +106,8 @@ class Effect(ABC):
     title: ClassVar[str] = ""
     needs: ClassVar[tuple[str, ...]] = ()
     corrects_reading: ClassVar[bool] = False
+    expected: ClassVar[bool] = True
+    of_turning: ClassVar[bool] = False
     record: str
 
     @abstractmethod
@@ -155,7 +161,7 @@ class Effect(ABC):
                     "a finite number",
                 )
             limit = each.metadata.get("least")
-            if limit is not None and value < limit:
+            if limit is not None and value is not None and value < limit:
                 raise InputError(
                     Message("{title}: {name} = {value}", self.title, each.name, value),
                     Message("{limit:g} or more", limit),

@@ -14,15 +14,10 @@ from torquebench.chain.effect import EFFECTS, Effect
 from torquebench.chain.effects import (
     SWITCHES,
     Dynamics,
-    Inertia,
-    MeasuredRotation,
-    MeasuredTemperature,
     RecordedDynamics,
-    Ripple,
     Scatter,
     StaticCurve,
     SwitchedOff,
-    Timebase,
 )
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Torque, not_corrected
@@ -34,11 +29,6 @@ from torquebench.message import Message
 __all__ = ["GAP_STEPS", "ChainStream", "MeasuringChain", "effect_from", "load_chain"]
 
 GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
-
-
-_OF_TURNING = (MeasuredTemperature, MeasuredRotation, Inertia, Ripple)
-_NOT_EXPECTED = (Inertia, Ripple, SwitchedOff, Timebase)
-"""Effects that a chain may lack without a warning."""
 
 
 def effect_from(specification: Mapping[str, Any]) -> Effect:
@@ -167,13 +157,16 @@ class MeasuringChain:
             *sorted(
                 effect.title
                 for kind, effect in EFFECTS.items()
-                if kind not in known and not effect.influence and effect not in _NOT_EXPECTED
+                if kind not in known and not effect.influence and effect.expected
             ),
             *(gap for effect in self.stored for gap in effect.gaps()),
         )
 
     def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
-        """Return torque and uncertainty of independent readings.
+        """Return torque and uncertainty of the rows of a table.
+
+        With times they are one record in time order: see `RecordedStream`. Without times they are
+        independent.
 
         Parameters
         ----------
@@ -193,18 +186,24 @@ class MeasuringChain:
 
     def compensated(self, readings: Readings) -> Torque:
         """Return the same as `torque`, with NaN for refused readings."""
+        if readings.time_s is None:
+            return self.independent(readings)
+        from torquebench.chain.recorded import RecordedStream
+
+        return RecordedStream(self).torque(readings, None)
+
+    def independent(self, readings: Readings) -> Torque:
+        """Return the torques of readings that say nothing about each other."""
         return _sum(self.effects, readings, self.switched_off)
 
     @property
     def turns(self) -> bool:
         """Whether speed, temperature or acceleration were measured on the chain."""
-        return any(isinstance(each, _OF_TURNING) for each in self.stored)
+        return any(each.of_turning for each in self.stored)
 
     def unmeasured(self, readings: Readings) -> tuple[str, ...]:
         """Return quantities that measured effects need and the readings don't have."""
-        needed = [
-            name for each in self.stored if isinstance(each, _OF_TURNING) for name in each.needs
-        ]
+        needed = [name for each in self.stored if each.of_turning for name in each.needs]
         return tuple(
             name
             for name in dict.fromkeys(needed)
@@ -283,9 +282,16 @@ class ChainStream:
         self._effects = tuple(effect.stream() for effect in chain.effects)
         self._last_s = float("nan")
 
-    def push(self, readings: Readings) -> Torque:
-        """Compensate the next readings; a fault (NaN) or one outside the range gets no number."""
-        if readings.time_s is not None and self._has_gap(readings.time_s):
+    def push(self, readings: Readings, step_s: float | None = None) -> Torque:
+        """Compensate the next readings; a fault (NaN) or one outside the range gets no number.
+
+        Parameters
+        ----------
+        readings : Readings
+        step_s : float, optional
+            From one reading to the next, to recognise a gap; by default that of the first two.
+        """
+        if readings.time_s is not None and self._has_gap(readings.time_s, step_s):
             self._forget()
         return _sum(self._effects, readings, self.chain.switched_off)
 
@@ -305,13 +311,15 @@ class ChainStream:
         for effect in self._effects:
             effect.forget()
 
-    def _has_gap(self, time_s: FloatArray) -> bool:
+    def _has_gap(self, time_s: FloatArray, step_s: float | None) -> bool:
         """Return whether windows are missing since the last block; False for the first block."""
         if time_s.size == 0:
             return False
         before, self._last_s = self._last_s, float(time_s[-1])
-        step = float(time_s[1] - time_s[0]) if time_s.size > 1 else float(time_s[0]) - before
-        return bool(time_s[0] - before > GAP_STEPS * step)
+        if step_s is None:
+            since = time_s[1] - time_s[0] if time_s.size > 1 else time_s[0] - before
+            step_s = float(since)
+        return bool(time_s[0] - before > GAP_STEPS * step_s or time_s[0] < before)
 
 
 def load_chain(path: str | Path) -> MeasuringChain:

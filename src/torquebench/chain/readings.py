@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["FloatArray", "Known", "Readings", "known_or", "row_of"]
+__all__ = ["QUANTITIES", "FloatArray", "Known", "Readings", "known_or", "row_of"]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
@@ -55,21 +55,31 @@ class Readings:
     branch: FloatArray | None = None
     counter_nm: Known = None
     time_s: FloatArray | None = None
-    speed_rpm: Known = None
-    acceleration_rad_s2: Known = None
+    speed_rpm: Known = field(default=None, metadata={"words": "speed"})
+    acceleration_rad_s2: Known = field(default=None, metadata={"words": "acceleration"})
     acceleration_uncertainty_rad_s2: Known = None
-    angle_rad: Known = None
+    angle_rad: Known = field(default=None, metadata={"words": "angle"})
     window_s: float | None = None
-    temperature_c: Known = None
-    zero_age_h: Known = None
-    zero_temperature_c: Known = None
+    temperature_c: Known = field(default=None, metadata={"words": "temperature"})
+    zero_age_h: Known = field(default=None, metadata={"words": "time since the zero was taken"})
+    zero_temperature_c: Known = field(
+        default=None, metadata={"words": "temperature when the zero was taken"}
+    )
     zero_nm: Known = None
-    calibration_age_h: float | None = None
+    calibration_age_h: float | None = field(
+        default=None, metadata={"words": "time since the calibration"}
+    )
     loadings: float = 1.0
     of_bench: bool = False
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
+
+
+QUANTITIES = {
+    each.name: each.metadata["words"] for each in fields(Readings) if "words" in each.metadata
+}
+"""Quantities that a reading may lack, in words."""
 
 
 def known_or(value: Known, otherwise: float) -> FloatArray:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.chain.acceleration import AccelerationBySpeed
+from torquebench.chain.acceleration import LEARNED, AccelerationBySpeed
 from torquebench.chain.measuring_chain import GAP_STEPS, MeasuringChain
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Torque, joined
@@ -30,10 +30,11 @@ def rows_of(readings: Readings, rows: slice) -> Readings:
 class RecordedStream:
     """Compensates a record with times: blocks in order, each with the next one.
 
-    The acceleration comes from the speed if it isn't given. Where no branch is given, the place in
-    the hysteresis loop of a chain that turns follows from the readings before. The result equals
-    that of `ChainStream` for the same readings and accelerations, wherever the record is cut; but
-    the torque by a dynamic filter, which is late in a live stream, belongs to the time of its row.
+    The acceleration comes from the speed if it isn't given, and the place in the hysteresis loop
+    from the readings before if no branch is given. Where readings are missing or times go back, the
+    past is unknown. The result equals that of `ChainStream` for the same readings and
+    accelerations, wherever the record is cut; but the torque by a dynamic filter, which is late in
+    a live stream, belongs to the time of its row.
 
     Parameters
     ----------
@@ -64,6 +65,7 @@ class RecordedStream:
         self._rows, self._dynamics = chain.recorded()
         self._stream = self._rows.stream()
         self._by_speed = by_speed
+        self._step_s: float | None = None
         self._before: tuple[FloatArray, FloatArray] = (np.zeros(0), np.zeros(0))
 
     def torque(self, readings: Readings, following: Readings | None) -> Torque:
@@ -79,17 +81,19 @@ class RecordedStream:
         known = self.completed_last = self.completed(readings, following)
         if self._dynamics is not None:
             self._dynamics.prepare(known, following)
-        if known.branch is not None or not self.chain.turns:
-            return self._rows.compensated(known)
+        if known.branch is not None:
+            return self._rows.independent(known)
         assert known.time_s is not None
         step = np.diff(known.time_s)
+        if self._step_s is None and step.size:
+            self._step_s = float(np.median(step[:LEARNED]))
         cuts: list[int] = []
-        if step.size:
-            cuts = (np.flatnonzero(step > GAP_STEPS * np.median(step)) + 1).tolist()
+        if self._step_s is not None:
+            cuts = (np.flatnonzero((step > GAP_STEPS * self._step_s) | (step < 0.0)) + 1).tolist()
         ends = [0, *cuts, len(known)]
         return joined(
             [
-                self._stream.push(rows_of(known, slice(start, stop)))
+                self._stream.push(rows_of(known, slice(start, stop)), self._step_s)
                 for start, stop in itertools.pairwise(ends)
             ]
         )

@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.chain.effects import SWITCHES
 from torquebench.chain.effects.static_curve import StaticCurve
+from torquebench.chain.readings import QUANTITIES
 from torquebench.message import Message
 
 if TYPE_CHECKING:
@@ -20,17 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["EffectState", "effect_states"]
 
 Standing = Literal["holds", "outside", "unmeasured", "off"]
-
-QUANTITIES = {
-    "speed_rpm": "speed",
-    "angle_rad": "angle",
-    "acceleration_rad_s2": "acceleration",
-    "temperature_c": "temperature",
-    "zero_temperature_c": "temperature when the zero was taken",
-    "zero_age_h": "time since the zero was taken",
-    "calibration_age_h": "time since the calibration",
-}
-"""Quantities that a reading may lack, in words."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from torquebench.chain import (
     EFFECTS,
     Component,
     Counter,
+    Creep,
     Drift,
     Dynamics,
     Inertia,
@@ -47,6 +48,8 @@ EFFECTS_OF_ALL_KINDS = (
     Zero("zeroing", 0.05, 4.0, 0.03),
     Drift("drift record", 0.02, 8766.0),
     Mounting("three positions", 0.01),
+    Creep("data sheet", 0.02),
+    Inertia("empty runs", 0.002, 1e-5, 30.0),
     Dynamics("steps", 1e-4, (1.5, -0.5), ((0.1, -0.1),), 2e-4, 3e-4),
     MeasuredTemperature(
         "empty runs",
@@ -73,7 +76,6 @@ EFFECTS_OF_ALL_KINDS = (
         running_in_nm=(0.1, 0.2),
         running_in_uncertainty_nm=(0.01, 0.02),
     ),
-    Inertia("empty runs", 0.002, 1e-5, 30.0),
     Ripple(
         "empty runs",
         1200.0,
@@ -86,7 +88,7 @@ EFFECTS_OF_ALL_KINDS = (
     ),
     SwitchedOff("a person", ("hysteresis",)),
 )
-OF_LIMITS = EFFECTS_OF_ALL_KINDS[:9]
+OF_LIMITS = EFFECTS_OF_ALL_KINDS[:11]
 
 
 def calibration(points: int = 13, noise_nm: float = 0.3) -> tuple[np.ndarray, np.ndarray]:
@@ -149,6 +151,8 @@ def test_components_are_as_their_limits_say(chain: MeasuringChain) -> None:
         "zero drift": 0.15 / sqrt(3),
         "drift": 2e-4 * 2000 / 8766 * value / sqrt(3),
         "mounting": 1e-4 * value,
+        "creep": 2e-4 * value / sqrt(3),
+        "inertia": 0.002 * 30.0 / sqrt(3),
     }
     for name, size in expected.items():
         assert torque.component(name)[0] == pytest.approx(size, rel=1e-9), name
@@ -198,8 +202,19 @@ def test_an_influence_without_a_record_is_named(model: CompensationModel) -> Non
     bare = MeasuringChain(model)
     assert "temperature of zero and span" in bare.missing()
     assert "reference standard" in bare.missing()
+    assert {"creep under load", "inertia between transducer and flange"} <= set(bare.missing())
     assert "time base" not in bare.missing()
     assert MeasuringChain(model, OF_LIMITS).missing() == ()
+
+
+def test_a_limit_that_is_not_known_is_named(model: CompensationModel) -> None:
+    chain = MeasuringChain(model, (Zero("zeros", None, zero_nm=0.1), Temperature("", None, 1e-5)))
+    assert {"zero drift", "temperature of zero"} <= set(chain.missing())
+    torque = chain.torque(rows(1000.0))
+    assert torque.component("zero") == pytest.approx([0.1])
+    assert torque.component("temperature of span")[0] > 0.0
+    with pytest.raises(InputError, match="-1"):
+        Zero("zeros", -1.0)
 
 
 def test_a_known_branch_has_no_hysteresis(chain: MeasuringChain, model: CompensationModel) -> None:

@@ -138,6 +138,17 @@ def test_what_is_not_measured_widens(missing: str, component: str) -> None:
     assert missing in turning.unmeasured(row(10.0, **{**known, missing: None}))
 
 
+@pytest.mark.parametrize("name", ["zero over speed", "bearing drag", "lubrication", "running-in"])
+def test_an_unknown_speed_counts_with_everything_that_rotation_may_add(name: str) -> None:
+    torque, time_s = np.array([10.0]), np.zeros(1)
+    known = {"temperature_c": 23.0, "time_s": time_s}
+    blind = part(TURNING.components(row(10.0, **known), torque), name)
+    assert blind[0] == 0.0
+    for speed in np.linspace(-1000.0, 1000.0, 9):
+        added, u = part(TURNING.components(row(10.0, speed_rpm=speed, **known), torque), name)
+        assert blind[1] >= np.hypot(added / 3.0**0.5, u) - 1e-12
+
+
 @pytest.mark.parametrize(
     ("known", "message"),
     [

@@ -4,6 +4,7 @@ The static curve and the scatter belong to the fitted model; the others are stor
 """
 
 from torquebench.chain.effects.counter import Counter, Timebase
+from torquebench.chain.effects.creep import Creep
 from torquebench.chain.effects.drift import Drift
 from torquebench.chain.effects.dynamics import Dynamics, RecordedDynamics
 from torquebench.chain.effects.inertia import Inertia
@@ -22,6 +23,7 @@ from torquebench.chain.effects.zero import Zero
 __all__ = [
     "SWITCHES",
     "Counter",
+    "Creep",
     "Drift",
     "Dynamics",
     "Inertia",

@@ -73,6 +73,7 @@ class Timebase(Effect):
     """
 
     title: ClassVar[str] = "time base"
+    expected: ClassVar[bool] = False
     identity: str = ""
     tolerance_ppm: float = 100.0
     zero_nm: float = 0.0

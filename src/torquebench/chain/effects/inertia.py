@@ -33,6 +33,7 @@ class Inertia(Effect):
     title: ClassVar[str] = "inertia between transducer and flange"
     needs: ClassVar[tuple[str, ...]] = ("acceleration_rad_s2",)
     corrects_reading: ClassVar[bool] = True
+    of_turning: ClassVar[bool] = True
     moment_nm_s2: float
     uncertainty_nm_s2: float = field(default=0.0, metadata={"least": 0.0})
     largest_rad_s2: float = field(default=0.0, metadata={"least": 0.0})

@@ -81,6 +81,7 @@ class MeasuredRotation(Effect):
     title: ClassVar[str] = "rotation, measured"
     needs: ClassVar[tuple[str, ...]] = ("speed_rpm", "temperature_c", "time_s")
     corrects_reading: ClassVar[bool] = True
+    of_turning: ClassVar[bool] = True
     influence: ClassVar[str] = "rotation"
     calibrated_c: float
     low_rpm: float
@@ -199,13 +200,18 @@ class MeasuredRotation(Effect):
         return np.array(self.noise_nm)
 
     @cached_property
-    def _unknown(self) -> tuple[float, float]:
-        """Zero and drag at an unknown speed, N·m: rectangular."""
+    def _unknown(self) -> FloatArray:
+        """U of zero, drag, span and running-in at an unknown speed, and the largest drag."""
         even, even_u, odd, odd_u = self._tables
-        return (
-            float(np.max(np.hypot(even / np.sqrt(3.0), even_u))),
-            float(np.max(np.hypot(odd / np.sqrt(3.0), odd_u))),
-        )
+        span, span_u, running, running_u = self._columns
+        pairs = ((even, even_u), (odd, odd_u), (span, span_u), (running, running_u))
+        return np.array([*(np.max(_within(*pair)) for pair in pairs), np.max(np.abs(odd))])
+
+    @cached_property
+    def _load_unknown(self) -> FloatArray:
+        """U of the drag by the load at an unknown speed, and its largest value, over the torque."""
+        load, load_u = self._loads
+        return np.array([np.max(_within(load, load_u), axis=0), np.max(np.abs(load), axis=0)])
 
     @cached_property
     def _limits_rpm(self) -> tuple[float, float]:
@@ -249,6 +255,7 @@ class MeasuredRotation(Effect):
             self._loads,
             self._noise,
             self._unknown,
+            self._load_unknown,
             (*self._limits_rpm, STANDSTILL_RPM),
             (self.lubrication, self.lubrication_uncertainty),
             sqrt(longer),
@@ -279,3 +286,8 @@ class MeasuredRotation(Effect):
         cold_or_hot = (celsius < self.at_c[0]) | (celsius > self.at_c[-1])
         turns = np.abs(speed) > STANDSTILL_RPM
         return np.asarray((speed < low) | (speed > high) | (turns & cold_or_hot))
+
+
+def _within(size: FloatArray, u: FloatArray) -> FloatArray:
+    """Return u of a value that lies anywhere up to a size in either direction."""
+    return np.asarray(np.hypot(size / np.sqrt(3.0), u))

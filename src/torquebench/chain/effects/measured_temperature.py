@@ -53,6 +53,7 @@ class MeasuredTemperature(Effect):
     title: ClassVar[str] = "temperature of zero and span, measured"
     needs: ClassVar[tuple[str, ...]] = ("temperature_c", "zero_temperature_c")
     corrects_reading: ClassVar[bool] = True
+    of_turning: ClassVar[bool] = True
     influence: ClassVar[str] = "temperature"
     calibrated_c: float
     low_c: float

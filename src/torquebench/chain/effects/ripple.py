@@ -54,8 +54,10 @@ class Ripple(Effect):
     """
 
     title: ClassVar[str] = "ripple within a revolution"
+    expected: ClassVar[bool] = False  # in the noise of a window where nothing shows it
     needs: ClassVar[tuple[str, ...]] = ("angle_rad", "speed_rpm")
     corrects_reading: ClassVar[bool] = True
+    of_turning: ClassVar[bool] = True
     largest_rpm: float = field(metadata={"least": 1e-9})
     window_s: float = field(metadata={"least": 0.0})
     orders: Numbers

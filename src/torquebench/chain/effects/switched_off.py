@@ -36,6 +36,7 @@ class SwitchedOff(Effect):
     """
 
     title: ClassVar[str] = "corrections switched off"
+    expected: ClassVar[bool] = False
     names: tuple[str, ...] = ()
 
     @classmethod

@@ -15,6 +15,8 @@ from torquebench.uncertainty import Distribution
 
 __all__ = ["Temperature"]
 
+_NAMES = ("temperature of zero", "temperature of span")
+
 
 @register("temperature")
 @dataclass(frozen=True)
@@ -27,10 +29,10 @@ class Temperature(Effect):
 
     Parameters
     ----------
-    zero_nm_per_k : float
-        Limit of the zero's change, N·m/K.
-    span_per_k : float
-        Limit of the span's change, share of the torque per K.
+    zero_nm_per_k : float or None
+        Limit of the zero's change, N·m/K; None if it isn't known, and then it isn't in U.
+    span_per_k : float or None
+        Limit of the span's change, share of the torque per K; None as above.
     calibrated_c : float
         Mean temperature of the transducer during the calibration, °C.
     low_c, high_c : float
@@ -41,32 +43,30 @@ class Temperature(Effect):
 
     title: ClassVar[str] = "temperature of zero and span"
     needs: ClassVar[tuple[str, ...]] = ("temperature_c", "zero_temperature_c")
-    zero_nm_per_k: float = field(metadata={"least": 0.0})
-    span_per_k: float = field(metadata={"least": 0.0})
+    zero_nm_per_k: float | None = field(metadata={"least": 0.0})
+    span_per_k: float | None = field(metadata={"least": 0.0})
     calibrated_c: float = 23.0
     low_c: float = 18.0
     high_c: float = 28.0
     deviation_k: float = field(default=0.5, metadata={"least": 0.0})
 
+    def gaps(self) -> tuple[str, ...]:
+        """Name zero or span if no limit of it is known."""
+        limits = (self.zero_nm_per_k, self.span_per_k)
+        return tuple(name for name, limit in zip(_NAMES, limits, strict=True) if limit is None)
+
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return zero and span; the same transducer has the same coefficients at all readings."""
         now, zeroed = readings.temperature_c, readings.zero_temperature_c
-        span = self.span_per_k * self._change(now, self.calibrated_c, self._reach_k)
-        zero = self.zero_nm_per_k * self._change(now, zeroed, 0.5 * (self.high_c - self.low_c))
-        return (
-            Component(
-                "temperature of zero",
-                Shared.ZEROING,
-                zero / sqrt(3.0),
-                distribution=Distribution.RECTANGULAR,
-            ),
-            Component(
-                "temperature of span",
-                Shared.CALIBRATION,
-                span / sqrt(3.0) * torque_nm,
-                distribution=Distribution.RECTANGULAR,
-            ),
-        )
+        components = []
+        if self.zero_nm_per_k is not None:
+            half_k = 0.5 * (self.high_c - self.low_c)
+            zero = self.zero_nm_per_k * self._change(now, zeroed, half_k)
+            components.append(_limit(_NAMES[0], Shared.ZEROING, zero))
+        if self.span_per_k is not None:
+            span = self.span_per_k * self._change(now, self.calibrated_c, self._reach_k)
+            components.append(_limit(_NAMES[1], Shared.CALIBRATION, span * torque_nm))
+        return tuple(components)
 
     @property
     def _reach_k(self) -> float:
@@ -80,3 +80,7 @@ class Temperature(Effect):
         )
         square = np.square(change) + self.deviation_k**2 / 3.0
         return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, square))
+
+
+def _limit(name: str, shared: Shared, limit_nm: FloatArray) -> Component:
+    return Component(name, shared, limit_nm / sqrt(3.0), distribution=Distribution.RECTANGULAR)

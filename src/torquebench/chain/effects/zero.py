@@ -21,8 +21,8 @@ class Zero(Effect):
 
     Parameters
     ----------
-    drift_nm_per_h : float
-        Limit of the change, N·m an hour.
+    drift_nm_per_h : float or None
+        Limit of the change, N·m an hour; None if it isn't known, and then it isn't in U.
     interval_h : float
         Longest time from one zeroing to the next, h: the age of a zero is at most that, and counts
         as that where it isn't known.
@@ -32,15 +32,22 @@ class Zero(Effect):
 
     title: ClassVar[str] = "zero since zeroing"
     needs: ClassVar[tuple[str, ...]] = ("zero_age_h", "zero_nm")
-    drift_nm_per_h: float = field(metadata={"least": 0.0})
+    drift_nm_per_h: float | None = field(metadata={"least": 0.0})
     interval_h: float = field(default=1.0, metadata={"least": 0.0})
     zero_nm: float = field(default=0.0, metadata={"least": 0.0})
 
+    def gaps(self) -> tuple[str, ...]:
+        """Name the drift if no limit of it is known."""
+        return ("zero drift",) if self.drift_nm_per_h is None else ()
+
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the zero, and the limit at its age as a rectangular distribution."""
+        zero = Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm))
+        if self.drift_nm_per_h is None:
+            return (zero,)
         limit = self.drift_nm_per_h * known_or(readings.zero_age_h, self.interval_h)
         return (
-            Component("zero", Shared.ZEROING, known_or(readings.zero_nm, self.zero_nm)),
+            zero,
             Component(
                 "zero drift",
                 Shared.ZEROING,

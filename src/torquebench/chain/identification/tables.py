@@ -569,7 +569,7 @@ def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Ze
         return float(np.mean(left)), ()
     widening = student_widening(left.size - 1.0) * np.sqrt(1.0 + 1.0 / left.size)
     u = float(np.hypot(widening * np.std(left, ddof=1), remanence_nm))
-    return float(np.mean(left)), (Zero(f"{left.size} zeros of {data.words}", 0.0, zero_nm=u),)
+    return float(np.mean(left)), (Zero(f"{left.size} zeros of {data.words}", None, zero_nm=u),)
 
 
 def _warm_nodes(data: _Data) -> FloatArray:

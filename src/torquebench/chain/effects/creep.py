@@ -1,0 +1,43 @@
+"""Creep of the transducer under load."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import sqrt
+from typing import ClassVar
+
+from torquebench.chain.effect import Effect, register
+from torquebench.chain.readings import FloatArray, Readings
+from torquebench.chain.torque import Component, Shared
+from torquebench.uncertainty import Distribution
+
+__all__ = ["Creep"]
+
+
+@register("creep")
+@dataclass(frozen=True)
+class Creep(Effect):
+    """Change of a reading under a load that is kept, within the limit of the data sheet.
+
+    The time that a load was kept isn't recorded, so the whole limit counts, in both directions: a
+    reading creeps with the load, and back after one.
+
+    Parameters
+    ----------
+    percent : float
+        Limit of the change after the data sheet's time, % of the torque.
+    """
+
+    title: ClassVar[str] = "creep under load"
+    percent: float = field(metadata={"least": 0.0})
+
+    def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        """Return the limit as a rectangular distribution, new with every loading."""
+        return (
+            Component(
+                "creep",
+                Shared.LOADING,
+                1e-2 * self.percent / sqrt(3.0) * torque_nm,
+                distribution=Distribution.RECTANGULAR,
+            ),
+        )
