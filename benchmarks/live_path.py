@@ -155,7 +155,7 @@ class LivePath:
         commands = CommandState()
         self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=True), commands)
         transducer = description.output.transducer
-        chain = MeasuringChain(fitted_model(), all_effects(description))
+        chain = MeasuringChain(fitted_model()).with_effects(all_effects(description))
         self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES[:compensated]}
         for each in self.chains.values():
             each.warm_up()

@@ -250,7 +250,13 @@ class ActiveChain:
     def standing(self, temperature_c: float = np.nan) -> Torque:
         """Return the chain's torque for a reading of 0 at the stream's present state."""
         nothing = np.zeros(1)
-        known = Readings(nothing, counter_nm=nothing, speed_rpm=0.0, temperature_c=temperature_c)
+        known = Readings(
+            nothing,
+            counter_nm=nothing,
+            speed_rpm=0.0,
+            acceleration_rad_s2=0.0,
+            temperature_c=temperature_c,
+        )
         return self._stream.copy().push(known)
 
 

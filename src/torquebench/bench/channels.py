@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import itertools
+from collections import deque
 from collections.abc import Sequence
+from math import isnan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +76,7 @@ class Channel:
         self._scale = transducer.scale()
         self._stuck_windows = max(2, round(stuck_s / window_s))
         self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
-        self._counted = SampleRing(columns=1, capacity=self._stuck_windows)
+        self._counted: deque[float] = deque(maxlen=self._stuck_windows)
         self._fine: _FineWindows | None = None
         self.fine: FineCount | None = None
         """Shorter windows of the last block of edges; None without any."""
@@ -157,14 +159,11 @@ class Channel:
         if count == 0:
             return frequency
         # The frequency as counted: windows marked as faulty before would hide a lasting fault.
-        newest = slice(-self._stuck_windows, None)
-        self._counted.append(frequency.time_s[newest], frequency.frequency_hz[newest])
-        recent = self._counted.tail(self._stuck_windows)[1]
-        if recent.size < self._stuck_windows:
+        recent = self._counted
+        recent.extend(frequency.frequency_hz[-self._stuck_windows :].tolist())
+        if len(recent) < self._stuck_windows or isnan(sum(recent)):  # NaN: a faulty window
             return frequency
-        # NaN, so never stuck, where a window is faulty.
-        spread = np.maximum.reduce(recent) - np.minimum.reduce(recent)
-        if spread < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
+        if max(recent) - min(recent) < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
             everywhere = np.ones(count, dtype=np.bool_)
             return frequency.marked(everywhere, SignalFaultKind.STUCK)
         return frequency
