@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.chain import Readings
+from torquebench.chain import Readings, readings_of_rows
 from torquebench.compensation import FEATURES, branch_values, features
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
@@ -26,6 +26,9 @@ RANGE_MARGIN = 0.02
 
 UNLOADED_SHARE = 0.001
 """Standard values below this share of the range are treated as unloaded, without a direction."""
+
+STREAM_S = 1.0
+"""Rows of a rotating chain farther apart than this are steady points, not a record."""
 
 _REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
 OPTIONAL_COLUMNS = (
@@ -233,28 +236,36 @@ class CalibrationData:
             return None
         return 100.0 * (self.standard_nm - self.nominal_nm) / self.range_nm
 
-    def readings(self) -> Readings:
-        """Return the points as readings of a measuring chain.
+    @property
+    def steady(self) -> bool:
+        """Whether the points are steady means; rows of a speed within `STREAM_S` are a record."""
+        if self.time_s is None or self.speed_rpm is None or len(self) < 2:
+            return True
+        step = np.diff(self.time_s)
+        return not (np.all(step > 0.0) and np.median(step) <= STREAM_S)
 
-        Every series begins with a zero: its first point gives the time, and the temperature if the
-        table has none. Steady values of a rotating shaft are means over whole revolutions.
+    def readings(
+        self, *, zero_temperature_c: float | None = None, zeroed_each_series: bool = True
+    ) -> Readings:
+        """Return the points as readings of a measuring chain; see `readings_of_rows`.
+
+        Parameters
+        ----------
+        zero_temperature_c : float, optional
+            Temperature of the transducer when the zero was taken, in the place of the table's.
+        zeroed_each_series : bool
+            Whether a table without that temperature was zeroed at the first point of each series.
+            Otherwise its zero is that of the calibration.
         """
         begin = self.first_of_series
         age, zeroed, warm = self.time_s, self.zero_temperature_c, self.temperature_c
-        if zeroed is None and warm is not None:
+        if zeroed is None and warm is not None and zeroed_each_series:
             zeroed = warm[begin]
-        return Readings(
-            self.reading_nm,
-            branch=self.branch.astype(np.float64),
-            counter_nm=self.standard_error_nm,
-            speed_rpm=self.speed_rpm,
-            acceleration_rad_s2=0.0
-            if self.acceleration_rad_s2 is None
-            else self.acceleration_rad_s2,
-            window_s=np.inf,
-            temperature_c=self.temperature_c,
+        return readings_of_rows(
+            self,
+            steady=self.steady,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
-            zero_temperature_c=zeroed,
+            zero_temperature_c=zeroed if zero_temperature_c is None else zero_temperature_c,
         )
 
     def features(self, columns: int | None = None) -> NDArray[np.float64]:

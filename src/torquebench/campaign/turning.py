@@ -12,7 +12,6 @@ from torquebench.chain import (
     LEAST_KELVIN,
     Effect,
     EmptyRun,
-    Readings,
     TurningCalibration,
     identify,
 )
@@ -20,11 +19,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["TurningChain", "identify_turning", "joined_tables", "recorded_readings"]
-
-_STREAM_S = 1.0
-"""Rows farther apart than this are steady points, not a record from which to derive a slope."""
-
+__all__ = ["TurningChain", "identify_turning", "joined_tables"]
 
 @dataclass(frozen=True)
 class TurningChain:
@@ -157,29 +152,3 @@ def _circumstances(points: CalibrationData) -> bool:
     warm, speed = points.temperature_c, points.speed_rpm
     warmed = warm is not None and np.ptp(warm) >= LEAST_KELVIN
     return bool(warmed or (speed is not None and np.max(np.abs(speed)) > 1.0))
-
-
-def recorded_readings(points: CalibrationData, zero_temperature_c: float | None) -> Readings:
-    """Return points of a record as readings whose zero is that of the calibration.
-
-    Parameters
-    ----------
-    points : CalibrationData
-    zero_temperature_c : float or None
-        Temperature at which the record's zero was measured, if its table doesn't state it.
-    """
-    zeroed = points.zero_temperature_c if zero_temperature_c is None else zero_temperature_c
-    readings = replace(points.readings(), zero_temperature_c=zeroed)
-    time_s, speed = points.time_s, points.speed_rpm
-    if time_s is None or speed is None or points.acceleration_rad_s2 is not None:
-        return readings
-    step = np.diff(time_s)
-    if step.size and np.all(step > 0.0) and np.median(step) <= _STREAM_S:
-        readings = replace(
-            readings,
-            time_s=time_s,
-            acceleration_rad_s2=None,
-            angle_rad=points.angle_rad,
-            window_s=None,
-        )
-    return readings

@@ -15,7 +15,7 @@ _WANTED_RAD_S2 = 0.3
 """Largest standard uncertainty caused by noise of the speed: 1 % of a ramp of 300 rpm/s."""
 _LONGEST_S = 0.25
 LEARNED = 4096
-"""Samples from which noise and step are estimated: those of a record's first block, however it is cut."""
+"""First samples of a record, from which noise and step are estimated, however it is cut."""
 _GAP_STEPS = 1.5
 _MEDIAN_OF_SQUARES = 0.4549
 # variance of the third difference of white noise, as a multiple of the noise's

@@ -16,21 +16,36 @@ class Rows(Protocol):
     """Columns of a table of readings; None where the table doesn't have one."""
 
     @property
-    def reading_nm(self) -> FloatArray: ...
+    def reading_nm(self) -> FloatArray:
+        """Torque by the frequency, N·m."""
+
     @property
-    def branch(self) -> NDArray[np.int8] | None: ...
+    def branch(self) -> NDArray[np.int8] | None:
+        """+1, -1, or 0 where unknown."""
+
     @property
-    def standard_error_nm(self) -> FloatArray | None: ...
+    def standard_error_nm(self) -> FloatArray | None:
+        """Of means, N·m."""
+
     @property
-    def time_s(self) -> FloatArray | None: ...
+    def time_s(self) -> FloatArray | None:
+        """Of the rows."""
+
     @property
-    def speed_rpm(self) -> FloatArray | None: ...
+    def speed_rpm(self) -> FloatArray | None:
+        """Of the shaft."""
+
     @property
-    def acceleration_rad_s2(self) -> FloatArray | None: ...
+    def acceleration_rad_s2(self) -> FloatArray | None:
+        """Of the shaft."""
+
     @property
-    def angle_rad(self) -> FloatArray | None: ...
+    def angle_rad(self) -> FloatArray | None:
+        """Of the shaft, in the middle of a window."""
+
     @property
-    def temperature_c(self) -> FloatArray | None: ...
+    def temperature_c(self) -> FloatArray | None:
+        """Of the transducer."""
 
 
 def readings_of_rows(

@@ -281,10 +281,11 @@ def apply(
 
     U is that of the torque by the whole measuring chain; `budget` shows its contributions. The
     columns branch, speed_rpm, temperature_c and standard_error_nm are used if they exist: a
-    quantity that isn't measured increases U by its possible effect on this chain. For a chain with
-    empty runs, a file with time_s is one record in time order: without a column acceleration_rad_s2
-    the acceleration is computed from the speed, and without a column branch the branch from the
-    earlier readings.
+    quantity that isn't measured increases U by its possible effect on this chain. A file with
+    time_s is one record in time order: without a column acceleration_rad_s2 the acceleration is
+    computed from the speed, and without a column branch the branch from the earlier readings.
+    Rows are single readings, unless a comment states "# window_s = 0.5", or "# steady = true" for
+    steady means as in a calibration.
     """
     from torquebench.compensation import load_model
     from torquebench.records.table_formats import check_read, check_written
@@ -308,8 +309,7 @@ def apply(
         chain = chain.with_effects([filtering])
     if without:
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
-    timed = chain.turns or chain.recorded()[1] is not None
-    stream = RecordedStream(chain) if timed else None
+    stream = RecordedStream(chain)
     unmeasured: dict[str, None] = {}
 
     def known(table: ReadingsTable) -> Readings:
@@ -328,7 +328,6 @@ def apply(
     def follow(
         table: ReadingsTable, following: ReadingsTable | None
     ) -> tuple[NDArray[np.float64], ...]:
-        assert stream is not None
         block = known(table)
         if filtering is not None:
             filtering.check_rate(block.time_s)
@@ -342,7 +341,7 @@ def apply(
             readings,
             result,
             compensate,
-            timed=follow if timed else None,
+            timed=follow,
             mapping=column or (),
             progress=progress,
         )
@@ -489,13 +488,9 @@ def _torque(
     chain: MeasuringChain, points: CalibrationData, zero_temperature: float | None
 ) -> Torque:
     """Return a chain's torque at points, including points at speed."""
-    from torquebench.campaign.turning import recorded_readings
-    from torquebench.chain import RecordedStream
-
-    readings = points.readings()
-    if chain.turns:
-        recorded = recorded_readings(points, zero_temperature)
-        readings = RecordedStream(chain).completed(recorded, None)
+    readings = points.readings(
+        zero_temperature_c=zero_temperature, zeroed_each_series=not chain.turns
+    )
     return chain.torque(readings)
 
 

@@ -96,7 +96,9 @@ class Compensation:
         ----------
         readings : path, pandas, polars or pyarrow frame, or mapping of str to column
             With a column ``reading_nm``; ``branch``, ``speed_rpm``, ``temperature_c`` and
-            ``standard_error_nm`` are used where there are any. All columns are kept.
+            ``standard_error_nm`` are used where there are any. With ``time_s`` it is one record in
+            time order, as for `torquebench apply`: acceleration and branch follow from the other
+            rows. All columns are kept.
         columns : mapping of str to str, optional
             Headers that don't say what they are; see `read_calibration`.
         zero_age_h, zero_temperature_c : float, optional
@@ -113,10 +115,10 @@ class Compensation:
             found = ArrowReadings("the table", table.schema, mapping_of(columns)).readings(
                 table.combine_chunks()
             )
+            known = found.readings(zero_age_h=zero_age_h, zero_temperature_c=zero_temperature_c)
+            torque = self.chain.torque(known, found.place)
         except InputError as problem:
             raise in_python(problem) from None
-        known = found.readings(zero_age_h=zero_age_h, zero_temperature_c=zero_temperature_c)
-        torque = self.chain.torque(known)
         values = (
             torque.value_nm,
             torque.value_nm - known.reading_nm,

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import OPTIONAL_COLUMNS, RANGE_MARGIN, CalibrationData, infer_branch
-from torquebench.chain import EmptyRun, Readings, stretches
+from torquebench.chain import EmptyRun, Readings, readings_of_rows, stretches
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.columns import (
@@ -48,6 +48,10 @@ READING_QUANTITIES = (
 """Optional columns of a file of readings."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
+_STEADY = "steady"
+"""Comment of a table of steady means, as the points of a calibration are."""
+_WINDOW = "window_s"
+"""Comment with the length of the windows of a table's readings."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _MOST_STEPS = 2000
 """Most points of a loading sequence; larger tables are recordings."""
@@ -243,22 +247,25 @@ class ReadingsTable:
     def readings(
         self, *, zero_age_h: float | None = None, zero_temperature_c: float | None = None
     ) -> Readings:
-        """Return the rows as readings of a measuring chain.
+        """Return the rows as readings of a measuring chain; see `readings_of_rows`.
+
+        They are single readings, unless the file's comments state ``steady = true``. The length of
+        their windows is unknown, unless a comment states ``window_s``.
 
         Parameters
         ----------
         zero_age_h, zero_temperature_c : float, optional
             Time since the zero was taken and the transducer's temperature then.
+
+        Raises
+        ------
+        InputError
+            A comment that isn't a time.
         """
-        return Readings(
-            self.reading_nm,
-            branch=None if self.branch is None else self.branch.astype(np.float64),
-            counter_nm=self.standard_error_nm,
-            time_s=self.time_s,
-            speed_rpm=self.speed_rpm,
-            acceleration_rad_s2=self.acceleration_rad_s2,
-            angle_rad=self.angle_rad,
-            temperature_c=self.temperature_c,
+        return readings_of_rows(
+            self,
+            steady=_is_stated(self.table.remarks, _STEADY),
+            window_s=_window_s(self.table),
             zero_age_h=zero_age_h,
             zero_temperature_c=zero_temperature_c,
         )
@@ -440,6 +447,7 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
     >>> data = CalibrationData([5.1], [5.0], [1], [1], 10.0)
     >>> print(calibration_csv(data), end="")
     # range_nm = 10.0
+    # steady = true
     reading_nm,standard_nm,series,branch
     5.1,5.0,1,up
     """
@@ -448,6 +456,8 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
     notes |= reference_remarks(data.reference)
     if data.simulated:
         notes["simulated"] = "true"
+    if data.steady:
+        notes[_STEADY] = "true"
     text = io.StringIO()
     for key, value in {**notes, **(remarks or {})}.items():
         text.write(f"# {key} = {value}\n")
@@ -496,7 +506,28 @@ def _name_of_reading(table: CsvTable) -> str:
 
 
 def is_simulated(remarks: Mapping[str, str]) -> bool:
-    return remarks.get("simulated", "").lower() in ("true", "yes", "1")
+    return _is_stated(remarks, "simulated")
+
+
+def _is_stated(remarks: Mapping[str, str], name: str) -> bool:
+    return remarks.get(name, "").lower() in ("true", "yes", "1")
+
+
+def _window_s(table: CsvTable) -> float | None:
+    noted = table.remarks.get(_WINDOW)
+    if noted is None:
+        return None
+    try:
+        window_s = float(noted)
+    except ValueError:
+        window_s = float("nan")
+    if not window_s > 0.0:
+        raise InputError(
+            Message("{origin}: the comment says {name} = {stated!r}", table.origin, _WINDOW, noted),
+            "a time in s, longer than 0 s",
+            "correct the comment",
+        )
+    return window_s
 
 
 def _range(
