@@ -11,6 +11,7 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.console import answer, note, say, say_file, warn
+from torquebench.cli.export import find_run
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
 from torquebench.errors import InputError
@@ -149,17 +150,11 @@ def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
         if not newest:
             raise InputError("no calibration is registered", "one", "run `torquebench calibrate`")
         return newest[0]
-    found = registry.runs_beginning(name, limit=2)
-    if not found:
-        raise InputError(Message("no run {run!r}", name), "a name from `torquebench records list`")
-    if len(found) > 1 and found[0].run_id != name:
-        raise InputError(
-            Message("several runs begin with {name!r}", name), "one run", "give more of its id"
-        )
+    run = find_run(registry, name)
 
     from torquebench.reports.certificate import calibration_of
 
-    return calibration_of(registry, found[0].run_id)
+    return calibration_of(registry, run.run_id)
 
 
 def _issue(

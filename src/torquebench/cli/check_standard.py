@@ -75,6 +75,7 @@ def _report(result: CheckResult, tolerance: float) -> None:
     for heading in ("standard N·m", "error N·m", "% FS", "U N·m"):
         table.add_column(heading, justify="right")
     table.add_column("verdict", no_wrap=True)
+    points = []
     for standard, error, expanded, decision in zip(
         data.standard_nm,
         result.error_nm,
@@ -89,6 +90,13 @@ def _report(result: CheckResult, tolerance: float) -> None:
             f"{expanded:.4f}",
             decision.verdict.label,
         )
+        point = {
+            "standard_nm": standard,
+            "error_nm": error,
+            "expanded_uncertainty_nm": expanded,
+            "verdict": decision.verdict,
+        }
+        points.append(point)
     out().print(table)
     inside = not result.verdict.failed
     colour = "green" if inside else "red"
@@ -97,21 +105,6 @@ def _report(result: CheckResult, tolerance: float) -> None:
         f"tolerance ±{tolerance:g} % FS, guard band w = U"
     )
     say(f"Run: {result.run_id}")
-    points = [
-        {
-            "standard_nm": standard,
-            "error_nm": error,
-            "expanded_uncertainty_nm": expanded,
-            "verdict": decision.verdict,
-        }
-        for standard, error, expanded, decision in zip(
-            data.standard_nm,
-            result.error_nm,
-            result.expanded_uncertainty_nm,
-            result.decisions,
-            strict=True,
-        )
-    ]
     answer(
         side=data.side,
         range_nm=data.range_nm,

@@ -7,13 +7,13 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli.confirming import confirm_turn
 from torquebench.cli.console import (
     answer,
     narrow_table,
     out,
     say,
     say_file,
-    stderr_console,
 )
 from torquebench.cli.options import (
     CSV_ENDINGS,
@@ -27,8 +27,6 @@ from torquebench.cli.options import (
     bench_description,
     check_output,
 )
-from torquebench.errors import InputError
-from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -81,33 +79,8 @@ def turn(
         return
     if not resume:
         check_output(result, endings=CSV_ENDINGS)
-    _confirm(description, side, chosen, yes)
+    confirm_turn(description, side.value, chosen, yes)
     _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
-
-
-def _confirm(
-    description: BenchDescription, side: Module, profile: TurningProfile, yes: bool
-) -> None:
-    """Ask for confirmation before a shaft turns on a real bench."""
-    import sys
-
-    if yes or description.simulated:
-        return
-    if not sys.stdin.isatty():
-        raise InputError(
-            Message("{name} is a real bench and nobody is there to confirm", description.name),
-            "a person at the terminal, or --yes",
-            "check that nobody is at the bench, then give --yes",
-        )
-    if profile.kind == "dynamics":
-        largest = profile.largest_share * description.module(side.value).range_nm
-        said = f"will be loaded with up to {largest:g} N·m in steps, at rest"
-    else:
-        said = f"will turn at up to {profile.top_rpm(side.value):g} rpm"
-    said = f"{description.name}: {side.value} {said} by {profile.name}."
-    stderr_console().print(said, markup=False)
-    if not typer.confirm("Is the bench clear and may it start?", err=True):
-        raise typer.Exit(1)
 
 
 def _run(
