@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
-__all__ = ["apply", "fit", "verify"]
+__all__ = ["apply", "fit", "verify", "write_verification"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
@@ -459,7 +459,7 @@ def verify(
 
         answer(cells=cells(points, torque))
     titles = [name.removeprefix("*") for name, _ in rows[1:]]
-    _write_verification(
+    write_verification(
         points,
         dict(zip(titles, torques.values(), strict=True)),
         (("Points", data.name), ("Model", model.name)),
@@ -494,13 +494,13 @@ def _torque(
     return chain.torque(readings)
 
 
-def _write_verification(
+def write_verification(
     points: CalibrationData,
     torques: Mapping[str, Torque],
     facts: Sequence[tuple[str, str]],
     tolerance: float,
     reports: Sequence[Path],
-    turning: Torque | None,
+    turning: Torque | None = None,
 ) -> None:
     """Write the reports; for a rotating chain with errors over speed and temperature."""
     if not reports:

@@ -10,6 +10,7 @@ import typer
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import answer, out, say
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.models import write_verification
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -21,7 +22,7 @@ from torquebench.cli.options import (
     bench_description,
     data_directory,
 )
-from torquebench.cli.reports import ReportOption, check_reports, write_reports
+from torquebench.cli.reports import ReportOption, check_reports
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -103,23 +104,17 @@ def verification(
     )
     if report:
         from torquebench.bench.mounting_record import mounting_facts
-        from torquebench.reports.verification_report import Verified, verification_page
 
-        verified = [
-            Verified("raw reading", measured.reading_nm),
-            *(
-                Verified(titles[name], chain.torque(measured.readings()).value_nm)
-                for name, chain in chains.items()
-            ),
-        ]
         facts = (
             ("Record", run_id),
             ("Transducer", measured.transducer_serial),
             ("Groups", "the same torques" if same_points else "each its own torques"),
             *mounting_facts(entered),
         )
-        page = verification_page(measured, verified, facts, tolerance)
-        write_reports(page, report)
+        torques = {
+            titles[name]: chain.torque(measured.readings()) for name, chain in chains.items()
+        }
+        write_verification(measured, torques, facts, tolerance, report)
     if not kept:
         raise typer.Exit(CHECK_FAILED)
 
