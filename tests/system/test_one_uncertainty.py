@@ -1,13 +1,16 @@
 """One reading through every interface: each states the same torque and the same U."""
 
 import csv
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+import polars as pl
 import pytest
 from tests.system.command_line import run
+from tests.unit.chain.test_turning_chains import INERTIA, TURNING, WARMTH
 
+import torquebench as tb
 from torquebench.bench import default_bench
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.bench.chain_effects import chain_effects
@@ -19,9 +22,9 @@ from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import store_model
 from torquebench.campaign.reducers.uncertainty import Bench, torque_uncertainty
-from torquebench.chain import MeasuringChain, Readings, load_chain
+from torquebench.chain import Inertia, MeasuringChain, Readings, load_chain
 from torquebench.cli.measure import _torque as live_torque
-from torquebench.compensation import make_model
+from torquebench.compensation import make_model, save_model
 from torquebench.panel.service.live.hub import LiveHub
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reports.certificate.record import Reference as StatedReference
@@ -196,6 +199,51 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
     certified = certified_bench().calibrator.uncertainty("output").at(expected.torque_nm)
     assert 2.0 * standard[0].contribution == pytest.approx(float(certified), rel=1e-12)
     assert 0.1 < float(certified) < 0.2
+
+
+@pytest.fixture(scope="module")
+def turning(file: Path) -> Path:
+    """The chain with effects that were measured while it turned."""
+    stored = tb.load_model(file).stored
+    chain = MeasuringChain(stored.model, (WARMTH, TURNING, Inertia("runs", INERTIA, 1e-6, 30.0)))
+    made = replace(stored.provenance, effects=chain.specification())
+    path = file.with_name("turning.json")
+    save_model(path, replace(stored, provenance=made))
+    return path
+
+
+@pytest.mark.parametrize("branch", [True, False])
+@pytest.mark.parametrize("chain", ["file", "turning"])
+def test_a_record_gives_the_same_by_command_and_in_python(
+    chain: str, tmp_path: Path, request: pytest.FixtureRequest, *, branch: bool
+) -> None:
+    count = 30_000  # several blocks of the command
+    time_s = 0.01 * np.arange(count)
+    torque = 1900.0 * np.sin(0.3 * time_s)
+    noise = np.random.default_rng(6).standard_normal((2, count))
+    columns = {
+        "time_s": time_s,
+        "reading_nm": torque + 0.1 * noise[0],
+        "speed_rpm": 900.0 * np.sin(0.5 * time_s) + noise[1],
+        "temperature_c": 25.0 + 10.0 * np.sin(0.01 * time_s),
+        "note": np.full(count, "a row of a record whose file is longer than one block, " * 2),
+    }
+    if branch:
+        columns["branch"] = np.where(np.gradient(np.abs(torque)) >= 0.0, "up", "down")
+    record, model = tmp_path / "record.csv", request.getfixturevalue(chain)
+    pl.DataFrame(columns).write_csv(record)
+    assert record.stat().st_size > 2 * 2**21
+    done = run("apply", model, record, "--out", "torque.csv", "--zero-age", 0.5, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    told = pl.read_csv(tmp_path / "torque.csv")
+    found = tb.load_model(model)
+    for readings in (record, pl.read_csv(record)):
+        applied = pl.DataFrame(found.apply(readings, zero_age_h=0.5))
+        for name in ("torque_nm", "expanded_uncertainty_nm"):
+            assert applied[name].to_list() == told[name].to_list()
+    if chain == "turning":
+        still = pl.DataFrame(found.apply(pl.read_csv(record).drop("time_s")))
+        assert (still["torque_nm"] - applied["torque_nm"]).abs().max() > 0.05  # of inertia
 
 
 def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(file: Path) -> None:

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.chain import Dynamics, Readings, effect_from, load_chain
+from torquebench.chain import Dynamics, MeasuringChain, Readings, effect_from, load_chain
 from torquebench.dynamics import (
     PARAMETERS,
     Delay,
@@ -111,8 +111,9 @@ def identify_dynamics(
         Table of an empty run with ramps: time_s, reading_nm, speed_rpm and, if there is one,
         acceleration_rad_s2.
     model : pathlib.Path, optional
-        Model file of the chain: readings are compensated by its static curve first. Ramps with
-        small torques are in the range where a chain's reversal curves most.
+        Model file of the chain: readings are compensated by its static curve first, along the
+        history of each record. Ramps with small torques are in the range where a chain's reversal
+        curves most.
     window_s : float, optional
         Length of the counter's window; the sample interval where not given.
     bandwidth_hz : float, optional
@@ -128,10 +129,14 @@ def identify_dynamics(
     InputError
         Naming what the tables lack or don't identify.
     """
-    chain = None if model is None else load_chain(model)
+    # not its other effects: inertia and dynamics are to be identified
+    chain = None if model is None else MeasuringChain(load_chain(model).model)
 
-    def torque_of(reading_nm: NDArray[np.float64]) -> NDArray[np.float64]:
-        return reading_nm if chain is None else chain.torque(Readings(reading_nm)).value_nm
+    def torque_of(table: _Table) -> NDArray[np.float64]:
+        if chain is None:
+            return table["reading_nm"]
+        record = Readings(table["reading_nm"], time_s=table["time_s"])
+        return chain.torque(record).value_nm
 
     if not runs:
         raise InputError("no table with a known torque", "one at least")
@@ -145,7 +150,7 @@ def identify_dynamics(
     known, hashes, simulated = [], {}, False
     for path, content in {} if on_bench else tables.items():
         table = _Table(path, content, ("time_s", "reading_nm", "standard_nm"))
-        known.append(Known(table.interval_s, torque_of(table["reading_nm"]), table["standard_nm"]))
+        known.append(Known(table.interval_s, torque_of(table), table["standard_nm"]))
         hashes[path.name] = table.sha256
         simulated = simulated or table.simulated
     inertia = None
@@ -153,7 +158,7 @@ def identify_dynamics(
         table = _Table(empty, read_table(empty), ("time_s", "reading_nm", "speed_rpm"))
         inertia = identify_inertia(
             table["time_s"],
-            torque_of(table["reading_nm"]),
+            torque_of(table),
             table["speed_rpm"],
             table.acceleration,
         )
