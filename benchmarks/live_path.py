@@ -159,7 +159,7 @@ class LivePath:
         self.chains = {name: ActiveChain(chain, "1", RECOMMENDED) for name in NAMES[:compensated]}
         for each in self.chains.values():
             each.warm_up()
-            each.zero = ZeroTaken(0.0, 23.0)
+            each.zero = ZeroTaken(0.0, 23.0, 0.03)
         self.shafts = {name: EncoderAcceleration() for name in self.chains}
         self.channels: dict[str, Channel] = {}
         for name in NAMES:

@@ -112,7 +112,7 @@ def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
     counter_nm = np.full(path.size, COUNTER_NM)
     still = {"speed_rpm": 0.0, "acceleration_rad_s2": 0.0, "temperature_c": TEMPERATURE_C}
     active.push(StreamReadings(time_s[:-1], path[:-1], counter_nm[:-1], **still))
-    active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C)
+    active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C, 0.0)
     last = time_s[-1:]
     counted = counter_nm[-1:]
     torque = active.push(StreamReadings(last, path[-1:], counted, **still))

@@ -435,8 +435,16 @@ class Acquisition:
         channel = self._channels.get(name)
         return channel.zero_hz if channel is not None else self._zeros.get(name, 0.0)
 
-    def set_zero(self, name: str, frequency_hz: float) -> None:
+    def set_zero(self, name: str, frequency_hz: float, standard_uncertainty_nm: float) -> None:
         """Take a frequency for zero torque from the next block on.
+
+        Parameters
+        ----------
+        name : str
+            Of the channel.
+        frequency_hz : float
+        standard_uncertainty_nm : float
+            Of this zero, N·m; NaN if it isn't known.
 
         Raises
         ------
@@ -453,7 +461,9 @@ class Acquisition:
             if not channel.standard:
                 probe = self._description.module(channel.side).temperature_probe
                 temperature = self.latest_block.temperatures.get(probe, np.nan)
-                self._zeroed[channel.side] = ZeroTaken(self._clock.now(), temperature)
+                self._zeroed[channel.side] = ZeroTaken(
+                    self._clock.now(), temperature, standard_uncertainty_nm
+                )
                 if channel.side in self._compensations:
                     self._compensations[channel.side].zero = self._zeroed[channel.side]
 

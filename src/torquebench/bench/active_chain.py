@@ -6,6 +6,7 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import hypot
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +22,7 @@ from torquebench.chain import (
     Ripple,
     Timebase,
     Torque,
+    Zero,
     effect_states,
     rows_of,
 )
@@ -32,10 +34,21 @@ KEPT_S = 120.0
 
 @dataclass(frozen=True)
 class ZeroTaken:
-    """When a zero was taken, s of bench time, and the transducer's temperature then, °C."""
+    """A zero in use.
+
+    Parameters
+    ----------
+    time_s : float
+        When it was taken, s of bench time.
+    temperature_c : float
+        Temperature of the transducer then, °C; NaN without a probe.
+    standard_uncertainty_nm : float
+        Standard error of the mean that it is, N·m; NaN if it isn't known.
+    """
 
     time_s: float
     temperature_c: float
+    standard_uncertainty_nm: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +158,9 @@ class ActiveChain:
         self.kind = kind
         self.zero: ZeroTaken | None = None
         self._calibration_age_h = calibration_age_h
+        self._zero_scatter_nm = next(
+            (each.zero_nm for each in chain.stored if isinstance(each, Zero)), 0.0
+        )
         self._stream = chain.stream()
         self._recent = _Recent()
         self._fine: tuple[ChainStream, _Recent] | None = None
@@ -213,9 +229,18 @@ class ActiveChain:
             temperature_c=readings.temperature_c,
             zero_age_h=age_h,
             zero_temperature_c=None if zero is None else zero.temperature_c,
+            zero_nm=None if zero is None else self._zero_nm(zero),
             calibration_age_h=self._calibration_age_h,
             of_bench=True,
         )
+
+    def _zero_nm(self, zero: ZeroTaken) -> float:
+        """Return the standard uncertainty of a zero: its standard error, and the scatter of zeros.
+
+        The standard error of one zero doesn't contain how the parts were seated, nor from which
+        direction they were unloaded; the chain states this where a calibration has shown it.
+        """
+        return hypot(self._zero_scatter_nm, zero.standard_uncertainty_nm)
 
     def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
         """Return the torques whose windows' centres lie in [start, stop); None for none."""

@@ -261,6 +261,7 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
     remarks = {
         **_remarks(station, table.side, profile, table.series_done),
         "zero_hz": repr(table.zero_hz),
+        "zero_uncertainty_nm": repr(table.zero_uncertainty_nm),
         "zero_nm": f"{scale.torque(table.zero_hz):.9g}",
     }
     lines = [f"# {name} = {value}" for name, value in remarks.items()]
@@ -318,5 +319,7 @@ def read_begun(
     )
     begun = EmptyTable(side)
     begun.begin_with(rows, int(done))
-    begun.zero_hz = float(table.remarks.get("zero_hz", "nan"))
+    begun.zero_hz, begun.zero_uncertainty_nm = (
+        float(table.remarks.get(name, "nan")) for name in ("zero_hz", "zero_uncertainty_nm")
+    )
     return begun

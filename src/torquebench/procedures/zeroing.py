@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bluesky.preprocessors as bpp
 
 from torquebench import __version__
-from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.procedures.messages import checkpoint, move, prepare, sleep, take
 from torquebench.procedures.setup import (
@@ -31,11 +31,14 @@ class ZeroResult:
     ----------
     frequency_hz : float
         Of the module's transducer, unloaded, Hz.
+    standard_uncertainty_nm : float
+        Standard error of that mean, N·m.
     standard_frequency_hz : float or None
         Of the mounted standard's transducer; None without one on the counters.
     """
 
     frequency_hz: float
+    standard_uncertainty_nm: float
     standard_frequency_hz: float | None
 
 
@@ -80,13 +83,16 @@ def measure_zero(
     )
     yield from prepare(module.steady, settings, wait=True)
     reading = yield from take(module.steady, devices.point, stream=f"zero_{side}")
-    frequency = float(reading["frequency_hz"])
-    yield from move(module.transducer.zero, frequency)
+    taken = MeasuredZero(
+        float(reading["frequency_hz"]), float(reading["reading_standard_error_nm"])
+    )
+    yield from move(module.transducer.zero, taken)
     standard_frequency = None
     if standard and "standard_frequency_hz" in reading:
         standard_frequency = float(reading["standard_frequency_hz"])
-        yield from move(getattr(devices.reference, f"{side}_zero"), standard_frequency)
-    return ZeroResult(frequency, standard_frequency)
+        of_standard = MeasuredZero(standard_frequency, float(reading["standard_uncertainty_nm"]))
+        yield from move(getattr(devices.reference, f"{side}_zero"), of_standard)
+    return ZeroResult(*taken, standard_frequency)
 
 
 def zero_modules(

@@ -75,7 +75,7 @@ def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench
     bench.clock.wait_until(0.3)
     for channel in ("output_torque", "output_reference"):
         mean = bench.acquisition.channel(channel).window(0.1, 0.3).frequency_hz.mean()
-        bench.acquisition.set_zero(channel, float(mean))
+        bench.acquisition.set_zero(channel, float(mean), 0.0)
     bench.clock.wait_until(0.5)
     reading = bench.acquisition.channel("output_torque").window(0.35, 0.5).torque_nm
     assert abs(reading.mean()) < 0.5
@@ -83,7 +83,7 @@ def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench
     assert bench.acquisition.channel("output_reference").zero_hz == 60e3
     assert bench.acquisition.channel("output_torque").zero_hz != 60e3
     with pytest.raises(SignalFault, match="2 % of nominal"):
-        bench.acquisition.set_zero("output_torque", 70e3)
+        bench.acquisition.set_zero("output_torque", 70e3, 0.0)
 
 
 @pytest.mark.parametrize(
@@ -249,7 +249,7 @@ def test_blocks_kept_together_state_the_same_to_the_last_bit(
             )
             bench.load_output(300.0)
             bench.clock.wait(2.0)
-            bench.acquisition.set_zero("output_torque", 60_001.0)
+            bench.acquisition.set_zero("output_torque", 60_001.0, 0.02)
             bench.command_torque(-200.0, 1000.0)
             bench.clock.wait(2.0)
             bench.acquisition.set_journal(None)

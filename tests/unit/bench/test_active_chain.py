@@ -105,7 +105,7 @@ def all_effects() -> tuple[Effect, ...]:
 def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
     """Half of those of a NumPy call for each operation: the live path consists of such windows."""
     active = ActiveChain(MeasuringChain(loop_model("hybrid"), all_effects()), "1", "hybrid")
-    active.zero = ZeroTaken(0.0, 23.0)
+    active.zero = ZeroTaken(0.0, 23.0, 0.03)
     known = (600.0, 25.0, None, 31.4, 2.0)
     windows = [
         StreamReadings(np.array([1e-3 * number]), np.array([10.0]), np.array([1e-3]), *known)
@@ -154,13 +154,22 @@ def test_the_zeros_age_and_temperature_count_in_the_stream() -> None:
     effects = (Zero("drift", 1.0), Temperature("data sheet", 0.1, 0.0, 23.0))
     active = ActiveChain(MeasuringChain(fitted("polynomial"), effects), "1", "polynomial")
     unknown = Stream(active).push(np.zeros(3), temperature_c=25.0)
-    active.zero = ZeroTaken(0.0, 25.0)
+    active.zero = ZeroTaken(0.0, 25.0, 0.0)
     known = Stream(active).push(np.zeros(3), temperature_c=25.0)
     for name in ("zero drift", "temperature of zero"):
         assert known.component(name)[0] < 0.2 * unknown.component(name)[0]
     hour = active.push(StreamReadings(np.array([3600.0]), np.zeros(1), temperature_c=35.0))
     assert hour.component("zero drift")[0] == pytest.approx(1.0 / np.sqrt(3.0))
     assert hour.component("temperature of zero")[0] == pytest.approx(1.0 / np.sqrt(3.0), rel=0.01)
+
+
+def test_the_standard_error_of_the_zero_counts_in_the_stream() -> None:
+    """It was dropped where a zero was taken, and U of the live torque didn't contain it."""
+    effects = (Zero("zeros of the tables", 0.0, zero_nm=0.04),)
+    active = ActiveChain(MeasuringChain(fitted("polynomial"), effects), "1", "polynomial")
+    assert Stream(active).push(np.zeros(3)).component("zero") == pytest.approx(0.04)
+    active.zero = ZeroTaken(0.0, 23.0, 0.03)
+    assert Stream(active).push(np.zeros(3)).component("zero") == pytest.approx(0.05)
 
 
 def test_short_windows_have_a_stream_of_their_own_that_starts_where_the_other_stands() -> None:

@@ -1,8 +1,12 @@
 """Zero and preload as plans of their own."""
 
 import bluesky.preprocessors as bpp
+import numpy as np
 import pytest
 
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.chain import MeasuringChain, Zero
+from torquebench.compensation import make_model
 from torquebench.procedures import preload, zero_modules
 from torquebench.procedures.setup import Setup, power_on, set_up, unloaded_after
 from torquebench.station import Station
@@ -18,6 +22,19 @@ def test_zeroed_modules_read_zero(station: Station) -> None:
         assert station.acquisition.zero_hz(f"{side}_torque") == found.frequency_hz
         latest = station.acquisition.latest(f"{side}_torque")
         assert abs(latest.torque_nm) < 0.1e-2 * range_nm
+
+
+def test_the_uncertainty_of_a_measured_zero_is_in_u_of_the_live_torque(station: Station) -> None:
+    standard = np.linspace(-2000.0, 2000.0, 21)
+    model = make_model("polynomial-1", range_nm=2000.0).fit(standard[:, None], standard)
+    active = ActiveChain(MeasuringChain(model, (Zero("data sheet", 0.0),)), "1", "polynomial")
+    station.acquisition.set_compensation("output", active)
+    found = station.run(zero_modules(station.devices), kind="zero").result["output"]
+    assert 0.0 < found.standard_uncertainty_nm < 0.1e-2 * 2000.0
+    viewer = station.acquisition.add_viewer()
+    station.clock.wait(0.2)
+    torque = viewer.drain()[-1].compensated["output"]
+    assert torque.component("zero") == pytest.approx(found.standard_uncertainty_nm)
 
 
 def test_a_preload_loads_and_unloads(station: Station) -> None:

@@ -26,6 +26,7 @@ from .recorder import (
 )
 from .sensors import (
     Encoder as Encoder,
+    MeasuredZero as MeasuredZero,
     Reference as Reference,
     TemperatureProbes as TemperatureProbes,
     Transducer as Transducer,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from functools import partial
+from typing import NamedTuple
 
 from ophyd_async.core import (
     AsyncStatus,
@@ -15,11 +16,18 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side, reference_channel, torque_channel
 
-__all__ = ["Encoder", "Reference", "TemperatureProbes", "Transducer", "Zero"]
+__all__ = ["Encoder", "MeasuredZero", "Reference", "TemperatureProbes", "Transducer", "Zero"]
+
+
+class MeasuredZero(NamedTuple):
+    """Frequency of an unloaded transducer, Hz, and the standard uncertainty of this zero, N·m."""
+
+    frequency_hz: float
+    standard_uncertainty_nm: float
 
 
 class Zero(StandardReadable):
-    """Measured zero frequency of a transducer, Hz: `set(frequency_hz)` from then on."""
+    """Zero of a transducer: `set(MeasuredZero(...))` takes one, `frequency` is that in use, Hz."""
 
     def __init__(self, context: BenchContext, channel: str) -> None:
         self._context = context
@@ -31,7 +39,7 @@ class Zero(StandardReadable):
         super().__init__()
 
     @AsyncStatus.wrap
-    async def set(self, value: float) -> None:
+    async def set(self, value: MeasuredZero) -> None:
         """Take this frequency for zero torque.
 
         Raises
@@ -39,7 +47,9 @@ class Zero(StandardReadable):
         SignalFault
             It deviates too much from the nominal zero.
         """
-        self._context.acquisition.set_zero(self._channel, value)
+        self._context.acquisition.set_zero(
+            self._channel, value.frequency_hz, value.standard_uncertainty_nm
+        )
 
 
 class Transducer(StandardReadable):

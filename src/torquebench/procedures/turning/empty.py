@@ -12,7 +12,7 @@ from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench import __version__
-from torquebench.bench.devices import BenchDevices
+from torquebench.bench.devices import BenchDevices, MeasuredZero
 from torquebench.bench.devices.recorder import ModuleRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
@@ -120,13 +120,15 @@ class EmptyTable(SeriesTable):
     Parameters
     ----------
     side : {"input", "output"}
-    zero_hz : float
-        Frequency of the zero that all readings count from; NaN before it was taken.
+    zero_hz, zero_uncertainty_nm : float
+        Frequency of the zero that all readings count from, and its standard uncertainty; NaN before
+        it was taken.
     """
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "speed_rpm", "temperature_c", "angle_deg")
     side: Side
     zero_hz: float = float("nan")
+    zero_uncertainty_nm: float = float("nan")
 
     def add(self, found: ModuleRecording, before_c: float, after_c: float) -> None:
         """Add an interval, with the temperature linear between two readings."""
@@ -312,8 +314,10 @@ class _Runner:
         if np.isnan(self.table.zero_hz):
             found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
             self.table.zero_hz = found.frequency_hz
+            self.table.zero_uncertainty_nm = found.standard_uncertainty_nm
             return
-        yield from move(module.transducer.zero, self.table.zero_hz)
+        taken = MeasuredZero(self.table.zero_hz, self.table.zero_uncertainty_nm)
+        yield from move(module.transducer.zero, taken)
         yield from power_on(self.devices, self.side)
 
     def warm_up(self) -> Plan[None]:
