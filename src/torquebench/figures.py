@@ -4,20 +4,22 @@ Every function takes arrays in SI units and returns the text of an ``<svg>`` ele
 is reproducible: the same arrays give the same bytes.
 """
 
+from __future__ import annotations
+
 import io
 from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.compensation import Comparison
+
+if TYPE_CHECKING:  # Matplotlib takes most of a second: only what draws imports it
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
 __all__ = [
     "COLOURS",
@@ -25,6 +27,7 @@ __all__ = [
     "STYLE",
     "Curve",
     "additional_torque_figure",
+    "blank_figure",
     "draw_additional_torque",
     "draw_comparison",
     "error_figure",
@@ -34,6 +37,7 @@ __all__ = [
     "new_figure",
     "percent_axis",
     "staircase_figure",
+    "styled",
     "svg_text",
 ]
 
@@ -83,18 +87,36 @@ class Curve:
     style: str = ""
 
 
-def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
-    """Return a figure of the page's width, its height in inch, and its axes one below the other."""
+def styled() -> AbstractContextManager[None]:
+    """Return the context of the common style, in which figures are made and drawn."""
+    import matplotlib as mpl
+
+    return mpl.rc_context(STYLE)
+
+
+def blank_figure(height: float) -> Figure:
+    """Return a figure of the page's width, its height in inch, without axes."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(7.6, height), layout="constrained")
     FigureCanvasSVG(figure)
+    return figure
+
+
+def new_figure(height: float = 3.3, panels: int = 1) -> tuple[Figure, list[Axes]]:
+    """Return a figure of the page's width, its height in inch, and its axes one below the other."""
+    figure = blank_figure(height)
     axes = figure.subplots(panels, 1, squeeze=False)[:, 0]
     return figure, list(axes)
 
 
 def svg_text(figure: Figure) -> str:
     """Return the ``<svg>`` element of a figure."""
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
     buffer, canvas = io.StringIO(), figure.canvas
-    assert isinstance(canvas, FigureCanvasSVG)  # see `new_figure`
+    assert isinstance(canvas, FigureCanvasSVG)  # see `blank_figure`
     # `savefig` draws twice, to lay out first; drawing once does both.
     # Matplotlib states no types for it.
     canvas.print_svg(buffer, metadata={"Date": None, "Creator": None})  # type: ignore[no-untyped-call]
@@ -149,7 +171,7 @@ def additional_torque_figure(
     str
         An ``<svg>`` element.
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure()
         draw_additional_torque(axes, reading_nm, additional_nm, branch, curves, range_nm)
         return svg_text(figure)
@@ -196,6 +218,8 @@ def draw_additional_torque(
 
 def draw_comparison(axes: Axes, comparison: Comparison) -> None:
     """Draw RMS and worst error of models at points left out, the raw reading among them."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
     percent = 100.0 / comparison.full_scale_nm
     names = [score.name for score in comparison.scores] + ["raw reading"]
     raw = comparison.raw
@@ -254,7 +278,7 @@ def error_figure(
         {"linestyle": "none", "marker": "o"} if markers else {"linestyle": "-", "marker": ""}
     )
     groups = [group for group in (raw, compensated) if group]
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, panels = new_figure(2.0 * len(groups) + 0.9, len(groups))
         for axes, group in zip(panels, groups, strict=True):
             for order, (colour, curve) in enumerate(zip(COLOURS, group, strict=False)):
@@ -303,7 +327,7 @@ def group_figure(
     str
         An ``<svg>`` element.
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(2.7)
         for colour, (label, worst) in zip(COLOURS, group_errors_nm.items(), strict=False):
             number = np.arange(1, len(worst) + 1)
@@ -339,7 +363,7 @@ def staircase_figure(
         An ``<svg>`` element.
     """
     time = np.asarray(time_s, float)
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (upper, lower) = new_figure(3.8, 2)
         upper.plot(time, standard_nm, ".-", color=COLOURS[0], markersize=3, linewidth=0.8)
         upper.set_ylabel("standard in N·m")
@@ -378,7 +402,7 @@ def friction_figure(
         An ``<svg>`` element.
     """
     speed, torque, number = (np.asarray(a, float) for a in (speed_rpm, torque_nm, repeat))
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(3.1)
         several = np.unique(number).size > 1
         for colour, marker, value in zip(COLOURS, "osD^vP", np.unique(number), strict=False):

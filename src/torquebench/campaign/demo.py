@@ -6,6 +6,9 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from functools import partial
+
+import numpy as np
 
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
@@ -26,6 +29,7 @@ from torquebench.campaign.measuring import (
 from torquebench.campaign.modules import dense_sweep, evaluate_module, register_verification
 from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
+from torquebench.chain import Readings
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
 from torquebench.message import Message
@@ -142,7 +146,8 @@ def _modules(
     for side in SIDES:
         item = measure_calibration(station, side, profile, metadata=known, progress=progress)
         measured.append(item)
-        fits.append(begin(calibration_fit(registry, item, profile, choices, progress)))
+        fitting = calibration_fit(registry, item, profile, choices, progress)
+        fits.append(begin(partial(_with_tables, fitting)))
     modules = []
     for side, item, fit in zip(SIDES, measured, fits, strict=True):
         progress.start(Message("Fitting the {side} module", side))
@@ -156,6 +161,14 @@ def _modules(
         if verified is not None:
             verified(modules[-1])
     return modules
+
+
+def _with_tables(fit: Fit) -> list[FittedModel]:
+    """Fit, and take a reading through each chain: its table is compiled where the fit is made."""
+    fitted = fit()
+    for each in fitted:
+        each.chain.compensated(Readings(np.zeros(1)))
+    return fitted
 
 
 def _require_plausible(entry: ModelEntry) -> None:

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.campaign.demo import DemoSettings
     from torquebench.campaign.results import DemoResult, ModuleResult
-    from torquebench.reports.page import Section
+    from torquebench.reports.page import Page, Section
 
 __all__ = ["register"]
 
@@ -80,8 +80,8 @@ def demo(
         if started:
             note("simulators started for this demo; they end with it")
         settings = _settings(description, quick, groups)
-        result, drawn = _measured(description, settings, data, real_time)
-    _write_report(report, result, drawn)
+        result, page = _measured(description, settings, data, real_time)
+    _write_report(report, page)
     _print(result)
     say_file("Report", report)
     say(f"Records: torquebench records list --data {data}")
@@ -126,11 +126,12 @@ def _settings(description: BenchDescription, quick: bool, groups: int | None) ->
 
 def _measured(
     description: BenchDescription, settings: DemoSettings, data: Path, real_time: bool
-) -> tuple[DemoResult, list[list[Section]]]:
-    """Run the demo; return its result, and what the report has of the modules."""
+) -> tuple[DemoResult, Page]:
+    """Run the demo; return its result and the report, which a second process draws."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
     from torquebench.cli.compiling import second_process
+    from torquebench.reports.demo_report import demo_page
     from torquebench.reports.module_report import module_sections
 
     note(f"simulated bench: preset {description.simulation.get('preset')}, seed {settings.seed}")
@@ -147,18 +148,18 @@ def _measured(
             result = run_demo(
                 session.station, settings, progress, begin=second.begin, verified=draw
             )
-        return result, [each() for each in drawings]
+        page = second.begin(partial(demo_page, result, [each() for each in drawings]))
+        return result, page()
 
 
-def _write_report(path: Path, result: DemoResult, drawn: list[list[Section]]) -> None:
+def _write_report(path: Path, page: Page) -> None:
     from torquebench.cli.progress import TerminalProgress
 
     with TerminalProgress() as progress:
         progress.start("Writing the report", 1)
-        from torquebench.reports.demo_report import demo_page
         from torquebench.reports.page_pdf import write_report
 
-        write_report(demo_page(result, drawn), path)
+        write_report(page, path)
         progress.reach(1)
 
 

@@ -6,7 +6,6 @@ import io
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -16,12 +15,7 @@ from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import Comparison
 from torquebench.errors import InputError
-from torquebench.figures import (
-    STYLE,
-    Curve,
-    draw_additional_torque,
-    draw_comparison,
-)
+from torquebench.figures import Curve, draw_additional_torque, draw_comparison, styled
 from torquebench.message import Message
 from torquebench.notebook.models import Compensation
 
@@ -52,7 +46,7 @@ class Drawing:
 
     def _bytes(self, kind: str) -> bytes:
         buffer = io.BytesIO()
-        with mpl.rc_context(STYLE):
+        with styled():
             self.figure.savefig(buffer, format=kind, dpi=150)
         return buffer.getvalue()
 
@@ -80,7 +74,7 @@ def plot(thing: CalibrationData | Compensation | Comparison, *, ax: Any = None) 
     InputError
         It is something else.
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         figure = ax.figure if ax is not None else Figure(figsize=(7.6, 3.8), layout="constrained")
         if ax is None:
             FigureCanvasAgg(figure)

@@ -2,18 +2,10 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 
 from torquebench.campaign.calibration_comparison import CalibrationComparison, CalibrationStep
-from torquebench.figures import (
-    COLOURS,
-    STYLE,
-    legend_above,
-    new_figure,
-    percent_axis,
-    svg_text,
-)
+from torquebench.figures import COLOURS, legend_above, new_figure, percent_axis, styled, svg_text
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
@@ -74,7 +66,7 @@ def _row(step: CalibrationStep) -> tuple[str, ...]:
 
 def change_figure(found: CalibrationComparison) -> str:
     """Draw both curves and their difference as SVG text."""
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (above, below) = new_figure(5.4, 2)
         for side in sorted({step.branch for step in found.steps}, reverse=True):
             steps = [step for step in found.steps if step.branch == side]

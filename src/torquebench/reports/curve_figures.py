@@ -6,18 +6,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from torquebench.figures import (
     COLOURS,
     RAW_COLOUR,
-    STYLE,
     Curve,
+    blank_figure,
     legend_above,
     percent_axis,
+    styled,
     svg_text,
 )
 
@@ -76,9 +74,8 @@ def panels_figure(panels: Sequence[Panel], *, columns: int = 1, height: float = 
         An ``<svg>`` element.
     """
     rows = -(-len(panels) // columns)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.6, height * rows + 0.3), layout="constrained")
-        FigureCanvasSVG(figure)
+    with styled():
+        figure = blank_figure(height * rows + 0.3)
         axes = figure.subplots(rows, columns, squeeze=False).ravel()
         for place in axes[len(panels) :]:
             place.set_visible(False)
@@ -137,6 +134,7 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
     str
         An ``<svg>`` element.
     """
+    import matplotlib as mpl
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     largest = max(float(np.linalg.norm(body.displacement_m, axis=1).max()) for _, body in bodies)
@@ -144,9 +142,8 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
     enlarged = share * size / largest
     norm = mpl.colors.Normalize(0.0, 1e6 * largest)
     palette = mpl.colormaps["viridis"]
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.6, 3.7), layout="constrained")
-        FigureCanvasSVG(figure)
+    with styled():
+        figure = blank_figure(3.7)
         axes = []
         for number, (title, body) in enumerate(bodies, start=1):
             place: Any = figure.add_subplot(1, len(bodies), number, projection="3d")

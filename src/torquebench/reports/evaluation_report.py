@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-import matplotlib as mpl
 import numpy as np
 
 from torquebench.calibration import (
@@ -20,12 +19,12 @@ from torquebench.campaign.reducers.catalogue import TESTS, TestName
 from torquebench.campaign.reducers.kinds.no_load import fitted_friction
 from torquebench.figures import (
     COLOURS,
-    STYLE,
     Curve,
     error_figure,
     friction_figure,
     legend_above,
     new_figure,
+    styled,
     svg_text,
 )
 from torquebench.reducers import (
@@ -160,7 +159,7 @@ def _open_loop_figure(loop: LoopFeatures) -> str:
     """
     curve = loop.curve
     middle = 0.5 * float(curve.rising_rad.mean() + curve.falling_rad.mean())
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(3.6)
         for name, branch, line in (
             ("rising", curve.rising_rad, "-"),

@@ -5,16 +5,24 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from textwrap import fill
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from torquebench.campaign.reducers.comparison import ReducerComparison
-from torquebench.figures import COLOURS, RAW_COLOUR, STYLE, legend_above, new_figure, svg_text
+from torquebench.figures import (
+    COLOURS,
+    RAW_COLOUR,
+    blank_figure,
+    legend_above,
+    new_figure,
+    styled,
+    svg_text,
+)
 from torquebench.reducers import change_between
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["difference_figure", "values_figure"]
 
@@ -38,9 +46,8 @@ def values_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     """
     columns = min(COLUMNS, len(keys))
     rows = -(-len(keys) // columns)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.6, 1.95 * rows), layout="constrained")
-        FigureCanvasSVG(figure)
+    with styled():
+        figure = blank_figure(1.95 * rows)
         panels = list(figure.subplots(rows, columns, squeeze=False).ravel())
         for axes, key in zip(panels, keys, strict=False):
             _panel(axes, found, key)
@@ -87,7 +94,7 @@ def difference_figure(found: ReducerComparison, keys: Sequence[str]) -> str:
     found : ReducerComparison
     keys : sequence of str
     """
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(0.9 + 0.24 * len(keys))
         places = -np.arange(len(keys), dtype=np.float64)
         axes.axvline(0.0, color=RAW_COLOUR, lw=0.9)

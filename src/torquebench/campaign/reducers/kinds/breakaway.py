@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import partial
 
-import matplotlib as mpl
 import numpy as np
 from numpy.typing import NDArray
 
@@ -20,7 +19,7 @@ from torquebench.campaign.reducers.uncertainty import (
     temperature_remarks,
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
-from torquebench.figures import COLOURS, STYLE, legend_above, new_figure, svg_text
+from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.first_motion import (
     Breakaway,
@@ -103,7 +102,7 @@ def _figure(result: BreakawayResult) -> str:
         place = np.array([each.label for each in result.runs])
     torque = np.array([each.torque_nm for each in result.runs])
     error = 2.0 * np.array([each.standard_uncertainty_nm for each in result.runs])
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(2.9)
         for colour, sign, marker, name, middle in (
             (COLOURS[0], 1.0, "^", "clockwise", result.clockwise),

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
 
 from torquebench.bench.devices import BenchDevices
@@ -18,7 +17,7 @@ from torquebench.campaign.reducers.uncertainty import (
     without_tare,
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
-from torquebench.figures import STYLE, new_figure, svg_text
+from torquebench.figures import new_figure, styled, svg_text
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.running import EfficiencySettings, efficiency_map
 from torquebench.procedures.reducers.running_table import RunningRecording
@@ -72,7 +71,7 @@ def _figure(result: EfficiencyMap) -> str:
     speed = np.array([each.speed_rpm for each in mine])
     torque = np.array([each.torque_nm for each in mine])
     value = np.array([each.efficiency.value for each in mine])
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (axes,) = new_figure(3.9)
         axes.grid(visible=False)
         if _different(speed) >= LEAST_MAP and _different(torque) >= LEAST_MAP:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SynchronousRecording
@@ -20,7 +19,7 @@ from torquebench.campaign.reducers.uncertainty import (
     root_mean_square,
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
-from torquebench.figures import COLOURS, STYLE, legend_above, new_figure, svg_text
+from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
 from torquebench.message import Message
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.loop import (
@@ -38,6 +37,9 @@ from torquebench.reducers import (
     evaluate_hysteresis,
 )
 from torquebench.units import ARCMIN
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 __all__ = ["WORK"]
 
@@ -151,7 +153,7 @@ def _twist_remarks(bench: Bench) -> list[str]:
 
 def _figure(result: HysteresisResult) -> str:
     """Draw all torque-angle loops, and the first one's key points around zero."""
-    with mpl.rc_context(STYLE):
+    with styled():
         figure, (whole, near) = new_figure(6.4, 2)
         positions = sorted({loop.position for loop in result.loops})
         for axes in (whole, near):

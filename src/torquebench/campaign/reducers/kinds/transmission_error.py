@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import matplotlib as mpl
 import numpy as np
-from matplotlib.backends.backend_svg import FigureCanvasSVG
-from matplotlib.figure import Figure
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.uncertainty import Bench, resolution_rad, temperature_remarks
 from torquebench.campaign.reducers.work import Evaluated, TestWork
-from torquebench.figures import COLOURS, STYLE, new_figure, svg_text
+from torquebench.figures import COLOURS, blank_figure, new_figure, styled, svg_text
 from torquebench.message import Message
 from torquebench.procedures.reducers.turning import (
     TransmissionRecording,
@@ -72,7 +69,7 @@ def _evaluate(
 
 def _over_revolution(result: TransmissionErrorResult) -> str:
     """Draw the error over one output revolution in both directions, and its orders below."""
-    with mpl.rc_context(STYLE):
+    with styled():
         panels = len(result.directions) + 1
         figure, axes = new_figure(1.75 * panels + 0.6, panels)
         lower = axes[-1]
@@ -118,9 +115,8 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
 
 def _polar(result: TransmissionErrorResult) -> str:
     """Draw the error over one output revolution as a polar plot, with a circle at zero."""
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=(7.6, 4.4), layout="constrained")
-        FigureCanvasSVG(figure)
+    with styled():
+        figure = blank_figure(4.4)
         axes = figure.subplots(1, 1, subplot_kw={"projection": "polar"})
         worst = max(float(np.max(np.abs(each.error_arcsec))) for each in result.directions)
         for number, each in enumerate(result.directions):
