@@ -10,8 +10,9 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.elements import box, icon
+from torquebench.panel.text import Text
 
-__all__ = ["COLOURS", "Chart", "Line", "error_bars", "limit_lines"]
+__all__ = ["COLOURS", "Chart", "Line", "error_bars", "error_chart", "limit_lines"]
 
 COLOURS = ("--series-2", "--series-1", "--series-3", "--series-4", "--warn", "--ink")
 """Custom properties of the style sheet; the colours are distinguishable for colour-blind readers.
@@ -235,3 +236,9 @@ class Chart:
         self.element.options["series"] = self._lines(lines)
         self.element.options["legend"] |= _legend(lines)
         self.element.update()
+
+
+def error_chart(text: Text, label: str, lines: Sequence[Line] = (), *, tall: bool = False) -> Chart:
+    """Make a chart of errors over the standard's torque; `label` is the key of its description."""
+    axes = text("measure.standard_axis"), text("measure.error_axis")
+    return Chart(text(label), *axes, lines, tall=tall)

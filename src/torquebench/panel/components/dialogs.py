@@ -10,6 +10,7 @@ from nicegui import ui
 
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.text import Text
 
 __all__ = ["ask", "sheet"]
 
@@ -34,12 +35,12 @@ def sheet(title: str) -> Iterator[Any]:
 
 
 def ask(
+    text: Text,
     title: str,
     said: str,
-    confirm: str,
-    cancel: str,
     on_confirm: Callable[[str], Any],
     *,
+    confirm: str = "",
     field: str = "",
     kind: str = "text",
     danger: bool = False,
@@ -47,7 +48,8 @@ def ask(
 ) -> Any:
     """Ask whether something is to be done, and for one value where it needs one.
 
-    `on_confirm` gets the value; the dialog stays open where it returns False.
+    `on_confirm` gets the value; the dialog stays open where it returns False. The button that
+    confirms says the title, or `confirm`.
     """
 
     def act() -> None:
@@ -58,6 +60,6 @@ def ask(
         words("p", said)
         entry = Field(field, kind=kind, on_enter=act, autocomplete=autocomplete) if field else None
         with box("div", "line end"):
-            button(cancel, dialog.close, "quiet")
-            button(confirm, act, "danger" if danger else "primary")
+            button(text("frame.close"), dialog.close, "quiet")
+            button(confirm or title, act, "danger" if danger else "primary")
     return dialog

@@ -7,7 +7,6 @@ from functools import partial
 
 from nicegui import ui
 
-from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box
 from torquebench.panel.pages.visitor import Visitor
@@ -27,9 +26,8 @@ def certificate_buttons(visitor: Visitor, number: str, files: Sequence[str]) -> 
 
 
 def _fetch(visitor: Visitor, number: str, name: str) -> None:
-    try:
+    def fetch() -> None:
         content, media = visitor.service.records.certificate_file(number, name)
-    except TorquebenchError as error:
-        visitor.messages.problem(error)
-        return
-    ui.download(content, name, media)
+        ui.download(content, name, media)
+
+    visitor.attempt(fetch)

@@ -240,10 +240,9 @@ class _Frame:
             self.refresh()
 
         ask(
+            text,
             text("frame.take_command"),
             text("frame.take_over", reason=text.core(reason)),
-            text("frame.take_command"),
-            text("frame.close"),
             take,
             danger=True,
         )

@@ -113,14 +113,7 @@ class JobControls:
                 lambda: visitor.service.jobs.abort(visitor.actor, number, reason)
             )
 
-        ask(
-            text("job.abort"),
-            text("job.abort_explained"),
-            text("job.abort"),
-            text("frame.close"),
-            act,
-            danger=True,
-        )
+        ask(text, text("job.abort"), text("job.abort_explained"), act, danger=True)
 
 
 class JobPanel:

@@ -339,11 +339,11 @@ class LiveChart:
             return self.visitor.attempt(lambda: service.mark(self.visitor.actor, said, moment_s))
 
         ask(
+            text,
             text("live.marker"),
             text("live.marker_explained" if self.trend.view is None else "live.marker_held"),
-            text("live.marker_put"),
-            text("frame.close"),
             put,
+            confirm=text("live.marker_put"),
             field=text("live.marker_note"),
         )
 

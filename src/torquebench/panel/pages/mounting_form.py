@@ -1,4 +1,4 @@
-"""Data of the mounting, entered before a run, for its record and certificate."""
+"""Data of the mounting, entered before a run, and whether the bench is clear."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Any
 from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
 from torquebench.panel.components.controls import Field
 from torquebench.panel.components.elements import box, words
-from torquebench.panel.text import Text
+from torquebench.panel.pages.quick import BenchClear
+from torquebench.panel.pages.visitor import Visitor
 
 __all__ = ["MountingForm"]
 
@@ -21,9 +22,10 @@ NUMBERS = {
 
 
 class MountingForm:
-    """Collapsed at first; empty fields aren't recorded."""
+    """Collapsed at first; empty fields aren't recorded. Below it, a real bench has to be clear."""
 
-    def __init__(self, text: Text) -> None:
+    def __init__(self, visitor: Visitor) -> None:
+        text = visitor.text
         with box("details"):
             words("summary", text("mounting_record.title"))
             with box("div", "stack"):
@@ -45,12 +47,13 @@ class MountingForm:
                     self._fields["lubricant"] = Field(
                         text("mounting_record.lubricant"), maxlength="100", autocomplete="off"
                     )
+        self._clear = BenchClear(visitor)
 
     def request(self) -> dict[str, Any]:
-        """Return the field of a job's request; empty without entries."""
+        """Return the fields of a job's request; empty without entries."""
         found: dict[str, Any] = {
             name: float(field.value) if name in NUMBERS else field.value.strip()
             for name, field in self._fields.items()
             if field.value.strip()
         }
-        return {"mounting": found} if found else {}
+        return ({"mounting": found} if found else {}) | self._clear.request()

@@ -9,7 +9,7 @@ from torquebench.panel.components.dialogs import sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import Visitor
 
-__all__ = ["clear_choice", "quick_buttons"]
+__all__ = ["BenchClear", "quick_buttons"]
 
 
 def quick_buttons(visitor: Visitor) -> None:
@@ -20,12 +20,19 @@ def quick_buttons(visitor: Visitor) -> None:
         button(text("quick.check"), lambda: _dialog(visitor, "check"), picture="fact_check")
 
 
-def clear_choice(visitor: Visitor) -> Choice | None:
-    """Ask on a real bench whether it may be loaded; None on a simulated one."""
-    if visitor.service.snapshot().simulated:
-        return None
-    text = visitor.text
-    return Choice(text("prepare.clear"), {"clear": text("prepare.clear_confirmed")}, several=True)
+class BenchClear:
+    """Asks on a real bench whether it may be loaded; nothing on a simulated one."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._choice: Choice | None = None
+        if not visitor.service.snapshot().simulated:
+            text = visitor.text
+            options = {"clear": text("prepare.clear_confirmed")}
+            self._choice = Choice(text("prepare.clear"), options, several=True)
+
+    def request(self) -> dict[str, bool]:
+        """Return the field of a job's request; empty on a simulated bench."""
+        return {} if self._choice is None else {"bench_clear": "clear" in self._choice.values}
 
 
 def _dialog(visitor: Visitor, kind: str) -> None:
@@ -33,8 +40,7 @@ def _dialog(visitor: Visitor, kind: str) -> None:
 
     def start() -> None:
         request: dict[str, Any] = {} if side is None else {"side": side.value}
-        if clear is not None:
-            request["bench_clear"] = "clear" in clear.values
+        request |= {} if clear is None else clear.request()
         if visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, kind, request)):
             dialog.close()
 
@@ -42,7 +48,7 @@ def _dialog(visitor: Visitor, kind: str) -> None:
         words("p", text(f"quick.{kind}_explained"))
         sides = {name: text(f"side.{name}") for name in ("output", "input")}
         side = Choice(text("prepare.side"), sides, "output") if kind == "check" else None
-        clear = clear_choice(visitor) if kind == "check" else None
+        clear = BenchClear(visitor) if kind == "check" else None
         with box("div", "line end"):
             button(text("frame.close"), dialog.close, "quiet")
             button(text("job.start"), start, "primary", picture="play_arrow")

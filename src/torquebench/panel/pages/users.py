@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, panel, table
@@ -133,21 +132,18 @@ class UsersView:
 
     def _reset(self, user: User) -> None:
         text, visitor = self._text, self._visitor
+        people = visitor.service.people
 
         def act(password: str) -> bool:
-            try:
-                visitor.service.people.change_user(visitor.actor, user.name, password=password)
-            except TorquebenchError as error:
-                visitor.messages.problem(error)
-                return False
-            visitor.messages.good(text("users.saved", name=user.name))
-            return True
+            return visitor.attempt(
+                lambda: people.change_user(visitor.actor, user.name, password=password),
+                text("users.saved", name=user.name),
+            )
 
         ask(
+            text,
             text("users.reset"),
             text("users.reset_explained", name=user.name),
-            text("users.reset"),
-            text("frame.close"),
             act,
             field=text("users.new"),
             kind="password",

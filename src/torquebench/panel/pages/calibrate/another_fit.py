@@ -3,17 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import CANDIDATES, PublishedNetworkModel
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, panel, words
+from torquebench.panel.pages.calibrate.page import CalibratePage
 from torquebench.panel.text import Text
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["AnotherFit", "titled", "training_chart"]
 

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import run
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.calibrate.page import CalibratePage
 from torquebench.panel.pages.job_panel import problem_note
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["CertificatePreview"]
 

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from nicegui import ui
 
 from torquebench.bench.roles import SIDES
 from torquebench.campaign.fitting import model_title
 from torquebench.compensation import RECOMMENDED
-from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.charts import Chart, Line, error_chart
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.calibrate.resume import interrupted_note
 from torquebench.panel.pages.job_preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
-from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.records.table_import import profile_titles
 from torquebench.panel.pages.settings.editor import shown
 from torquebench.units import minus_signs
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["MeasureStep", "PrepareStep"]
 
@@ -33,11 +30,11 @@ TYPING_S = 0.4
 """Longest pause between two digits of a number, s."""
 
 
-class PrepareStep:
+class PrepareStep(StepView):
     """Choose module and profile, preview, start."""
 
     def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
+        super().__init__(page)
         self._checked: tuple[Any, ...] = ()
         self._waiting: ui.timer | None = None
 
@@ -106,8 +103,7 @@ class PrepareStep:
                 self._models = Choice(
                     text("prepare.models"), kinds, fitted or MODELS[:2], several=True
                 )
-                self._mounting = MountingForm(text)
-                self._clear = clear_choice(visitor)
+                self._mounting = MountingForm(visitor)
             with panel(text("prepare.checks")), box("div", "stack"):
                 self._checks = box("ul", "stack")
                 self._start = button(
@@ -155,8 +151,6 @@ class PrepareStep:
             request["rising_only"] = True
         if self._models.values:
             request["models"] = [name for name in MODELS if name in self._models.values]
-        if self._clear is not None:
-            request["bench_clear"] = "clear" in self._clear.values
         return request
 
     def _preview_soon(self) -> None:
@@ -180,11 +174,11 @@ def _as_before(value: Any, options: Mapping[str, str]) -> str:
     return said if said in options else ""
 
 
-class MeasureStep:
+class MeasureStep(StepView):
     """The staircase and the growing curve of errors."""
 
     def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
+        super().__init__(page)
         self._count = -1
 
     def build(self) -> None:
@@ -200,11 +194,7 @@ class MeasureStep:
                     text("measure.standard_axis"),
                 )
             with panel(text("measure.errors")):
-                self._errors = Chart(
-                    text("measure.errors_label"),
-                    text("measure.standard_axis"),
-                    text("measure.error_axis"),
-                )
+                self._errors = error_chart(text, "measure.errors_label")
                 self._said = words("p", "", "muted number", role="status")
                 words("p", text("measure.steps"), "muted small")
 

@@ -2,25 +2,18 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
-from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Choice, button
 from torquebench.panel.components.elements import box, note, panel, table, words
 from torquebench.panel.pages.calibrate.another_fit import AnotherFit, titled, training_chart
+from torquebench.panel.pages.calibrate.page import StepView
 from torquebench.reports.errors_table import number
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["ModelsStep"]
 
 
-class ModelsStep:
+class ModelsStep(StepView):
     """Fitted models and the raw reading, and all kinds compared by cross-validation."""
-
-    def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
 
     def build(self) -> None:
         """Make the step's elements."""
@@ -36,23 +29,19 @@ class ModelsStep:
             self._shown = Choice(
                 text("models.shown"), titles, tuple(models), several=True, on_change=self._draw
             )
-            axes = (text("measure.standard_axis"), text("measure.error_axis"))
             with box("div", "columns"):
                 with box("div"):
                     words("h3", text("models.curves"))
-                    self._curves = Chart(text("models.curves_label"), *axes, tall=True)
+                    self._curves = error_chart(text, "models.curves_label", tall=True)
                 with box("div"):
                     words("h3", text("models.residuals"))
-                    self._residuals = Chart(text("models.residuals_label"), *axes, tall=True)
+                    self._residuals = error_chart(text, "models.residuals_label", tall=True)
             self._draw()
         with panel(text("models.compared")), box("div", "stack"):
             self._comparison()
         training_chart(text, workflow.models, workflow.colours)
         if self._page.visitor.has_role("metrologist"):
             AnotherFit(self._page).build()
-
-    def refresh(self) -> None:
-        """Nothing to draw here: the job's panel shows the progress."""
 
     def _side_by_side(self) -> None:
         text = self._text

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from nicegui import ui
 
@@ -23,14 +23,17 @@ from torquebench.panel.service import JobView
 __all__ = ["CalibratePage", "StepView"]
 
 
-class StepView(Protocol):
+class StepView:
     """One step of the wizard on the screen."""
+
+    def __init__(self, page: CalibratePage) -> None:
+        self._page, self._text = page, page.text
 
     def build(self) -> None:
         """Make the step's elements."""
 
     def refresh(self) -> None:
-        """Follow the jobs."""
+        """Follow the jobs, where something of the step grows with them."""
 
 
 class CalibratePage:
@@ -39,7 +42,7 @@ class CalibratePage:
     def __init__(
         self,
         visitor: Visitor,
-        views: Mapping[Step, Callable[[CalibratePage], StepView]],
+        views: Mapping[Step, type[StepView]],
         asked: str = "",
     ) -> None:
         self.visitor, self.text, self._views = visitor, visitor.text, views

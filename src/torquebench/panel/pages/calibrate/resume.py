@@ -10,7 +10,7 @@ from nicegui import ui
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, moment, note, words
-from torquebench.panel.pages.quick import clear_choice
+from torquebench.panel.pages.quick import BenchClear
 from torquebench.panel.pages.records.table_import import all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView
@@ -58,10 +58,9 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 
     with ui.context.client.content:
         ask(
+            text,
             text("unfinished.discard"),
             text("unfinished.discard_said", number=run_id),
-            text("unfinished.discard"),
-            text("frame.close"),
             discard,
             field=text("unfinished.reason"),
             danger=True,
@@ -97,9 +96,7 @@ def _ask(visitor: Visitor, found: InterruptedView) -> None:
     text = visitor.text
 
     def start() -> None:
-        request: dict[str, Any] = {"run_id": found.run_id}
-        if clear is not None:
-            request["bench_clear"] = "clear" in clear.values
+        request = {"run_id": found.run_id, **clear.request()}
         if visitor.attempt(
             lambda: visitor.service.jobs.start(visitor.actor, "resume-calibration", request)
         ):
@@ -110,7 +107,7 @@ def _ask(visitor: Visitor, found: InterruptedView) -> None:
         profiles = all_profile_titles(visitor)
         words("p", profiles.get(found.profile, text.core(found.profile)), "muted")
         words("p", text("resume.explained", kept=found.kept, total=found.total))
-        clear = clear_choice(visitor)
+        clear = BenchClear(visitor)
         with box("div", "line end"):
             button(text("frame.close"), dialog.close, "quiet")
             button(text("prepare.start"), start, "primary", picture="play_arrow")

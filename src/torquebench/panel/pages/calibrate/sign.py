@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
@@ -11,11 +11,9 @@ from torquebench.panel.components.controls import Choice, Field, button, typed_n
 from torquebench.panel.components.elements import box, note, panel, tag, words
 from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.calibrate.certificate_preview import CertificatePreview
+from torquebench.panel.pages.calibrate.page import StepView
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.reports.errors_table import number
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["CertificateStep", "SignStep"]
 
@@ -29,11 +27,8 @@ VERDICTS = {
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
 
 
-class SignStep:
+class SignStep(StepView):
     """Choose the model to be used, sign with the password, put it into use."""
-
-    def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
 
     def build(self) -> None:
         """Make the step's elements."""
@@ -130,9 +125,6 @@ class SignStep:
             {each["found"]: each for model in chosen for each in model["contradictions"]}.values()
         )
 
-    def refresh(self) -> None:
-        """Nothing grows here."""
-
     def _sign(self) -> None:
         visitor, text, workflow = self._page.visitor, self._text, self._page.workflow
         number = workflow.calibration_id
@@ -162,11 +154,8 @@ class SignStep:
         self._page.show("certificate")
 
 
-class CertificateStep:
+class CertificateStep(StepView):
     """Issue the certificate and fetch its files."""
-
-    def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
 
     def build(self) -> None:
         """Make the step's elements."""
@@ -209,9 +198,6 @@ class CertificateStep:
             "languages": tuple(name for name in LANGUAGES if name in self._languages.values),
             "tolerance_percent_fs": typed_number(self._tolerance.value),
         }
-
-    def refresh(self) -> None:
-        """Nothing grows here."""
 
     def _issue(self) -> None:
         visitor, text = self._page.visitor, self._text

@@ -3,26 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from torquebench.panel.components.charts import Chart, Line, limit_lines
+from torquebench.panel.components.charts import Chart, Line, error_chart, limit_lines
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, panel, table, words
+from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.mounting_form import MountingForm
-from torquebench.panel.pages.quick import clear_choice
 from torquebench.reports.errors_table import number
-
-if TYPE_CHECKING:
-    from torquebench.panel.pages.calibrate.page import CalibratePage
 
 __all__ = ["VerifyStep"]
 
 
-class VerifyStep:
+class VerifyStep(StepView):
     """Start a verification, watch it, see its results."""
 
     def __init__(self, page: CalibratePage) -> None:
-        self._page, self._text = page, page.text
+        super().__init__(page)
         self._count = -1
         self._growing: Chart | None = None
 
@@ -33,11 +30,7 @@ class VerifyStep:
             self._beginning()
         elif verify.result is None:
             with panel(self._text("verify.growing")):
-                self._growing = Chart(
-                    self._text("measure.errors_label"),
-                    self._text("measure.standard_axis"),
-                    self._text("measure.error_axis"),
-                )
+                self._growing = error_chart(self._text, "measure.errors_label")
         else:
             self._found(verify.result.details)
 
@@ -62,8 +55,7 @@ class VerifyStep:
             self._tolerance = Field(
                 text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal"
             )
-            self._mounting = MountingForm(text)
-            self._clear = clear_choice(self._page.visitor)
+            self._mounting = MountingForm(self._page.visitor)
             button(text("verify.start"), self._begin, "primary", picture="play_arrow")
 
     def _begin(self) -> None:
@@ -78,8 +70,6 @@ class VerifyStep:
             "tolerance_percent_fs": tolerance,
             **self._mounting.request(),
         }
-        if self._clear is not None:
-            request["bench_clear"] = "clear" in self._clear.values
         self._page.start("verify", request)
 
     def _found(self, details: Mapping[str, Any]) -> None:
@@ -108,25 +98,14 @@ class VerifyStep:
             with panel(text("verify.by_group")):
                 self._by_group(self._page.workflow.verified)
             with panel(text("verify.by_torque")):
-                Chart(
-                    text("models.residuals_label"),
-                    text("measure.standard_axis"),
-                    text("measure.error_axis"),
-                    [
-                        Line(text.core(model["title"]), details["standard_nm"],
-                             model["error_nm"], self._colour(model), points=True)
-                        for model in self._page.workflow.verified.values()
-                    ]
-                    + [
-                        limit_lines(
-                            text("verify.tolerance"),
-                            min(details["standard_nm"]),
-                            max(details["standard_nm"]),
-                            -limit,
-                            limit,
-                        )
-                    ],
-                )  # fmt: skip
+                lines = [
+                    Line(text.core(model["title"]), details["standard_nm"],
+                         model["error_nm"], self._colour(model), points=True)
+                    for model in self._page.workflow.verified.values()
+                ]  # fmt: skip
+                ends = min(details["standard_nm"]), max(details["standard_nm"])
+                lines.append(limit_lines(text("verify.tolerance"), *ends, -limit, limit))
+                error_chart(text, "models.residuals_label", lines)
 
     def _colour(self, model: Mapping[str, Any]) -> str:
         return self._page.workflow.colours[int(model["model_id"])]

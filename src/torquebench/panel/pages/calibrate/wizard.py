@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 
 from torquebench.panel.pages.calibrate.measure import MeasureStep, PrepareStep
 from torquebench.panel.pages.calibrate.models import ModelsStep
@@ -16,7 +16,7 @@ from torquebench.panel.pages.visitor import Visitor
 
 __all__ = ["calibrate_page"]
 
-STEPS: Mapping[Step, Callable[[CalibratePage], StepView]] = {
+STEPS: Mapping[Step, type[StepView]] = {
     "prepare": PrepareStep,
     "measure": MeasureStep,
     "models": ModelsStep,

@@ -8,7 +8,7 @@ from typing import Any
 from torquebench.campaign.drifting import DriftSeries
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.charts import COLOURS, Chart, Line, limit_lines
+from torquebench.panel.components.charts import COLOURS, Chart, Line, error_chart, limit_lines
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import (
     box,
@@ -244,13 +244,7 @@ class _Calibrations:
                          curve.model_error_nm, colour, points=True, symbol="rect")
                 )  # fmt: skip
         with self._compared, panel(text("records.compared")):
-            Chart(
-                text("models.curves_label"),
-                text("measure.standard_axis"),
-                text("measure.error_axis"),
-                lines,
-                tall=True,
-            )
+            error_chart(text, "models.curves_label", lines, tall=True)
             with box("div", "line"):
                 for number in self._chosen:
                     button(

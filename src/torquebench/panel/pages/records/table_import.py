@@ -12,7 +12,7 @@ from typing import Any
 from nicegui import run
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
 from torquebench.panel.pages.job_panel import problem_note
@@ -281,13 +281,9 @@ class TableEntry:
             columns = [(text("elsewhere.direction"), False), (text("elsewhere.class"), True),
                        (text("elsewhere.largest_uncertainty"), True)]  # fmt: skip
             table(text("elsewhere.classes"), columns, rows)
-        Chart(
-            text("measure.errors_label"),
-            text("measure.standard_axis"),
-            text("measure.error_axis"),
-            [Line(text("live.line_raw"), view.standard_nm, view.error_nm, "--series-raw",
-                  points=True)],
-        )  # fmt: skip
+        raw = text("live.line_raw")
+        line = Line(raw, view.standard_nm, view.error_nm, "--series-raw", points=True)
+        error_chart(text, "measure.errors_label", [line])
 
     async def _enter(self) -> None:
         asked = self._request(*NEEDED, *OPTIONAL)

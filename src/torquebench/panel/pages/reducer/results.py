@@ -68,12 +68,8 @@ class _Quantity:
 
 
 def _fetch_report(visitor: Visitor, run_id: str) -> None:
-    try:
-        content = visitor.service.records.report_file(run_id)
-    except TorquebenchError as error:
-        visitor.messages.problem(error)
-        return
-    ui.download(content, f"{run_id}.pdf", "application/pdf")
+    report = visitor.service.records.report_file
+    visitor.attempt(lambda: ui.download(report(run_id), f"{run_id}.pdf", "application/pdf"))
 
 
 def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:

@@ -9,7 +9,6 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.mounting_form import MountingForm
-from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.types import reducer_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
@@ -50,8 +49,7 @@ class StandardForm:
                 )
                 repeats = {each: each for each in ("2", "3", "5", "10")}
                 self._repeats = Field(text("standard.repeats"), "3", options=repeats)
-            self._mounting = MountingForm(text)
-            self._clear = clear_choice(visitor)
+            self._mounting = MountingForm(visitor)
             with box("div", "line"):
                 button(text("standard.start"), self._start, picture="play_arrow")
 
@@ -70,8 +68,6 @@ class StandardForm:
         }
         if self._reducer.value:
             request["reducer"] = self._reducer.value
-        if self._clear is not None:
-            request["bench_clear"] = "clear" in self._clear.values
         visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, STANDARD, request))
         self._on_start()
 

@@ -13,7 +13,6 @@ from torquebench.panel.pages.job_panel import JobPanel
 from torquebench.panel.pages.job_preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.page import page
-from torquebench.panel.pages.quick import clear_choice
 from torquebench.panel.pages.reducer.results import comparison, outcomes
 from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
 from torquebench.panel.pages.reducer.types import reducer_titles
@@ -66,8 +65,7 @@ class _ReducerPage:
                 self._quick = Choice(
                     text("reducer.extent"), quick, several=True, on_change=self._preview
                 )
-                self._mounting = MountingForm(text)
-                self._clear = clear_choice(visitor)
+                self._mounting = MountingForm(visitor)
                 with box("div", "line"):
                     button(text("reducer.start"), self._start, "primary", picture="play_arrow")
             with panel():
@@ -76,16 +74,13 @@ class _ReducerPage:
         self._preview()
 
     def _request(self) -> dict[str, Any]:
-        request: dict[str, Any] = {
+        return {
             "reducer": self._reducer.value,
             "serial": self._serial.value.strip(),
             "test": self._test.value,
             "quick": "quick" in self._quick.values,
             **self._mounting.request(),
         }
-        if self._clear is not None:
-            request["bench_clear"] = "clear" in self._clear.values
-        return request
 
     def _preview(self) -> None:
         self._plan.show(self._request())

@@ -292,10 +292,9 @@ class SettingEditor:
             return gone
 
         ask(
+            text,
             text("settings.delete"),
             text("settings.delete_explained", name=item.name),
-            text("settings.delete"),
-            text("frame.close"),
             act,
             danger=True,
         )

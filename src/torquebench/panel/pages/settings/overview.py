@@ -143,10 +143,9 @@ class _Documents:
             self._open(self._new(name, item.document), new=True)
 
         ask(
+            text,
             text("settings.copy"),
             text("settings.copy_explained", name=item.name),
-            text("settings.copy"),
-            text("frame.close"),
             act,
             field=text("settings.new_name"),
         )

@@ -92,10 +92,9 @@ class TokensView:
             return gone
 
         ask(
+            text,
             text("tokens.revoke"),
             text("tokens.revoke_explained", name=client.name),
-            text("tokens.revoke"),
-            text("frame.close"),
             act,
             danger=True,
         )
