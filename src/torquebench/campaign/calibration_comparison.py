@@ -2,7 +2,7 @@
 
 Their models are compared at the same readings over the range that both calibrations cover. A change
 is significant where it exceeds the combined uncertainty, E_n = Δ/√(U_A² + U_B²) beyond ±1 (ISO/IEC
-17043, B.3). Shared contributions, such as the same reference standard, cancel.
+17043, B.3). Errors that both calibrations share, such as those of one reference standard, cancel.
 """
 
 from __future__ import annotations
@@ -10,8 +10,19 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from torquebench.chain import MeasuringChain, Readings, load_chain
+from torquebench.chain import (
+    Component,
+    MeasuredTemperature,
+    MeasuringChain,
+    Readings,
+    Reference,
+    Shared,
+    Temperature,
+    Torque,
+    load_chain,
+)
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import CalibrationEntry, ModelEntry, Registry
@@ -25,19 +36,12 @@ __all__ = [
     "model_of_calibration",
 ]
 
+FloatArray = NDArray[np.float64]
+
 STEPS = 10
 """Number of even steps in each direction of the common range."""
 SAME_RANGE = 0.05
 """Calibrations whose largest torques differ by less than this share have the same range."""
-CALIBRATED = (
-    "static curve",
-    "hysteresis",
-    "mounting",
-    "temperature of standard",
-    "drift of standard",
-)
-"""Components of U that belong to a calibration, not to a later reading."""
-REFERENCE = "reference standard"
 
 
 @dataclass(frozen=True)
@@ -258,26 +262,95 @@ def _steps(
     reading = np.concatenate(sides)
     reading = np.sort(reading[(reading >= low) & (reading <= high)])
     branches = (1, -1) if any(chain.curve.branch_aware for chain in chains) else (0,)
-    names = CALIBRATED if same_standard else (*CALIBRATED, REFERENCE)
     found = []
     for branch in branches:
-        known = Readings(reading, branch=np.full(reading.size, float(branch)))
-        torques = [chain.torque(known) for chain in chains]
-        added = [torque.value_nm - reading for torque in torques]
-        squares = [sum(np.square(each.component(name)) for name in names) for each in torques]
-        expanded = 2.0 * np.sqrt(np.asarray(squares[0]) + np.asarray(squares[1]))
-        found += [
-            CalibrationStep(
-                float(reading[k]),
-                branch,
-                float(added[0][k]),
-                float(added[1][k]),
-                float(added[1][k] - added[0][k]),
-                float(expanded[k]),
+        known = _readings(reading, branch, chains)
+        before, after = (chain.torque(known) for chain in chains)
+        shared = _of_standard(chains, before) if same_standard else frozenset[str]()
+        added = [torque.value_nm - reading for torque in (before, after)]
+        for row in range(reading.size):
+            pair = _side_by_side(before.at([row]), after.at([row]), shared)
+            change = pair.combined([-1.0, 1.0], loading=[0, 0])
+            found.append(
+                CalibrationStep(
+                    float(reading[row]),
+                    branch,
+                    float(added[0][row]),
+                    float(added[1][row]),
+                    float(added[1][row] - added[0][row]),
+                    float(change.expanded_uncertainty_nm[0]),
+                )
             )
-            for k in range(reading.size)
-        ]
     return tuple(found)
+
+
+def _readings(reading: FloatArray, branch: int, chains: list[MeasuringChain]) -> Readings:
+    """Return long steady means, right after zeroing and calibration, at the temperature of these.
+
+    Only the errors of the calibrations are left of their uncertainty.
+    """
+    calibrated_c = [
+        each.calibrated_c
+        for chain in chains
+        for each in chain.stored
+        if isinstance(each, Temperature | MeasuredTemperature)
+    ]
+    celsius = float(np.mean(calibrated_c)) if calibrated_c else None
+    return Readings(
+        reading,
+        branch=np.full(reading.size, float(branch)),
+        counter_nm=0.0,
+        speed_rpm=0.0,
+        acceleration_rad_s2=0.0,
+        window_s=np.inf,
+        temperature_c=celsius,
+        zero_age_h=0.0,
+        zero_temperature_c=celsius,
+        zero_nm=0.0,
+        calibration_age_h=0.0,
+        loadings=np.inf,
+    )
+
+
+def _of_standard(chains: list[MeasuringChain], torque: Torque) -> frozenset[str]:
+    """Return the names of components that come from the reference standard."""
+    nothing = Readings(torque.value_nm)
+    return frozenset(
+        each.name
+        for chain in chains
+        for effect in chain.stored
+        if isinstance(effect, Reference)
+        for each in effect.components(nothing, torque.value_nm)
+    )
+
+
+def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) -> Torque:
+    """Return one reading by both calibrations, with components by what both have in common.
+
+    The errors of two calibrations and of two mountings are separate, but those of one standard are
+    common. Everything else belongs to the reading, which is the same.
+    """
+    found: list[Component] = []
+    nothing = np.zeros(1)
+    first, second = _by_name(before), _by_name(after)
+    for key in dict.fromkeys((*first, *second)):
+        pair = [named.get(key) for named in (first, second)]
+        sizes = [nothing if each is None else nothing + each.uncertainty_nm for each in pair]
+        shared = next(each.shared for each in pair if each is not None)
+        rows = [(sizes[0], sizes[1])]
+        if shared in (Shared.CALIBRATION, Shared.MOUNTING) and key[0] not in of_standard:
+            rows = [(sizes[0], nothing), (nothing, sizes[1])]
+        found += [Component(key[0], shared, np.concatenate(each)) for each in rows]
+    return Torque(np.concatenate([before.value_nm, after.value_nm]), tuple(found))
+
+
+def _by_name(torque: Torque) -> dict[tuple[str, int], Component]:
+    """Return components by name, and by number among those of one name."""
+    names = [each.name for each in torque.components]
+    return {
+        (each.name, names[:place].count(each.name)): each
+        for place, each in enumerate(torque.components)
+    }
 
 
 def _remarks(

@@ -9,7 +9,7 @@ import pytest
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.calibration_comparison import compare_calibrations
 from torquebench.campaign.modules import store_model
-from torquebench.chain import Effect, Reference
+from torquebench.chain import Effect, Inertia, Mounting, Reference, Temperature, Timebase, Zero
 from torquebench.compensation import make_model
 from torquebench.errors import InputError
 from torquebench.records import Registry
@@ -89,6 +89,42 @@ def test_only_different_standards_count(registry: Registry) -> None:
     assert not found.significant
     assert found.worst.expanded_uncertainty_nm > 0.4
     assert any("another reference standard: S-1, then S-2" in each for each in found.remarks)
+
+
+def test_the_changes_of_one_standard_cancel(registry: Registry) -> None:
+    def stated(share: float) -> tuple[Effect, ...]:
+        certified = CertifiedUncertainty.flat(0.3, 5.0, 100.0)
+        return (Reference("certificate", certified, share, 3.0 * share),)
+
+    one, same = (calibrate(registry, 1.001, months=m, effects=stated(2e-3)) for m in (0, 1))
+    other = calibrate(registry, 1.001, months=2, standard="S-2", effects=stated(2e-3))
+    later = calibrate(registry, 1.001, months=3, effects=stated(4e-3))
+    found = [compare_calibrations(registry, one, each) for each in (same, other, later)]
+    largest = [max(step.expanded_uncertainty_nm for step in each.steps) for each in found]
+    assert largest[0] < 0.03
+    assert largest[1] > 2.0 * np.hypot(0.2, 0.6) / np.sqrt(3.0)
+    # the standard has changed by more since its certificate: the difference remains
+    assert largest[2] == pytest.approx(2.0 * np.hypot(0.2, 0.6) / np.sqrt(3.0), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("effect", "u_nm"),
+    [
+        (Timebase("another clock", "C-1", 100.0, 4000.0), 0.41 / np.sqrt(3.0)),
+        (Mounting("positions", 0.2), 0.2),
+        (Temperature("data sheet", 0.5, 1e-3, 23.0, 18.0, 28.0), 100.0 * 0.5e-3 / 3.0),
+        (Inertia("empty runs", 0.5, 0.1, 30.0), 0.0),
+        (Zero("zeroing", 0.5, 4.0, 0.5), 0.0),
+    ],
+)
+def test_errors_of_calibrations_count_and_those_of_readings_do_not(
+    registry: Registry, effect: Effect, u_nm: float
+) -> None:
+    numbers = [calibrate(registry, 1.001, months=m, effects=(effect,)) for m in (0, 1)]
+    plain = [calibrate(registry, 1.001, months=m) for m in (0, 1)]
+    with_it, without = (compare_calibrations(registry, *each) for each in (numbers, plain))
+    last = [each.steps[-1].expanded_uncertainty_nm for each in (with_it, without)]
+    assert last[0] ** 2 - last[1] ** 2 == pytest.approx(8.0 * u_nm**2, rel=0.03, abs=1e-9)
 
 
 def test_different_ranges_are_named_and_only_the_common_one_compared(registry: Registry) -> None:
