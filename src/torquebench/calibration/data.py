@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import reduce
 from typing import TYPE_CHECKING, Any, Self
 
@@ -94,6 +95,8 @@ class CalibrationData:
     reference : Reference, optional
         The standard with its uncertainty, as a table states it. A run of a bench has it in its
         metadata instead.
+    measured_on : datetime.date or str, optional
+        Day of the measurement, from which the age of a calibration counts; ISO 8601 as text.
 
     Raises
     ------
@@ -132,6 +135,7 @@ class CalibrationData:
     zero_nm: NDArray[np.float64] | None = None
     standard_temperature_c: NDArray[np.float64] | None = None
     reference: "Reference | None" = None
+    measured_on: date | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -149,6 +153,8 @@ class CalibrationData:
             if value is not None:
                 object.__setattr__(self, name, _column(name, value, n))
         object.__setattr__(self, "simulated", self.simulated or self.true_torque_nm is not None)
+        if isinstance(self.measured_on, str):
+            object.__setattr__(self, "measured_on", date.fromisoformat(self.measured_on))
         _check_branch(self.branch)
         for name in ("reading_nm", "standard_nm"):
             _check_range(name, getattr(self, name), self.range_nm)
@@ -266,6 +272,7 @@ class CalibrationData:
             steady=self.steady,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
             zero_temperature_c=zeroed if zero_temperature_c is None else zero_temperature_c,
+            measured_on=self.measured_on,
         )
 
     def features(self, columns: int | None = None) -> NDArray[np.float64]:
@@ -501,7 +508,8 @@ class CalibrationData:
     def concatenate(cls, parts: Sequence[Self]) -> Self:
         """Return several tables of one chain as one, series renumbered so that none coincide.
 
-        Of different standards the larger uncertainty counts.
+        Of different standards the larger uncertainty counts, of different days the earliest. If one
+        of them isn't stated, the day isn't known.
 
         Parameters
         ----------
@@ -533,6 +541,9 @@ class CalibrationData:
         stated = [part.reference for part in parts if part.reference is not None]
         larger = reduce(lambda one, other: one.larger(other), stated) if stated else None
         changes["reference"] = larger
+        days = [part.measured_on for part in parts]
+        known_days = [day for day in days if day is not None]
+        changes["measured_on"] = min(known_days) if len(known_days) == len(days) else None
         return replace(head, **changes)
 
 

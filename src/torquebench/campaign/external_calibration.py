@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from torquebench import __version__
-from torquebench.atomic_write import atomic_write, private_folder
+from torquebench.atomic_write import private_folder
 from torquebench.calibration import CalibrationData, Profile, propose_due_date
 from torquebench.chain import Reference
-from torquebench.compensation import load_model
+from torquebench.compensation import StoredModel, load_model, save_model
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import (
@@ -112,7 +112,8 @@ def register_table(
     operator : str
         Who enters it.
     model : pathlib.Path, optional
-        File of a compensation model for these points; a copy is kept.
+        File of a compensation model for these points; a copy is kept, with the day of the
+        calibration.
     called : str, optional
         Name of the table in records; its file's name by default.
 
@@ -135,6 +136,7 @@ def register_table(
                 "a table that isn't entered yet",
                 Message("torquebench certificate calibration-{number}", entry.calibration_id),
             )
+    data = replace(data, measured_on=circumstances.performed.date())
     stored = None if model is None else _fitting_model(model, data)
     metadata = _metadata(profile, circumstances, data, operator)
     metadata |= {"table": called, "table_sha256": sha256_of_file(table)}
@@ -168,11 +170,11 @@ def register_table(
             summary={"table": called, "entered by": operator},
         )
         kept = None
-        if stored is not None and model is not None:
-            path = registry.root / "models" / f"{folder.run_id}-{stored.kind}.json"
+        if stored is not None:
+            path = registry.root / "models" / f"{folder.run_id}-{stored.model.kind}.json"
             private_folder(path.parent)
-            atomic_write(path, model.read_bytes(), private=True)
-            kept = registry.add_model(entry, kind=stored.kind, file=path, side=data.side)
+            save_model(path, stored, private=True)
+            kept = registry.add_model(entry, kind=stored.model.kind, file=path, side=data.side)
     return RegisteredTable(folder.run_id, entry, kept)
 
 
@@ -199,7 +201,8 @@ def check_circumstances(circumstances: ExternalCalibration) -> None:
             )
 
 
-def _fitting_model(file: Path, data: CalibrationData) -> Any:
+def _fitting_model(file: Path, data: CalibrationData) -> StoredModel:
+    """Return a model for these points, with their day as that of its calibration."""
     stored = load_model(file)
     provenance = stored.provenance
     if abs(provenance.range_nm - data.range_nm) > 1e-6 * data.range_nm:
@@ -207,7 +210,7 @@ def _fitting_model(file: Path, data: CalibrationData) -> Any:
             Message("model {name} is for ±{range:g} N·m", file, provenance.range_nm),
             Message("a model for ±{range:g} N·m, the table's range", data.range_nm),
         )
-    return stored.model
+    return replace(stored, provenance=replace(provenance, calibrated_on=str(data.measured_on)))
 
 
 def _sha256(folder: RunFolder) -> str:

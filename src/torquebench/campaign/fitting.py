@@ -6,7 +6,7 @@ import time
 import warnings
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from datetime import UTC, datetime
+from datetime import UTC, date, datetime
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -165,6 +165,8 @@ class FittedModel:
         Why it isn't to be put into use: what the points contradict. Empty for a plausible one.
     choice : ModelChoice or None
         The request.
+    calibrated_on : datetime.date or None
+        Day of the calibration.
     """
 
     name: str
@@ -175,11 +177,12 @@ class FittedModel:
     effects: tuple[Effect, ...] = ()
     contradictions: tuple[Contradiction, ...] = ()
     choice: ModelChoice | None = None
+    calibrated_on: date | None = None
 
     @cached_property
     def chain(self) -> MeasuringChain:
         """The measuring chain with this model."""
-        return MeasuringChain(self.model, self.effects)
+        return MeasuringChain(self.model, self.effects, self.calibrated_on)
 
 
 def feature_columns(model: CompensationModel) -> int:
@@ -262,6 +265,7 @@ def fit_models(
                 effects,
                 _contradictions(points, model, limits, before),
                 choice,
+                data.measured_on,
             )
         )
     progress.finish()
@@ -444,6 +448,7 @@ def described_model(
             metrics=dict(metrics),
             software_version=__version__,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
+            calibrated_on="" if data.measured_on is None else data.measured_on.isoformat(),
             effects=tuple(effect.specification() for effect in effects),
             contradictions=tuple(str(each) for each in contradictions),
             accepted=accepted,

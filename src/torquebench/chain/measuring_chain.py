@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, fields, replace
+from datetime import date
 from functools import cached_property
 from pathlib import Path
 from typing import Any, Self
@@ -67,6 +68,8 @@ class MeasuringChain:
         Fitted: gives the static curve and the scatter.
     stored : tuple of Effect
         Further effects of the chain.
+    calibrated_on : datetime.date, optional
+        Day of the calibration. Where it isn't known, U contains the drift of a whole interval.
 
     Examples
     --------
@@ -86,11 +89,27 @@ class MeasuringChain:
 
     model: CompensationModel
     stored: tuple[Effect, ...] = ()
+    calibrated_on: date | None = None
 
     @classmethod
     def of(cls, stored: StoredModel) -> Self:
         """Return the chain that a model file describes."""
-        return cls(stored.model, tuple(map(effect_from, stored.provenance.effects)))
+        made = stored.provenance
+        day = date.fromisoformat(made.calibrated_on) if made.calibrated_on else None
+        return cls(stored.model, tuple(map(effect_from, made.effects)), day)
+
+    def age_h(self, day: date | None) -> float | None:
+        """Return the time from the calibration to a day, h; None where one isn't known."""
+        if day is None or self.calibrated_on is None:
+            return None
+        return 24.0 * abs((day - self.calibrated_on).days)
+
+    def dated(self, readings: Readings) -> Readings:
+        """Return readings with the age of the calibration, where their day is known."""
+        age_h = self.age_h(readings.measured_on)
+        if age_h is None or readings.calibration_age_h is not None:
+            return readings
+        return replace(readings, calibration_age_h=age_h)
 
     @cached_property
     def curve(self) -> StaticCurve:
@@ -187,7 +206,7 @@ class MeasuringChain:
     def compensated(self, readings: Readings) -> Torque:
         """Return the same as `torque`, with NaN for refused readings."""
         if readings.time_s is None:
-            return self.independent(readings)
+            return self.independent(self.dated(readings))
         from torquebench.chain.recorded import RecordedStream
 
         return RecordedStream(self).torque(readings, None)

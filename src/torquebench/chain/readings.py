@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from datetime import date
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,6 +45,8 @@ class Readings:
         Standard uncertainty of that zero, N·m.
     calibration_age_h : float or None
         Time since the calibration.
+    measured_on : datetime.date or None
+        Day of the readings: the chain knows the day of its calibration.
     of_bench : bool
         Whether `time_s` counts from the opening of the bench: it then has no relation to
         running-in.
@@ -71,6 +74,7 @@ class Readings:
     )
     loadings: float = 1.0
     of_bench: bool = False
+    measured_on: date | None = None
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)

@@ -99,7 +99,8 @@ class RecordedStream:
         )
 
     def completed(self, readings: Readings, following: Readings | None) -> Readings:
-        """Return the readings with the acceleration by their speed, if it isn't given."""
+        """Return the readings with the acceleration by their speed and the calibration's age."""
+        readings = self.chain.dated(readings)
         time_s, speed = readings.time_s, readings.speed_rpm
         if (
             readings.acceleration_rad_s2 is not None

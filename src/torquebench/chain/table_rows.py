@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Protocol
 
 import numpy as np
@@ -55,6 +56,7 @@ def readings_of_rows(
     window_s: float | None = None,
     zero_age_h: Known = None,
     zero_temperature_c: Known = None,
+    measured_on: date | None = None,
 ) -> Readings:
     """Return the rows of a table as readings of a measuring chain.
 
@@ -78,6 +80,8 @@ def readings_of_rows(
         Length of the windows, as the table states it.
     zero_age_h, zero_temperature_c : float64[n] or float, optional
         Time since the zero was taken, and the transducer's temperature then.
+    measured_on : datetime.date, optional
+        Day of the readings; the age of the calibration counts to it.
 
     Examples
     --------
@@ -107,4 +111,5 @@ def readings_of_rows(
         temperature_c=rows.temperature_c,
         zero_age_h=zero_age_h,
         zero_temperature_c=zero_temperature_c,
+        measured_on=measured_on,
     )

@@ -198,7 +198,7 @@ def _with_curve(
     )
     old = sheet.section(CALIBRATION_CURVE)
     dated = {
-        "calibration_date": (stored.provenance.created or "")[:10] or None,
+        "calibration_date": stored.provenance.calibrated_on or None,
         "calibration_initials": "" if old is None else old.values["calibration_initials"],
         "calibration_period_days": 0 if old is None else old.values["calibration_period_days"],
     }

@@ -45,6 +45,9 @@ class Provenance:
         Version of torquebench that fitted the model.
     created : str
         Time of the fit, ISO 8601 with offset.
+    calibrated_on : str
+        Day of the calibration, ISO 8601; "" if unknown. The age of the calibration counts from it,
+        whenever a model is fitted to it.
     unit : str
         Unit of readings and torques.
     effects : tuple of mapping
@@ -64,6 +67,7 @@ class Provenance:
     metrics: Mapping[str, float] = field(default_factory=dict)
     software_version: str = ""
     created: str = ""
+    calibrated_on: str = ""
     unit: str = "N·m"
     effects: tuple[Mapping[str, Any], ...] = ()
     contradictions: tuple[str, ...] = ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any, Literal
 
 import bluesky.preprocessors as bpp
@@ -96,6 +97,7 @@ class _Table:
             standard_error_nm=column("reading_standard_error_nm"),
             true_torque_nm=optional("true_torque_nm"),
             standard_temperature_c=optional("standard_temperature_c"),
+            measured_on=datetime.now(UTC).date(),
         ).zeroed_each_series()
 
 

@@ -3,6 +3,7 @@
 import io
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 
 import numpy as np
@@ -52,6 +53,8 @@ _STEADY = "steady"
 """Comment of a table of steady means, as the points of a calibration are."""
 _WINDOW = "window_s"
 """Comment with the length of the windows of a table's readings."""
+_DAY = "measured_on"
+"""Comment with the day of a measurement, from or to which the age of a calibration counts."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _MOST_STEPS = 2000
 """Most points of a loading sequence; larger tables are recordings."""
@@ -77,7 +80,8 @@ def read_calibration_csv(
     passed over. Lines are in measuring order, from which a missing branch follows. Comments such
     as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
     counter's identity; arguments take precedence over them. ``# reference_uncertainty = 0.02``
-    states U (k = 2) of the standard; see `CertifiedUncertainty.of_text`.
+    states U (k = 2) of the standard; see `CertifiedUncertainty.of_text`. ``# measured_on =
+    2026-03-31`` states the day, from which the age of the calibration counts.
 
     Parameters
     ----------
@@ -205,6 +209,7 @@ def calibration_of(
         standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
         simulated=is_simulated(noted),
         reference=reference_in(noted, scale, table.origin),
+        measured_on=_measured_on(table),
     )
     _check_duplicates(table, data)
     if both_directions:
@@ -250,7 +255,8 @@ class ReadingsTable:
         """Return the rows as readings of a measuring chain; see `readings_of_rows`.
 
         They are single readings, unless the file's comments state ``steady = true``. The length of
-        their windows is unknown, unless a comment states ``window_s``.
+        their windows is unknown, unless a comment states ``window_s``, and their day, unless one
+        states ``measured_on``.
 
         Parameters
         ----------
@@ -260,7 +266,7 @@ class ReadingsTable:
         Raises
         ------
         InputError
-            A comment that isn't a time.
+            A comment that isn't a time or a day.
         """
         return readings_of_rows(
             self,
@@ -268,6 +274,7 @@ class ReadingsTable:
             window_s=_window_s(self.table),
             zero_age_h=zero_age_h,
             zero_temperature_c=zero_temperature_c,
+            measured_on=_measured_on(self.table),
         )
 
     def place(self, row: int) -> str:
@@ -456,6 +463,8 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
     notes |= reference_remarks(data.reference)
     if data.simulated:
         notes["simulated"] = "true"
+    if data.measured_on is not None:
+        notes[_DAY] = data.measured_on.isoformat()
     if data.steady:
         notes[_STEADY] = "true"
     text = io.StringIO()
@@ -511,6 +520,20 @@ def is_simulated(remarks: Mapping[str, str]) -> bool:
 
 def _is_stated(remarks: Mapping[str, str], name: str) -> bool:
     return remarks.get(name, "").lower() in ("true", "yes", "1")
+
+
+def _measured_on(table: CsvTable) -> date | None:
+    noted = table.remarks.get(_DAY)
+    if noted is None:
+        return None
+    try:
+        return date.fromisoformat(noted)
+    except ValueError as error:
+        raise InputError(
+            Message("{origin}: the comment says {name} = {stated!r}", table.origin, _DAY, noted),
+            "a day as 2026-03-31",
+            "correct the comment",
+        ) from error
 
 
 def _window_s(table: CsvTable) -> float | None:

@@ -76,8 +76,5 @@ def compensation_for(
     chain = MeasuringChain.of(stored)
     if accepted is not None:
         chain = chain.with_effects((replace(accepted, zero_nm=zero_nm),))
-    age_h = None
-    if stored.provenance.created:
-        age = datetime.now(UTC) - datetime.fromisoformat(stored.provenance.created)
-        age_h = max(age.total_seconds(), 0.0) / 3600.0
-    return ActiveChain(chain, str(entry.model_id), entry.kind, age_h)
+    today = datetime.now(UTC).date()
+    return ActiveChain(chain, str(entry.model_id), entry.kind, chain.age_h(today))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from datetime import UTC, datetime
 from typing import Any
 
 import bluesky.preprocessors as bpp
@@ -198,4 +199,5 @@ def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
         standard_error_nm=column("reading_standard_error_nm"),
         true_torque_nm=optional("true_torque_nm"),
         standard_temperature_c=optional("standard_temperature_c"),
+        measured_on=datetime.now(UTC).date(),
     ).zeroed_each_series()
