@@ -68,7 +68,7 @@ from torquebench.panel.service.fields import (
     ProfileName,
     RunId,
 )
-from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
+from torquebench.panel.service.jobs.previews import staircase_preview
 from torquebench.panel.service.jobs.results import (
     calibration_data,
     calibration_result,
@@ -227,10 +227,8 @@ def _refuse_long(profile: Profile, range_nm: float, repeats: int) -> None:
 
 def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
     """Refuse requests that the bench or the software can't fulfil."""
-    description = place.station.description
-    confirm_clear(description, request.bench_clear)
     _choices(request.models, request.network)
-    module = description.module(request.side)
+    module = place.station.description.module(request.side)
     profile = _calibration_profile(place, request)
     steps = profile.staircase(module.range_nm, np.random.default_rng(0))
     largest_nm = max((abs(step.target_nm) for step in steps), default=0.0)
@@ -247,10 +245,9 @@ def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPrevi
     station = place.station
     profile = _calibration_profile(place, request)
     rehearsal = rehearse_calibration(station, request.side, profile)
-    preview = staircase_preview(
-        station.description, request.side, "calibrate", _calibrate_title(request), rehearsal
-    )
-    return replace(preview, doubts=_doubts(station, "calibrator", station.description.calibrator))
+    doubts = _doubts(station, "calibrator", station.description.calibrator)
+    title = _calibrate_title(request)
+    return staircase_preview(request.side, "calibrate", title, rehearsal, doubts)
 
 
 def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple[str, ...]:
@@ -289,7 +286,6 @@ def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
 def check_resumption(place: Workplace, request: ResumeRequest) -> None:
     """Refuse a run that can't be resumed."""
     station = place.station
-    confirm_clear(station.description, request.bench_clear)
     _choices(request.models)
     read_interrupted(station.registry, station.registry.run(request.run_id))
 
@@ -451,7 +447,6 @@ def _side_of(station: Station, entry: CalibrationEntry) -> Side:
 def check_verification(place: Workplace, request: VerifyRequest) -> None:
     """Refuse records that don't exist, or aren't this bench's."""
     station = place.station
-    confirm_clear(station.description, request.bench_clear)
     entry = station.registry.calibration(request.calibration_id)
     _side_of(station, entry)
     _verification_profile(place, request)
@@ -471,9 +466,9 @@ def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview
     )
     rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
     title = Message("Verify the {side} module", side)
-    preview = staircase_preview(station.description, side, "verify", title, rehearsal)
     standard = station.description.verification_standard
-    return replace(preview, doubts=_doubts(station, "verification standard", standard))
+    doubts = _doubts(station, "verification standard", standard)
+    return staircase_preview(side, "verify", title, rehearsal, doubts)
 
 
 def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:

@@ -21,8 +21,7 @@ from torquebench.campaign.measuring import RunAbortedError
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
-from torquebench.panel.service.jobs.previews import confirm_clear, staircase_preview
-from torquebench.panel.service.jobs.results import as_details
+from torquebench.panel.service.jobs.previews import staircase_preview
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import rehearse, zero_modules
@@ -91,7 +90,7 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
         headline=Message("Zero measured; difference from the nominal zero: {sides}.", words),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
-        details=as_details(details),
+        details=details,
     )
 
 
@@ -101,19 +100,8 @@ def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
     profile = place.settings.profile(request.profile)
     steps = profile.staircase(station.description.module(request.side).range_nm)
     plan = verify_plan(station.devices, request.side, profile, steps)
-    return staircase_preview(
-        station.description,
-        request.side,
-        "check",
-        _check_title(request),
-        rehearse(station.devices, plan),
-    )
-
-
-def check_check(place: Workplace, request: CheckRequest) -> None:
-    """Refuse a profile that doesn't exist, and a bench that isn't clear."""
-    confirm_clear(place.station.description, request.bench_clear)
-    place.settings.profile(request.profile)
+    rehearsal = rehearse(station.devices, plan)
+    return staircase_preview(request.side, "check", _check_title(request), rehearsal)
 
 
 def run_check(context: JobContext, request: CheckRequest) -> JobResult:
@@ -136,16 +124,14 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
         verdict=found.verdict.value,
         simulated=found.data.simulated,
         run_ids=(found.run_id,),
-        details=as_details(
-            {
-                "side": request.side,
-                "tolerance_percent_fs": request.tolerance_percent_fs,
-                "standard_nm": found.data.standard_nm,
-                "error_nm": found.error_nm,
-                "expanded_uncertainty_nm": found.expanded_uncertainty_nm,
-                "verdicts": [each.verdict.value for each in found.decisions],
-            }
-        ),
+        details={
+            "side": request.side,
+            "tolerance_percent_fs": request.tolerance_percent_fs,
+            "standard_nm": found.data.standard_nm,
+            "error_nm": found.error_nm,
+            "expanded_uncertainty_nm": found.expanded_uncertainty_nm,
+            "verdicts": [each.verdict.value for each in found.decisions],
+        },
     )
 
 
@@ -185,20 +171,14 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
         simulated=record.simulated,
         calibration_id=calibration.calibration_id,
         certificate=record.number,
-        details=as_details(
-            {
-                "files": [path.name for path in issued.files],
-                "deviations": [each.found for each in record.deviations],
-                "languages": list(record.languages),
-                "supersedes": record.supersedes,
-                "unreviewed": list(record.unreviewed),
-            }
-        ),
+        details={
+            "files": [path.name for path in issued.files],
+            "deviations": [each.found for each in record.deviations],
+            "languages": list(record.languages),
+            "supersedes": record.supersedes,
+            "unreviewed": list(record.unreviewed),
+        },
     )
-
-
-def _zero_title(_request: ZeroRequest) -> str:
-    return "Zero"
 
 
 def _check_title(request: CheckRequest) -> str:
@@ -206,8 +186,15 @@ def _check_title(request: CheckRequest) -> str:
 
 
 CHECK_KINDS: tuple[JobKind, ...] = (
-    JobKind("zero", _zero_title, ZeroRequest, run_zero, can_pause=False),
-    JobKind("check", _check_title, CheckRequest, run_check, preview_check, check_check),
+    JobKind("zero", lambda _asked: "Zero", ZeroRequest, run_zero, can_pause=False),
+    JobKind(
+        "check",
+        _check_title,
+        CheckRequest,
+        run_check,
+        preview_check,
+        lambda place, asked: place.settings.profile(asked.profile),
+    ),
 )
 CERTIFICATE_KIND = JobKind(
     "certificate",

@@ -19,7 +19,6 @@ from torquebench.campaign.measuring import RunAbortedError
 from torquebench.message import Message
 from torquebench.panel.run_in_process import ProcessEndedError
 from torquebench.panel.service.fields import Moment, Number, plain
-from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.panel.service.live.hub import SIGNAL_UNITS, torque_windows
@@ -142,15 +141,13 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
         headline=Message("Recorded {seconds:.1f} s: {name}", seconds, name),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
-        details=as_details(
-            {
-                "seconds": seconds,
-                "before_s": request.before_s,
-                "name": name,
-                "note": note,
-                "trigger": trigger,
-            }
-        ),
+        details={
+            "seconds": seconds,
+            "before_s": request.before_s,
+            "name": name,
+            "note": note,
+            "trigger": trigger,
+        },
     )
 
 

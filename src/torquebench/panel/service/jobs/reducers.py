@@ -35,8 +35,6 @@ from torquebench.campaign.standard_reducer import (
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
-from torquebench.panel.service.jobs.previews import confirm_clear, limits
-from torquebench.panel.service.jobs.results import as_details
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, MountedRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.panel.service.records.queries import report_path
@@ -96,23 +94,14 @@ def preview_standard(place: Workplace, request: StandardReducerRequest) -> JobPr
         request.repeats, both_directions=request.both_directions
     )
     found = rehearse(station.devices, friction_sweep(station.devices, settings))
-    torque_limit, speed_limit = limits(station.description)
     return JobPreview(
         kind="standard-reducer",
         title=STANDARD_TITLE,
         duration_s=found.duration_s,
         points=found.points,
-        limit_torque_nm=torque_limit,
         largest_speed_rpm={"input": settings.speeds_rpm[-1]},
-        limit_speed_rpm=speed_limit,
         mounts=("reducer",),
     )
-
-
-def check_standard(place: Workplace, request: StandardReducerRequest) -> None:
-    """Refuse a reducer without certified friction, and a bench that isn't clear."""
-    confirm_clear(place.station.description, request.bench_clear)
-    _standard(place, request)
 
 
 def run_standard(context: JobContext, request: StandardReducerRequest) -> JobResult:
@@ -145,17 +134,15 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
         verdict="pass" if check.kept else "fail",
         simulated=found.simulated,
         run_ids=(found.run_id,),
-        details=as_details(
-            {
-                "reducer": found.reducer.name,
-                "certificate": found.reducer.certificate,
-                "compensation": found.compensation,
-                "tolerance_percent_fs": check.tolerance_percent,
-                "error_percent_fs": check.error_percent,
-                "repeatability_percent_fs": check.repeatability_percent,
-                "points": check.points,
-            }
-        ),
+        details={
+            "reducer": found.reducer.name,
+            "certificate": found.reducer.certificate,
+            "compensation": found.compensation,
+            "tolerance_percent_fs": check.tolerance_percent,
+            "error_percent_fs": check.error_percent,
+            "repeatability_percent_fs": check.repeatability_percent,
+            "points": check.points,
+        },
     )
 
 
@@ -166,18 +153,11 @@ def _settings(request: ReducerTestRequest) -> ReducerTestSettings:
     return settings if request.repeats is None else settings.with_repeats(request.repeats)
 
 
-def check_test(place: Workplace, request: ReducerTestRequest) -> None:
-    """Refuse a reducer that doesn't exist, and a bench that isn't clear."""
-    confirm_clear(place.station.description, request.bench_clear)
-    place.settings.reducer(request.reducer)
-
-
 def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     """Rehearse every part of the test."""
     parts = rehearse_reducer_test(
         place.station, request.test, place.settings.reducer(request.reducer), _settings(request)
     )
-    torque_limit, speed_limit = limits(place.station.description)
     warm_up_s = max(part.longest_warm_up_s for part in parts)
     remarks = [
         Message(
@@ -200,9 +180,7 @@ def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
         duration_s=sum(part.duration_s for part in parts),
         points=sum(part.points for part in parts),
         largest_torque_nm=_largest(parts, "largest_torque_nm"),
-        limit_torque_nm=torque_limit,
         largest_speed_rpm=_largest(parts, "largest_speed_rpm"),
-        limit_speed_rpm=speed_limit,
         remarks=tuple(remarks),
     )
 
@@ -245,16 +223,14 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
         verdict=record.verdict,
         simulated=record.simulated,
         run_ids=tuple(outcome.run.run_id for outcome in record.outcomes),
-        details=as_details(
-            {
-                "name": record.name,
-                "short": record.short,
-                "reducer_name": record.reducer_name,
-                "serial": record.serial,
-                "report": _report(context, record),
-                "outcomes": [_outcome(outcome) for outcome in record.outcomes],
-            }
-        ),
+        details={
+            "name": record.name,
+            "short": record.short,
+            "reducer_name": record.reducer_name,
+            "serial": record.serial,
+            "report": _report(context, record),
+            "outcomes": [_outcome(outcome) for outcome in record.outcomes],
+        },
     )
 
 
@@ -329,7 +305,14 @@ REDUCER_KINDS: tuple[JobKind, ...] = (
         StandardReducerRequest,
         run_standard,
         preview_standard,
-        check_standard,
+        _standard,
     ),
-    JobKind("reducer-test", _title, ReducerTestRequest, run_test, preview_test, check_test),
+    JobKind(
+        "reducer-test",
+        _title,
+        ReducerTestRequest,
+        run_test,
+        preview_test,
+        lambda place, asked: place.settings.reducer(asked.reducer),
+    ),
 )

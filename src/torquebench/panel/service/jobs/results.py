@@ -20,13 +20,11 @@ from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder
-from torquebench.records.files import plain_json
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
 from torquebench.uncertainty import Verdict
 
 __all__ = [
-    "as_details",
     "calibration_data",
     "calibration_result",
     "errors_of",
@@ -78,7 +76,7 @@ def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
 def fit_details(
     data: CalibrationData, fitted: Sequence[FittedModel], model_ids: Mapping[str, int]
 ) -> dict[str, Any]:
-    """Return points and models of a fit as JSON."""
+    """Return points and models of a fit."""
     models = {
         item.name: {
             "model_id": model_ids.get(item.name),
@@ -94,20 +92,18 @@ def fit_details(
         }
         for item in fitted
     }
-    return as_details(
-        {
-            "side": data.side,
-            "range_nm": data.range_nm,
-            "points": {
-                "reading_nm": data.reading_nm,
-                "standard_nm": data.standard_nm,
-                "branch": data.branch,
-                "series": data.series,
-            },
-            "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-            "models": models,
-        }
-    )
+    return {
+        "side": data.side,
+        "range_nm": data.range_nm,
+        "points": {
+            "reading_nm": data.reading_nm,
+            "standard_nm": data.standard_nm,
+            "branch": data.branch,
+            "series": data.series,
+        },
+        "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+        "models": models,
+    }
 
 
 def _training(model: CompensationModel) -> dict[str, Any]:
@@ -117,12 +113,6 @@ def _training(model: CompensationModel) -> dict[str, Any]:
         return {}
     epoch, rms_nm = trained.training_curve_.T
     return {"training_curve": {"epoch": epoch, "rms_nm": rms_nm}}
-
-
-def as_details(value: Any) -> dict[str, Any]:
-    """Return a value as JSON with plain lists and numbers."""
-    found: dict[str, Any] = plain_json(value)
-    return found
 
 
 def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
@@ -205,18 +195,16 @@ def verification_result(
         run_ids=(run_id,),
         calibration_id=entry.calibration_id,
         model_ids={name: int(name.removeprefix("model-")) for name in models},
-        details=as_details(
-            {
-                "side": data.side,
-                "range_nm": data.range_nm,
-                "tolerance_percent_fs": tolerance_percent_fs,
-                "seed": seed,
-                "standard_nm": data.standard_nm,
-                "group": data.series,
-                "best": best,
-                "models": details,
-            }
-        ),
+        details={
+            "side": data.side,
+            "range_nm": data.range_nm,
+            "tolerance_percent_fs": tolerance_percent_fs,
+            "seed": seed,
+            "standard_nm": data.standard_nm,
+            "group": data.series,
+            "best": best,
+            "models": details,
+        },
     )
 
 

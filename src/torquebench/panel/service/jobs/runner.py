@@ -13,6 +13,7 @@ from pydantic import BaseModel, ConfigDict
 
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.prompts import PromptQueue
+from torquebench.bench.roles import SIDES
 from torquebench.campaign.measuring import RunAbortedError, acting_as, mounted_as
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -102,7 +103,7 @@ class JobKind:
     preview : callable or None
         Returns its preview; None if it moves nothing.
     check : callable
-        Refuses impossible requests before the start.
+        Refuses impossible requests before the start; one field, `bench_clear`, the runner checks.
     role : str
         Who may start it.
     moves : bool
@@ -206,7 +207,12 @@ class JobRunner:
             self._refuse_busy()
             shown = found.preview(self._place, asked)
         self._refuse_busy()
-        return shown
+        limits = {side: self._station.description.module(side).limits for side in SIDES}
+        return replace(
+            shown,
+            limit_torque_nm={side: each.torque_nm for side, each in limits.items()},
+            limit_speed_rpm={side: each.speed_rpm for side, each in limits.items()},
+        )
 
     def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
         """Start a job.
@@ -241,6 +247,7 @@ class JobRunner:
         asked = self._request(found, request)
         self.command(actor)
         self._refuse_busy()
+        self._confirm_clear(asked)
         found.check(self._place, asked)
         with self._lock:
             self._refuse_busy()
@@ -257,6 +264,19 @@ class JobRunner:
             )
             self._thread.start()
         return job.view()
+
+    def _confirm_clear(self, request: JobRequest) -> None:
+        """Refuse to load a real bench that nobody has confirmed to be clear."""
+        description = self._station.description
+        if not (getattr(request, "bench_clear", True) or description.simulated):
+            raise InputError(
+                Message(
+                    "{name} is a real bench and nobody has confirmed that it is clear",
+                    description.name,
+                ),
+                "bench_clear: true",
+                "check that nobody is at the bench, then confirm it",
+            )
 
     def recall(
         self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult

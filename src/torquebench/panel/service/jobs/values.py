@@ -9,6 +9,7 @@ from typing import Any, Literal
 
 from torquebench.errors import TorquebenchError
 from torquebench.message import Message
+from torquebench.records.files import plain_json
 
 __all__ = [
     "JobPoint",
@@ -162,6 +163,10 @@ class JobResult:
     model_ids: Mapping[str, int] = field(default_factory=dict)
     certificate: str | None = None
     details: Mapping[str, Any] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        """Hold the details as JSON does: plain lists, numbers and text."""
+        object.__setattr__(self, "details", plain_json(self.details))
 
 
 @dataclass(frozen=True)
