@@ -17,7 +17,7 @@ from torquebench.campaign.external_calibration import (
 )
 from torquebench.campaign.modules import store_model
 from torquebench.chain import Reference
-from torquebench.compensation import make_model
+from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
     Equipment,
@@ -97,6 +97,8 @@ def test_everything_is_kept_and_sealed(
     assert entry.due == date(2027, 3, 2)
     assert entered.model is not None
     assert entered.model.check_file().parent == registry.root / "models"
+    kept = load_model(entered.model.check_file()).provenance
+    assert kept.calibrated_on == "2026-03-02"  # of the table's measurement, not of the fit
     assert check_records(registry).intact
 
 
