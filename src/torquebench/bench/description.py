@@ -194,10 +194,11 @@ class ModuleDescription(_Section):
     """One module: range, transducer, drive, encoder, limits and its transducer's probe.
 
     `flange_inertia_kgm2` is the moment of inertia of the rotating parts between the transducer's
-    measuring section and the reducer, with its expanded uncertainty (k = 2) as a share:
-    the torque that accelerates it is subtracted. Unknown if it isn't given. `motor_inertia_kgm2` is that of motor, coupling and shaft up to the measuring section, by
-    their data sheets: the dynamics by steps of torque need it. `bearing_drag_percent` is the limit
-    of the drag of bearings between transducer and flange.
+    measuring section and the reducer, with its expanded uncertainty (k = 2) as a share: the torque
+    that accelerates it is subtracted. Unknown if it isn't given. `motor_inertia_kgm2` is that of
+    motor, coupling and shaft up to the measuring section, by their data sheets: the dynamics by
+    steps of torque need it. `bearing_drag_percent` is the limit of the drag of bearings between
+    transducer and flange.
     """
 
     range_nm: Torque
@@ -297,9 +298,10 @@ class StandardDescription(_Section):
     day on which the certificate counts.
 
     The uncertainty over the torque is that of `certified`: it comes with `certificate`, or is
-    given for each side. Without it, `expanded_uncertainty_percent` counts, of the nominal torque of
-    the transducer or of each torque. `certificate_temperature_c` is the temperature at which the
-    standard was calibrated, `temperature_probe` the probe that it carries.
+    given for each side. Without it, the largest U counts, `expanded_uncertainty_percent` of the
+    nominal torque of the transducer: at every torque, or as that share of each torque.
+    `certificate_temperature_c` is the temperature at which the standard was calibrated,
+    `temperature_probe` the probe that it carries.
     """
 
     serial: Text

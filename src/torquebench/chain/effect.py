@@ -44,15 +44,15 @@ class MeasuredPart:
     Parameters
     ----------
     name : str
-    percent, expanded_uncertainty_percent : float
-        Largest size and largest U (k = 2), % of full scale.
+    percent, u_percent : float
+        Largest size and largest U (k = 2), % of full scale; of a span, % of the torque.
     measured : str
         Range in which it was measured, with its unit.
     """
 
     name: str
     percent: float
-    expanded_uncertainty_percent: float
+    u_percent: float
     measured: str
 
     @classmethod

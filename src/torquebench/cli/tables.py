@@ -225,7 +225,7 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
         table.add_column(heading, justify="right", no_wrap=True)
     for effect in effects:
         for part in effect.identified(range_nm):
-            u = f"{part.expanded_uncertainty_percent:.2g}"
+            u = f"{part.u_percent:.2g}"
             table.add_row(part.name, f"{part.percent:.3g}", u, part.measured)
     return table
 

@@ -67,7 +67,7 @@ def export_csv(
     if table.uncertainty_curve is not None:
         for branch, name in _BRANCHES:
             values = _values(table, nodes, branch, uncertainty=True)
-            columns[f"standard_uncertainty_{name}_nm"] = values
+            columns[f"curve_uncertainty_{name}_nm"] = values
     comments = [
         *provenance_lines(table, provenance),
         f"linear interpolation between the rows deviates from the model by at most "

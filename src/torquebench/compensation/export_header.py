@@ -66,7 +66,7 @@ def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -
         _function(table.curve, prefix, "torque"),
     ]
     if table.uncertainty_curve is not None:
-        parts.append(_function(table.uncertainty_curve, prefix, "standard_uncertainty"))
+        parts.append(_function(table.uncertainty_curve, prefix, "curve_uncertainty"))
     parts.append(f"#endif /* {guard} */\n")
     return "\n\n".join(parts)
 

@@ -47,7 +47,7 @@ def export_onnx(path: Path, table: CompensationTable, provenance: Provenance) ->
     Notes
     -----
     Inputs: ``reading_nm`` (double, n) and ``branch`` (int64, n; -1, 0, +1). Outputs: ``torque_nm``,
-    ``standard_uncertainty_nm`` where the table has it, and ``in_range`` (bool), which is false for
+    ``curve_uncertainty_nm`` where the table has it, and ``in_range`` (bool), which is false for
     readings outside the accepted range and for those that aren't a number.
     """
     try:
@@ -62,7 +62,7 @@ def export_onnx(path: Path, table: CompensationTable, provenance: Provenance) ->
     graph.shared(table.curve)
     outputs = [graph.curve(table.curve, "torque_nm")]
     if table.uncertainty_curve is not None:
-        outputs.append(graph.curve(table.uncertainty_curve, "standard_uncertainty_nm"))
+        outputs.append(graph.curve(table.uncertainty_curve, "curve_uncertainty_nm"))
     values = [
         helper.make_tensor_value_info("reading_nm", TensorProto.DOUBLE, ["n"]),
         helper.make_tensor_value_info("branch", TensorProto.INT64, ["n"]),

@@ -41,8 +41,9 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
     ]
     if uncertainty is not None:
         lines.append(
-            "standard uncertainty: of the model's curve (k = 1), within "
-            f"{uncertainty.bound:.3g} N m of the model's; a single reading's scatter is not in it"
+            "curve uncertainty: standard uncertainty (k = 1) of the model's curve alone, within "
+            f"{uncertainty.bound:.3g} N m of the model's; scatter, standard, zero, temperature and "
+            "all other parts of U are not in it"
         )
     if "noise_nm" in provenance.metrics:
         lines.append(

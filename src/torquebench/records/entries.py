@@ -136,7 +136,8 @@ class Report:
     valid_nm : tuple of float, optional
         Lowest and highest torque that it covers, in N·m.
     expanded_uncertainty_percent : float, optional
-        k = 2, % of the standard's range.
+        Largest U (k = 2) of the standard, % of its range. One that is certified as a share of the
+        torque has its largest U at full range.
     file : pathlib.Path, optional
         The certificate's file, which is hashed when it is registered.
     """

@@ -37,7 +37,7 @@ def identified_section(
         (
             part.name,
             number(part.percent),
-            number(part.expanded_uncertainty_percent, 2),
+            number(part.u_percent, 2),
             part.measured,
         )
         for effect in effects

@@ -27,6 +27,15 @@ _PROVENANCE = Provenance(
 )
 
 
+def with_faults(table, reading, branch):
+    """The table's torque, at the nearest limit where a reading is outside, and which ones are."""
+    torque = np.empty(reading.size)
+    outside = table.curve.evaluate(reading, branch.astype(np.int8), torque)
+    fault = ~((reading >= table.reading_low_nm) & (reading <= table.reading_high_nm))
+    assert np.count_nonzero(fault) == outside
+    return torque, fault
+
+
 def _model(kind):
     share = np.linspace(0.0, 1.0, 14)
     share = np.concatenate([share, share[::-1], -share, -share[::-1]])
@@ -87,7 +96,7 @@ def test_csv_is_read_back(case, probe, tmp_path):
         error = np.abs(np.interp(reading, rows[:, 0], column) - model.predict(X))
         assert error.max() <= stated * 1.01
         assert stated < 2e-6 * _RANGE
-        deviation = rows[:, names.index(f"standard_uncertainty_{name}_nm")]
+        deviation = rows[:, names.index(f"curve_uncertainty_{name}_nm")]
         expected = model.predict(X, return_std=True)[1]
         read_back = np.interp(reading, rows[:, 0], deviation)
         beside = reading != 0.0  # at 0 itself a model has no direction, a table takes the positive
@@ -115,7 +124,7 @@ int main(void)
     int branch;
     while (scanf("%lf %d", &reading, &branch) == 2) {
         int outside = my_table_torque(reading, branch, &torque);
-        my_table_standard_uncertainty(reading, branch, &deviation);
+        my_table_curve_uncertainty(reading, branch, &deviation);
         printf("%d %.17g %.17g\\n", outside, torque, deviation);
     }
     return 0;
@@ -140,7 +149,7 @@ def test_c_header_is_compiled_and_agrees(case, probe, tmp_path):
         [tmp_path / "main"], input=text, capture_output=True, text=True, check=True
     )
     rows = np.array([line.split() for line in result.stdout.splitlines()], dtype=float)
-    expected, fault = table.torque_with_faults(reading, branch)
+    expected, fault = with_faults(table, reading, branch)
     np.testing.assert_array_equal(rows[:, 0] != 0, fault)
     np.testing.assert_allclose(rows[:, 1], expected, atol=1e-6)
     np.testing.assert_allclose(rows[:, 2], table.standard_uncertainty(reading, branch), atol=1e-6)
@@ -154,10 +163,10 @@ def test_onnx_runs_and_agrees(case, probe, tmp_path):
     reading = np.concatenate([reading, [2500.0, np.nan]])
     branch = np.concatenate([branch, [1, 0]]).astype(np.int64)
     torque, deviation, inside = session.run(
-        ["torque_nm", "standard_uncertainty_nm", "in_range"],
+        ["torque_nm", "curve_uncertainty_nm", "in_range"],
         {"reading_nm": reading, "branch": branch},
     )
-    expected, fault = table.torque_with_faults(reading, branch)
+    expected, fault = with_faults(table, reading, branch)
     assert torque.dtype == np.float64
     np.testing.assert_array_equal(inside, ~fault)
     np.testing.assert_allclose(torque, expected, atol=1e-6)
@@ -183,7 +192,7 @@ def plain():
 def test_table_without_branches_or_uncertainty(plain, tmp_path):
     header = export_table(tmp_path / "7 plain.h", plain, Provenance(100.0)).read_text()
     assert "table_7_plain_torque" in header
-    assert "standard_uncertainty" not in header
+    assert "curve_uncertainty" not in header
     path = export_table(tmp_path / "plain.onnx", plain, Provenance(100.0))
     session = onnxruntime.InferenceSession(path, providers=["CPUExecutionProvider"])
     assert [output.name for output in session.get_outputs()] == ["torque_nm", "in_range"]

@@ -122,8 +122,8 @@ class Reference:
     Parameters
     ----------
     expanded_uncertainty_percent : float
-        k = 2, in % of the range, or of the torque where `of_range` is false; the largest one where
-        it is certified over the torque.
+        Largest U (k = 2), % of the range. Where `of_range` is false it is this share of each
+        torque, where `certified` is given U over the torque.
     performed, due : datetime.date or None
         Day of its calibration, and last day on which it counts; None if it wasn't stated.
     certified : CertifiedUncertainty or None

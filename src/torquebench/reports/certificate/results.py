@@ -11,14 +11,12 @@ from numpy.typing import NDArray
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
     Component,
-    Effect,
     Inertia,
     MeasuredRotation,
     MeasuredTemperature,
     MeasuringChain,
     Readings,
     Shared,
-    Temperature,
 )
 from torquebench.chain import Reference as ReferenceEffect
 from torquebench.compensation import make_model
@@ -270,18 +268,8 @@ class _Compensated:
         reference: Reference,
         resolution_nm: float,
     ) -> None:
-        effects: list[Effect] = [reference_of(reference, data.range_nm, chain)]
-        known = {type(effect) for effect in chain.stored}
-        if data.temperature_c is not None and not known & {Temperature, MeasuredTemperature}:
-            effects.append(
-                Temperature(
-                    "data sheet",
-                    1e-3 * TEMPERATURE_PERCENT_PER_10K * data.range_nm,
-                    1e-3 * TEMPERATURE_PERCENT_PER_10K,
-                    float(np.mean(data.temperature_c)),
-                )
-            )
-        self.torque = chain.with_effects(effects).torque(data.readings())
+        standard = reference_of(reference, data.range_nm, chain)
+        self.torque = chain.with_effects([standard]).torque(data.readings())
         if resolution_nm > 0.0:  # of the indication and of the zero, together
             half_width = resolution_nm / sqrt(2.0)
             self.torque = self.torque.and_also(
