@@ -3,11 +3,14 @@
 import csv
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 import polars as pl
 import pytest
+from numpy.typing import NDArray
 from tests.system.command_line import run
+from tests.unit.chain.test_measuring_chain import EFFECTS_OF_ALL_KINDS
 from tests.unit.chain.test_turning_chains import INERTIA, TURNING, WARMTH
 
 import torquebench as tb
@@ -22,7 +25,18 @@ from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import store_model
 from torquebench.campaign.reducers.uncertainty import Bench, torque_uncertainty
-from torquebench.chain import Inertia, MeasuringChain, Readings, load_chain
+from torquebench.chain import (
+    Component,
+    Effect,
+    Inertia,
+    MeasuringChain,
+    Readings,
+    Rotation,
+    Shared,
+    SwitchedOff,
+    Torque,
+    load_chain,
+)
 from torquebench.cli.measure import _torque as live_torque
 from torquebench.compensation import make_model, save_model
 from torquebench.panel.service.live.hub import LiveHub
@@ -30,6 +44,8 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
 from torquebench.uncertainty import BudgetLine, CertifiedUncertainty
+
+FloatArray = NDArray[np.float64]
 
 RANGE_NM = 2000.0
 READING_NM = 1500.0
@@ -150,13 +166,13 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
         [READING_NM], [READING_NM], [1], [1], RANGE_NM, speed_rpm=[0.0],
         temperature_c=[TEMPERATURE_C], time_s=[0.0], standard_error_nm=[COUNTER_NM],
     )  # fmt: skip
-    checked, expanded, _ = judge_check(
+    checked = judge_check(
         point,
         chain,
         standard=CertifiedUncertainty.of_range(0.0, RANGE_NM),
         tolerance_percent_fs=0.1,
-    )
-    told["check"] = Told(float(checked[0]), float(expanded[0]))
+    ).torque
+    told["check"] = Told(float(checked.value_nm[0]), float(checked.expanded_uncertainty_nm[0]))
     found = verify(point, {"chain": chain}).of("chain")
     assert found.expanded_uncertainty_nm is not None
     worst = found.against_standard.worst_nm
@@ -246,25 +262,74 @@ def test_a_record_gives_the_same_by_command_and_in_python(
         assert (still["torque_nm"] - applied["torque_nm"]).abs().max() > 0.05  # of inertia
 
 
-def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(file: Path) -> None:
-    active, _ = live(load_chain(file))
-    newest = active.window(0.0, 10.0)
-    assert newest is not None
-    steady = newest.torque.at([-1]).steady(0.0, 0.0)
-    size = np.abs(steady.value_nm)
-    nothing, number = np.zeros(1), np.zeros(1, np.int64)
-    recording = RunningRecording(
-        nominal_rpm=nothing, nominal_nm=nothing, speed_rpm={"output": nothing},
+def running(steady: Torque, speed_rpm: FloatArray) -> RunningRecording:
+    nothing, number = np.zeros(len(steady)), np.zeros(len(steady), np.int64)
+    return RunningRecording(
+        nominal_rpm=nothing, nominal_nm=nothing, speed_rpm={"output": speed_rpm},
         torque_nm={"output": steady.value_nm}, standard_error_nm={"output": nothing},
         stated={"output": steady}, zero_uncertainty_nm={"output": 0.0}, true_torque_nm=None,
         direction=number, branch=number, repeat=number, series=number, temperature_c=nothing,
         time_s=nothing, compensated={"output": True}, unsettled=0,
     )  # fmt: skip
-    (known,) = torque_uncertainty(Bench(default_bench(), {}, {}), recording, "output")
-    parts = (
-        known.relative * size[0], known.zero_nm, known.model_nm, known.drag_nm,
-        known.repeatability_nm, steady.component("counter")[0],
-    )  # fmt: skip
-    assert 2.0 * np.linalg.norm(parts) == pytest.approx(
-        steady.expanded_uncertainty_nm[0], rel=1e-12
+
+
+@dataclass(frozen=True)
+class Unheard(Effect):
+    """An effect that no list can contain."""
+
+    title: ClassVar[str] = "unheard"
+    shared: Shared = Shared.CALIBRATION
+
+    def components(self, _readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
+        return (Component("unheard", self.shared, np.full(torque_nm.size, 0.7)),)
+
+
+@pytest.mark.parametrize("unheard", [None, *Shared])
+def test_a_reducer_test_splits_what_the_chain_states_and_loses_nothing(
+    file: Path, unheard: Shared | None
+) -> None:
+    """Also of a chain with effects of all kinds, and with one that no list can contain."""
+    chain = load_chain(file)
+    effects = [each for each in EFFECTS_OF_ALL_KINDS if not isinstance(each, SwitchedOff)]
+    if unheard is not None:
+        effects.append(Unheard("somebody", unheard))
+    chain = MeasuringChain(chain.model, tuple(effects))
+    torque = np.array([-1500.0, -10.0, 10.0, 1500.0])
+    speed = np.array([-5.0, 9.0, -9.0, 5.0])
+    stated = chain.torque(
+        Readings(
+            torque,
+            branch=np.ones(4),
+            time_s=np.array([0.0, 1e-4, 2e-4, 3e-4]),
+            speed_rpm=speed,
+            acceleration_rad_s2=np.array([2.0, -3.0, 4.0, -5.0]),
+            acceleration_uncertainty_rad_s2=0.5,
+            temperature_c=TEMPERATURE_C,
+            zero_temperature_c=TEMPERATURE_C - 1.0,
+        )
+    )
+    names = {each.name for each in stated.components}
+    assert {"inertia", "ripple by angle", "dynamics", "temperature gradient", "creep"} <= names
+    bench = Bench(default_bench(), {}, {})
+    every = torque_uncertainty(bench, running(stated, speed), "output")
+    for row, known in enumerate(every):
+        parts = (
+            known.relative * abs(stated.value_nm[row]), known.zero_nm, known.model_nm,
+            known.speed_nm_per_rpm * abs(speed[row]), known.mounting_nm, known.loading_nm,
+            known.repeatability_nm,
+        )  # fmt: skip
+        assert 2.0 * np.linalg.norm(parts) == pytest.approx(
+            stated.expanded_uncertainty_nm[row], rel=1e-12
+        )
+
+
+def test_a_test_without_compensation_takes_the_limits_of_the_bench() -> None:
+    bench = default_bench()
+    nothing = np.zeros(1)
+    recording = replace(running(Torque(nothing, ()), np.array([900.0])), stated={"output": None})
+    (known,) = torque_uncertainty(Bench(bench, {}, {}), recording, "output")
+    rotation = next(each for each in chain_effects(bench, "output") if isinstance(each, Rotation))
+    assert known.mounting_nm == pytest.approx(rotation.drag_nm / np.sqrt(3.0))
+    assert 900.0 * known.speed_nm_per_rpm == pytest.approx(
+        0.9 * rotation.zero_nm_per_1000rpm / np.sqrt(3.0)
     )

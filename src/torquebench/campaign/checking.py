@@ -14,14 +14,42 @@ from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
 from torquebench.campaign.registering import registered_patiently
-from torquebench.chain import MeasuringChain, load_chain
+from torquebench.chain import Component, MeasuringChain, Shared, Torque, load_chain
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
 from torquebench.uncertainty import CertifiedUncertainty, Decision, Tolerance, Verdict, decide
 
-__all__ = ["CheckResult", "check_module", "finish_check", "judge_check"]
+__all__ = ["CheckResult", "JudgedPoints", "check_module", "finish_check", "judge_check"]
+
+CHECK_STANDARD = "check standard"
+"""Component of U by the standard that points are compared with."""
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedPoints:
+    """Points against a check standard or a verification standard.
+
+    Attributes
+    ----------
+    torque : Torque
+        Compensated, or the reading where no model is in use. Its U contains the standard, as the
+        decisions concern the difference from it.
+    decisions : tuple of Decision
+        One a point, with the guard band w = U.
+    missing : tuple of str
+        Influences that U doesn't contain.
+    """
+
+    torque: Torque
+    decisions: tuple[Decision, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of the decisions."""
+        return Verdict.worst(each.verdict for each in self.decisions)
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,31 +60,32 @@ class CheckResult:
     ----------
     data : CalibrationData
         Its points.
-    torque_nm : float64[n]
-        Compensated torque, or the reading where no model is in use.
-    expanded_uncertainty_nm : float64[n]
-        Of the errors (k = 2): check standard and U of the torque.
-    decisions : tuple of Decision
-        One a point, with the guard band w = U.
-    verdict : Verdict
-        The worst of them.
+    judged : JudgedPoints
+        Torques with U of the chain and the check standard, and the decisions.
     model : ModelEntry or None
         The model in use.
     run_id : str
     """
 
     data: CalibrationData
-    torque_nm: NDArray[np.float64]
-    expanded_uncertainty_nm: NDArray[np.float64]
-    decisions: tuple[Decision, ...]
-    verdict: Verdict
+    judged: JudgedPoints
     model: ModelEntry | None
     run_id: str
 
     @property
     def error_nm(self) -> NDArray[np.float64]:
         """Torque minus standard, N·m."""
-        return self.torque_nm - self.data.standard_nm
+        return self.judged.torque.value_nm - self.data.standard_nm
+
+    @property
+    def expanded_uncertainty_nm(self) -> NDArray[np.float64]:
+        """U (k = 2) of the errors, N·m: of the torque and the check standard."""
+        return self.judged.torque.expanded_uncertainty_nm
+
+    @property
+    def verdict(self) -> Verdict:
+        """The worst of the decisions."""
+        return self.judged.verdict
 
     @property
     def worst_percent_fs(self) -> float:
@@ -69,36 +98,44 @@ def judge_check(
     data: CalibrationData,
     chain: MeasuringChain | None,
     *,
-    standard: CertifiedUncertainty,
+    standard: CertifiedUncertainty | None,
     tolerance_percent_fs: float,
-) -> tuple[NDArray[np.float64], NDArray[np.float64], tuple[Decision, ...]]:
-    """Return compensated torque, expanded uncertainty and a decision for every point.
+) -> JudgedPoints:
+    """Return compensated torque with U and a decision for every point.
 
     Parameters
     ----------
     data : CalibrationData
     chain : MeasuringChain or None
         In use; None judges the reading itself.
-    standard : CertifiedUncertainty
-        Expanded uncertainty (k = 2) of the check standard over the torque.
+    standard : CertifiedUncertainty or None
+        Expanded uncertainty (k = 2) of the check standard over the torque; None if it isn't known.
     tolerance_percent_fs : float
         Largest error allowed, % of the range.
     """
-    own_standard = 0.5 * standard.at(data.standard_nm)
-    if chain is None:
-        torque = data.reading_nm
-        known = data.standard_error_nm
-        own = np.zeros(len(data)) if known is None else known
+    missing = ["temperature and drift of the check standard"]
+    if chain is not None:
+        torque = chain.torque(data.readings())
+        missing = [*chain.missing(), *missing]
     else:
-        compensated = chain.torque(data.readings())
-        torque, own = compensated.value_nm, compensated.standard_uncertainty_nm
-    expanded = 2.0 * np.hypot(own, own_standard)
+        missing = ["uncertainty of the uncompensated reading", *missing]
+        torque = Torque(data.reading_nm, ())
+        if data.standard_error_nm is not None:
+            scatter = Component("scatter", Shared.NOTHING, data.standard_error_nm)
+            torque = torque.and_also(scatter)
+    if standard is None:
+        missing.append("check standard")
+    else:
+        half = 0.5 * standard.at(data.standard_nm)
+        torque = torque.and_also(Component(CHECK_STANDARD, Shared.CALIBRATION, half))
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
     decisions = tuple(
         decide(float(error), float(u), tolerance, full_scale=data.range_nm)
-        for error, u in zip(torque - data.standard_nm, expanded, strict=True)
+        for error, u in zip(
+            torque.value_nm - data.standard_nm, torque.expanded_uncertainty_nm, strict=True
+        )
     )
-    return torque, expanded, decisions
+    return JudgedPoints(torque, decisions, tuple(missing))
 
 
 def check_module(
@@ -169,7 +206,7 @@ def finish_check(
         entry = None if model_id is None else registry.model(int(model_id))
         chain = None if entry is None else load_chain(entry.check_file())
         standard = known["bench"]["verification_standard"]
-        torque, expanded, decisions = judge_check(
+        judged = judge_check(
             data,
             chain,
             standard=stated_uncertainty(standard, data.side, data.range_nm),
@@ -177,10 +214,7 @@ def finish_check(
         )
         result = CheckResult(
             data=data,
-            torque_nm=torque,
-            expanded_uncertainty_nm=expanded,
-            decisions=decisions,
-            verdict=Verdict.worst(each.verdict for each in decisions),
+            judged=judged,
             model=entry,
             run_id=measured.record.run_id,
         )
@@ -201,8 +235,9 @@ def _register(
         "nominal_nm": result.data.nominal_nm,
         "error_nm": result.error_nm,
         "expanded_uncertainty_nm": result.expanded_uncertainty_nm,
-        "verdicts": [each.verdict for each in result.decisions],
-        "decision_rule": result.decisions[0].rule(),
+        "verdicts": [each.verdict for each in result.judged.decisions],
+        "decision_rule": result.judged.decisions[0].rule(),
+        "not_in_u": result.judged.missing,
     }
     folder, serial = RunFolder(measured.record.folder), result.data.transducer_serial
     with registry.writing():

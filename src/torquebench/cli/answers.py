@@ -156,6 +156,7 @@ class Check(TypedDict):
     worst_percent_fs: float
     tolerance_percent_fs: float
     run: str
+    not_in_u: list[str]
 
 
 class Certificate(TypedDict):

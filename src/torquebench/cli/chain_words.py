@@ -7,13 +7,12 @@ from typing import TYPE_CHECKING
 from torquebench.cli.console import say
 
 if TYPE_CHECKING:
-    from torquebench.chain import MeasuringChain
+    from collections.abc import Sequence
 
 __all__ = ["tell_missing"]
 
 
-def tell_missing(chain: MeasuringChain) -> None:
+def tell_missing(missing: Sequence[str]) -> None:
     """List the influences that U doesn't contain, because nothing is recorded of them."""
-    missing = chain.missing()
     if missing:
         say("not in U, because no record exists: " + ", ".join(missing))

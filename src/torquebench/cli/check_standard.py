@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.failure import CHECK_FAILED
@@ -80,7 +81,7 @@ def _report(result: CheckResult, tolerance: float) -> None:
         data.standard_nm,
         result.error_nm,
         result.expanded_uncertainty_nm,
-        result.decisions,
+        result.judged.decisions,
         strict=True,
     ):
         table.add_row(
@@ -104,6 +105,8 @@ def _report(result: CheckResult, tolerance: float) -> None:
         f"[{colour}]{result.verdict.label}[/{colour}]: worst {result.worst_percent_fs:+.3g} % FS, "
         f"tolerance ±{tolerance:g} % FS, guard band w = U"
     )
+    say("U of an error: U of the torque by its measuring chain, and the check standard")
+    tell_missing(result.judged.missing)
     say(f"Run: {result.run_id}")
     answer(
         side=data.side,
@@ -116,6 +119,7 @@ def _report(result: CheckResult, tolerance: float) -> None:
         worst_percent_fs=result.worst_percent_fs,
         tolerance_percent_fs=tolerance,
         run=result.run_id,
+        not_in_u=list(result.judged.missing),
     )
     if not inside:
         raise typer.Exit(CHECK_FAILED)

@@ -183,7 +183,7 @@ def budget(
             found = checked.monte_carlo
             percent = 100.0 * found.coverage_probability
             say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
-    tell_missing(chain)
+    tell_missing(chain.missing())
 
 
 def _print_budget(found: Budget) -> None:

@@ -367,7 +367,7 @@ def apply(
         )
     if unmeasured:
         say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
-    tell_missing(chain)
+    tell_missing(chain.missing())
 
 
 def verify(

@@ -144,7 +144,7 @@ class ZeroDetails(BaseModel):
 
 
 class CheckDetails(BaseModel):
-    """Of "check": each point with its verdict."""
+    """Of "check": each point with its verdict; U contains the check standard."""
 
     side: Side
     tolerance_percent_fs: float
@@ -152,6 +152,7 @@ class CheckDetails(BaseModel):
     error_nm: Numbers
     expanded_uncertainty_nm: Numbers
     verdicts: list[str]
+    not_in_u: list[str]
 
 
 class CertificateDetails(BaseModel):

@@ -390,17 +390,17 @@ def _judged_points(
             "restore them from a backup, or verify again",
         )
     standard = folder.metadata["bench"]["verification_standard"]
-    torque, expanded, decisions = judge_check(
+    judged = judge_check(
         data,
         source.chain,
         standard=stated_uncertainty(standard, data.side, data.range_nm),
         tolerance_percent_fs=tolerance_percent_fs,
     )
     return conformity_of(
-        (torque - data.standard_nm).tolist(),
-        expanded.tolist(),
+        (judged.torque.value_nm - data.standard_nm).tolist(),
+        judged.torque.expanded_uncertainty_nm.tolist(),
         data.standard_nm.tolist(),
-        decisions,
+        judged.decisions,
         tolerance_percent_fs,
         fresh=True,
     )

@@ -33,7 +33,7 @@ from torquebench.reports.certificate import (
     kept_letterhead,
 )
 
-__all__ = ["CHECK_KINDS", "CertificateRequest", "CheckRequest", "ZeroRequest"]
+__all__ = ["CHECK_KINDS", "CertificateOptions", "CertificateRequest", "CheckRequest", "ZeroRequest"]
 
 
 class ZeroRequest(JobRequest):
@@ -51,15 +51,20 @@ class CheckRequest(JobRequest):
     bench_clear: Flag = False
 
 
-class CertificateRequest(JobRequest):
-    """Issue the certificate of a calibration; the caller has signed with the password."""
+class CertificateOptions(JobRequest):
+    """Options of a certificate."""
 
-    calibration_id: Identifier
     languages: Annotated[
         tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
     ] = ("en",)
     tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100.0)] = 0.1
     number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
+
+
+class CertificateRequest(CertificateOptions):
+    """Issue the certificate of a calibration; the caller has signed with the password."""
+
+    calibration_id: Identifier
 
 
 def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
@@ -130,7 +135,8 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
             "standard_nm": found.data.standard_nm,
             "error_nm": found.error_nm,
             "expanded_uncertainty_nm": found.expanded_uncertainty_nm,
-            "verdicts": [each.verdict.value for each in found.decisions],
+            "verdicts": [each.verdict.value for each in found.judged.decisions],
+            "not_in_u": list(found.judged.missing),
         },
     )
 

@@ -22,7 +22,6 @@ from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder
 from torquebench.reports.certificate import run_data
 from torquebench.station import Station
-from torquebench.uncertainty import Verdict
 
 __all__ = [
     "calibration_data",
@@ -164,20 +163,20 @@ def verification_result(
     details: dict[str, Any] = {}
     verdicts = {}
     for name in ("raw", *models):
-        torque, expanded, decisions = judge_check(
+        judged = judge_check(
             data,
             models.get(name),
             standard=standard,
             tolerance_percent_fs=tolerance_percent_fs,
         )
-        verdicts[name] = Verdict.worst(each.verdict for each in decisions)
+        verdicts[name] = judged.verdict
         details[name] = {
             "model_id": None if name == "raw" else int(name.removeprefix("model-")),
             "title": _title(models.get(name)),
             "verdict": verdicts[name].value,
             "result": result.of(name),
-            "error_nm": torque - data.standard_nm,
-            "expanded_uncertainty_nm": expanded,
+            "error_nm": judged.torque.value_nm - data.standard_nm,
+            "expanded_uncertainty_nm": judged.torque.expanded_uncertainty_nm,
         }
     best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
     worst = result.of(best).against_standard
