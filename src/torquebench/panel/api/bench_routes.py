@@ -29,7 +29,6 @@ from torquebench.panel.service import (
     BenchService,
     CompensationState,
     LeaseState,
-    LiveIncrement,
     LiveTrend,
     StopReport,
 )
@@ -120,22 +119,8 @@ def _signals(service: BenchService) -> list[SignalValue]:
 def bench(service: Watched) -> BenchState:
     """Return the bench right now: connection, both sides, every signal's newest number."""
     found = service.snapshot()
-    return BenchState(
-        bench_name=found.bench_name,
-        simulated=found.simulated,
-        connection=found.connection,
-        connection_problem=found.connection_problem,
-        bench_time_s=found.bench_time_s,
-        age_s=found.age_s,
-        sequence=found.sequence,
-        mounted=found.mounted,
-        stopped=found.stopped,
-        alarms=found.alarms,
-        job_id=found.job_id,
-        commanded_by=found.commanded_by,
-        sides=[SideState.model_validate(side) for side in found.sides.values()],
-        signals=_signals(service),
-    )
+    listed = {"sides": list(found.sides.values()), "signals": _signals(service)}
+    return BenchState.model_validate(vars(found) | listed)
 
 
 def _lists(columns: Any) -> dict[str, list[float | None]]:
@@ -150,21 +135,16 @@ def finite_list(values: NDArray[np.float64]) -> list[float | None]:
     return found
 
 
-def live_document(found: LiveIncrement | LiveTrend) -> dict[str, Any]:
+def live_document(found: LiveTrend) -> dict[str, Any]:
     """Return the content of `LiveRows` for fast senders: null if there is no number."""
     return {
         "sequence": found.sequence,
-        "missed": found.missed if isinstance(found, LiveIncrement) else 0,
+        "missed": found.missed,
         "time_s": found.time_s.tolist(),
         "values": _lists(found.values),
         "low": _lists(found.low),
         "high": _lists(found.high),
     }
-
-
-def live_rows(found: LiveIncrement | LiveTrend) -> LiveRows:
-    """Return rows as JSON has them: null if there is no number."""
-    return LiveRows(**live_document(found))
 
 
 @router.get("/live")
@@ -174,7 +154,7 @@ def live(
     signals: SignalNames = None,
 ) -> LiveRows:
     """Return the rows of live signals that are new since a sequence number."""
-    return live_rows(service.live.since(since, signals))
+    return LiveRows(**live_document(service.live.since(since, signals)))
 
 
 @router.get("/trend")
@@ -185,7 +165,7 @@ def trend(
     signals: SignalNames = None,
 ) -> LiveRows:
     """Return the last seconds of live signals, reduced so that no extreme is lost."""
-    return live_rows(service.live.trend(seconds, signals, points))
+    return LiveRows(**live_document(service.live.trend(seconds, signals, points)))
 
 
 # -- command --------------------------------------------------------------------------------

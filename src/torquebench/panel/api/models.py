@@ -8,7 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.panel.service import Client, Role
 from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
-from torquebench.panel.service.fields import WHOLE, Flag, Number
+from torquebench.panel.service.fields import WHOLE, Flag
+from torquebench.panel.service.jobs.checks import CertificateOptions
 
 __all__ = [
     "AbortBody",
@@ -143,15 +144,10 @@ class SignOffBody(Body):
     remark: Text = ""
 
 
-class CertificateBody(Body):
+class CertificateBody(CertificateOptions):
     """A metrologist's signature under a certificate, and the certificate's options."""
 
     password: Secret
-    languages: Annotated[
-        tuple[Literal["en", "de", "zh"], ...], Field(min_length=1, max_length=3)
-    ] = ("en",)
-    tolerance_percent_fs: Annotated[Number, Field(gt=0, le=100)] = 0.1
-    number: Annotated[str, Field(max_length=64, pattern=r"^([A-Za-z0-9][A-Za-z0-9_-]*)?$")] = ""
 
 
 class DocumentBody(Body):

@@ -143,24 +143,13 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
         self.run_method(
             "reset",
             seconds,
-            trend.time_s.tolist(),
-            _lists(trend.low),
-            _lists(trend.high),
-            _lists(trend.values),
+            *_rows(trend),
             clock_offset_s,
         )
 
     def finer(self, start_s: float, stop_s: float, trend: Any) -> None:
         """Send the rows of a held span."""
-        self.run_method(
-            "finer",
-            start_s,
-            stop_s,
-            trend.time_s.tolist(),
-            _lists(trend.low),
-            _lists(trend.high),
-            _lists(trend.values),
-        )
+        self.run_method("finer", start_s, stop_s, *_rows(trend))
 
     def marks(self, markers: Iterable[tuple[float, str]]) -> None:
         """Show markers: bench time in s, and note."""
@@ -184,6 +173,11 @@ class Trend(Element, component="trend.js"):  # type: ignore[call-arg]  # NiceGUI
                 "o": clock_offset_s,
             },
         )
+
+
+def _rows(trend: Any) -> tuple[Any, ...]:
+    """Return times, lowest, highest and mean values as the browser takes them."""
+    return trend.time_s.tolist(), _lists(trend.low), _lists(trend.high), _lists(trend.values)
 
 
 def _lists(columns: Mapping[str, Any]) -> dict[str, list[float]]:

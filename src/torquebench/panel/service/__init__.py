@@ -8,8 +8,8 @@ is signed in, by which session. `actor = service.people.actor(token)` finds it.
 Looking
     - `snapshot()` -> `BenchSnapshot`: both sides, compensation, efficiency, connection, alarms,
       job, who commands. Cheap enough for every repaint.
-    - `live.since(sequence, signals=None)` -> `LiveIncrement`; `live.trend(seconds, signals=None,
-      points=600)` -> `LiveTrend` (lowest and highest kept); `live.latest()`; `SIGNALS`.
+    - `live.since(sequence, signals=None)` and `live.trend(seconds, signals=None, points=600)` ->
+      `LiveTrend` (lowest and highest kept); `live.latest()`; `SIGNALS`.
 
 People (`people`): roles "operator" < "metrologist" < "administrator"
     - `setup_code` (str while there is no administrator, else None), `set_up(code, name, password,

@@ -35,7 +35,6 @@ from .live.hub import (
     STALE_AFTER_S as STALE_AFTER_S,
     LatestValue as LatestValue,
     LiveHub as LiveHub,
-    LiveIncrement as LiveIncrement,
     LiveTrend as LiveTrend,
     LiveWindows as LiveWindows,
     Signal as Signal,

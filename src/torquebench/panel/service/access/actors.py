@@ -5,10 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
+from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.problems import PermissionDeniedError
 
-__all__ = ["ROLES", "Actor", "Role", "allows", "require"]
+__all__ = ["ROLES", "Actor", "Role", "allows", "check_role", "require"]
 
 Role = Literal["operator", "metrologist", "administrator"]
 ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
@@ -55,6 +56,20 @@ def allows(role: Role, wanted: Role) -> bool:
     (True, False)
     """
     return ROLES.index(role) >= ROLES.index(wanted)
+
+
+def check_role(role: str) -> None:
+    """Refuse a role that there isn't.
+
+    Raises
+    ------
+    InputError
+        `role` is none of `ROLES`.
+    """
+    if role not in ROLES:
+        raise InputError(
+            Message("role {role!r}", role[:40]), Message("one of {list}", ", ".join(ROLES))
+        )
 
 
 def require(actor: Actor, role: Role) -> None:

@@ -6,13 +6,13 @@ import re
 import secrets
 import threading
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 from sqlalchemy import Row, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, Role, require
+from torquebench.panel.service.access.actors import Actor, Role, check_role, require
 from torquebench.panel.service.access.sessions import token_sha256
 from torquebench.panel.service.problems import (
     NameTakenError,
@@ -69,11 +69,7 @@ class Clients:
         require(actor, "administrator")
         if not NAME.fullmatch(name):
             raise InputError(Message("client {name!r}", name[:80]), "1 to 64 of A-Z a-z 0-9 . _ -")
-        if role not in get_args(Role):
-            raise InputError(
-                Message("role {role!r}", role[:40]),
-                Message("one of {list}", ", ".join(get_args(Role))),
-            )
+        check_role(role)
         token = PREFIX + secrets.token_urlsafe(32)
         with self._store.transaction() as connection:
             taken = select(clients.c.id).where(clients.c.name == name, clients.c.revoked.is_(None))

@@ -9,13 +9,13 @@ import time
 import unicodedata
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, get_args
+from typing import Any
 
 from sqlalchemy import Row, delete, func, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, Role, require
+from torquebench.panel.service.access.actors import Actor, Role, check_role, require
 from torquebench.panel.service.access.login_throttle import LoginThrottle
 from torquebench.panel.service.access.passwords import check_password_rules, hash_password, matches
 from torquebench.panel.service.access.sessions import Later, Sessions, at_once
@@ -280,7 +280,8 @@ class People:
             self._store.note(actor.label, "let an account try again", name=row.name)
         values: dict[str, Any] = {}
         if role is not None:
-            values["role"] = _checked_role(role)
+            check_role(role)
+            values["role"] = role
         if active is not None:
             values["active"] = active
         if password is not None:
@@ -332,7 +333,7 @@ class People:
                 "2 to 64 letters, digits, spaces, dots and hyphens, beginning with a letter or "
                 "digit",
             )
-        _checked_role(role)
+        check_role(role)
         check_password_rules(name, password)
         hashed = hash_password(password)
         if len(_scripts(name)) > 1:
@@ -412,14 +413,6 @@ def _scripts(name: str) -> set[str]:
     letters = unicodedata.normalize("NFKC", name)
     found = {unicodedata.name(each, "").partition(" ")[0] for each in letters if each.isalpha()}
     return found - EAST_ASIAN
-
-
-def _checked_role(role: str) -> str:
-    if role not in get_args(Role):
-        raise InputError(
-            Message("role {role!r}", role[:40]), Message("one of {list}", ", ".join(get_args(Role)))
-        )
-    return role
 
 
 def _user(row: Row[Any]) -> User:

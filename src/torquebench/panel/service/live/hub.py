@@ -34,7 +34,6 @@ __all__ = [
     "Connection",
     "LatestValue",
     "LiveHub",
-    "LiveIncrement",
     "LiveTrend",
     "LiveWindows",
     "Signal",
@@ -51,6 +50,7 @@ FACTORS = (10, 4)
 1.2 s.
 """
 MAXIMUM_INCREMENT = 1000
+MOST_POINTS = 5000
 WINDOWS_KEPT_S = 120.0
 """How long every single window of the torques is kept for spectra, s."""
 MEANINGFUL_SHARE = 0.02
@@ -102,41 +102,21 @@ _INDEX = {signal.name: place for place, signal in enumerate(SIGNALS)}
 
 
 @dataclass(frozen=True, eq=False)
-class LiveIncrement:
-    """Rows that are new since a sequence number.
-
-    Parameters
-    ----------
-    sequence : int
-        Ask with this one next time.
-    missed : int
-        Rows that were dropped because the watcher was too slow.
-    time_s : float64[n]
-        Bench time of each row's end, s.
-    values : mapping of signal name to float64[n]
-        Means; NaN where there is no number.
-    low, high : mapping of signal name to float64[n]
-        Extremes within each row.
-    """
-
-    sequence: int
-    missed: int
-    time_s: NDArray[np.float64]
-    values: Mapping[str, NDArray[np.float64]]
-    low: Mapping[str, NDArray[np.float64]]
-    high: Mapping[str, NDArray[np.float64]]
-
-
-@dataclass(frozen=True, eq=False)
 class LiveTrend:
-    """A signal's past, reduced so that no extreme is lost.
+    """Rows that are new to a watcher, or signals' past, reduced so that no extreme is lost.
 
     Parameters
     ----------
     sequence : int
         Sequence number for the next call of `LiveHub.since`.
     time_s : float64[n]
-    values, low, high : mapping of signal name to float64[n]
+        Bench time of each row's end, s.
+    values : mapping of signal name to float64[n]
+        Means; NaN where there is no number.
+    low, high : mapping of signal name to float64[n]
+        Extremes within each row.
+    missed : int
+        New rows that were dropped because the watcher was too slow.
     """
 
     sequence: int
@@ -144,6 +124,7 @@ class LiveTrend:
     values: Mapping[str, NDArray[np.float64]]
     low: Mapping[str, NDArray[np.float64]]
     high: Mapping[str, NDArray[np.float64]]
+    missed: int = 0
 
 
 @dataclass(frozen=True)
@@ -359,7 +340,7 @@ class LiveHub:
         with self._lock:
             return self._lock.wait_for(lambda: self._bench_s > time_s, timeout_s)
 
-    def since(self, sequence: int, signals: Sequence[str] | None = None) -> LiveIncrement:
+    def since(self, sequence: int, signals: Sequence[str] | None = None) -> LiveTrend:
         """Return the rows after a sequence number, at most the newest thousand.
 
         Parameters
@@ -374,19 +355,11 @@ class LiveHub:
         InputError
             An unknown signal.
         """
-        places = _places(signals)
         with self._lock:
-            newest = self._memory.levels[0].count
+            newest = self.sequence
             new = newest - min(max(sequence, 0), newest)
             rows = self._memory.levels[0].newest(min(new, MAXIMUM_INCREMENT))
-        return LiveIncrement(
-            newest,
-            new - rows.time_s.size,
-            rows.time_s,
-            {name: rows.mean[place] for name, place in places.items()},
-            {name: rows.low[place] for name, place in places.items()},
-            {name: rows.high[place] for name, place in places.items()},
-        )
+        return _trend(newest, rows, signals, missed=new - rows.time_s.size)
 
     def trend(
         self, seconds: float, signals: Sequence[str] | None = None, points: int = 600
@@ -398,11 +371,9 @@ class LiveHub:
         InputError
             An unknown signal.
         """
-        places = _places(signals)
         with self._lock:
-            sequence = self._memory.levels[0].count
-            rows = self._memory.last_s(min(max(seconds, 0.0), 3600.0))
-        return _trend(sequence, rows, places, points)
+            sequence, rows = self.sequence, self._memory.last_s(min(max(seconds, 0.0), 3600.0))
+        return _trend(sequence, envelope(rows, max(1, min(points, MOST_POINTS))), signals)
 
     def between(
         self, start_s: float, stop_s: float, signals: Sequence[str] | None = None, points: int = 600
@@ -414,11 +385,9 @@ class LiveHub:
         InputError
             An unknown signal.
         """
-        places = _places(signals)
         with self._lock:
-            sequence = self._memory.levels[0].count
-            rows = self._memory.between(start_s, stop_s)
-        return _trend(sequence, rows, places, points)
+            sequence, rows = self.sequence, self._memory.between(start_s, stop_s)
+        return _trend(sequence, envelope(rows, max(1, min(points, MOST_POINTS))), signals)
 
     def windows(self, signal: str, start_s: float, stop_s: float) -> LiveWindows:
         """Return every single window of a torque in a span; two minutes are kept.
@@ -477,14 +446,17 @@ def torque_windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
     return found
 
 
-def _trend(sequence: int, rows: Rows, places: Mapping[str, int], points: int) -> LiveTrend:
-    rows = envelope(rows, max(1, min(points, 5000)))
+def _trend(
+    sequence: int, rows: Rows, signals: Sequence[str] | None, *, missed: int = 0
+) -> LiveTrend:
+    places = _places(signals)
     return LiveTrend(
         sequence,
         rows.time_s,
         {name: rows.mean[place] for name, place in places.items()},
         {name: rows.low[place] for name, place in places.items()},
         {name: rows.high[place] for name, place in places.items()},
+        missed,
     )
 
 

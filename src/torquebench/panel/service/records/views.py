@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date, datetime
 from typing import Any
 
@@ -29,6 +29,12 @@ __all__ = [
 ]
 
 
+def _same_fields(view: Any, entry: object, **own: Any) -> dict[str, Any]:
+    """Return the values of a view's fields: its own, and an entry's of the same names."""
+    names = [each.name for each in fields(view) if each.name not in own]
+    return {name: getattr(entry, name) for name in names} | own
+
+
 @dataclass(frozen=True)
 class RunView:
     """One line of the list of runs; `doubts` lists implausible times."""
@@ -50,21 +56,7 @@ class RunView:
     @classmethod
     def of(cls, run: RunSummary, doubts: tuple[str, ...] = ()) -> RunView:
         """Omit the location of the run's files."""
-        return cls(
-            run_id=run.run_id,
-            kind=run.kind,
-            side=run.side,
-            operator=run.operator,
-            started=run.started,
-            finished=run.finished,
-            status=run.status,
-            reason=run.reason,
-            simulated=run.simulated,
-            profile=run.profile_name,
-            bench=run.bench,
-            software_version=run.software_version,
-            doubts=doubts,
-        )
+        return cls(**_same_fields(cls, run, profile=run.profile_name, doubts=doubts))
 
 
 @dataclass(frozen=True)
@@ -139,19 +131,7 @@ class ModelView:
     @classmethod
     def of(cls, model: ModelEntry, *, active: bool) -> ModelView:
         """Omit the location of the model's file."""
-        return cls(
-            model_id=model.model_id,
-            calibration_id=model.calibration_id,
-            kind=model.kind,
-            side=model.side,
-            transducer_serial=model.transducer_serial,
-            counter_identity=model.counter_identity,
-            range_nm=model.range_nm,
-            created=model.created,
-            simulated=model.simulated,
-            metrics=dict(model.metrics),
-            active=active,
-        )
+        return cls(**_same_fields(cls, model, metrics=dict(model.metrics), active=active))
 
 
 @dataclass(frozen=True)
@@ -176,22 +156,8 @@ class CalibrationView:
     @classmethod
     def of(cls, entry: CalibrationEntry, doubts: tuple[str, ...] = ()) -> CalibrationView:
         """Leave out hashes and files."""
-        return cls(
-            calibration_id=entry.calibration_id,
-            run_id=entry.run_id,
-            transducer_serial=entry.transducer_serial,
-            counter_identity=entry.counter_identity,
-            standard_serial=entry.standard_serial,
-            performed=entry.performed,
-            due=entry.due,
-            measured_by=entry.measured_by,
-            profile=entry.profile_name,
-            points=entry.points,
-            range_nm=entry.range_nm,
-            simulated=entry.simulated,
-            summary=dict(entry.summary),
-            doubts=doubts,
-        )
+        own = {"profile": entry.profile_name, "summary": dict(entry.summary), "doubts": doubts}
+        return cls(**_same_fields(cls, entry, **own))
 
 
 @dataclass(frozen=True)
