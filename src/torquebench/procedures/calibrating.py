@@ -7,19 +7,17 @@ from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from typing import Any, Literal
 
-import bluesky.preprocessors as bpp
 import numpy as np
 
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
-from torquebench.bench.interlocks import standard_serial
 from torquebench.calibration import CalibrationData, Placement, Profile, Step, check_limits
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
-from torquebench.procedures.guarding import guarded, loading_limits
+from torquebench.procedures.guarding import loading_limits
 from torquebench.procedures.resuming import Resumption
-from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
+from torquebench.procedures.setup import Plan, Setup, measured_in
 from torquebench.procedures.staircase import Row, load_staircase
 
 __all__ = ["StaircaseResult", "calibrate", "staircase_metadata", "verify"]
@@ -71,34 +69,56 @@ class _Table:
         return StaircaseResult(data, unsettled, standard_serial, self.placement)
 
     def data(self, devices: BenchDevices, side: Side) -> CalibrationData:
-        transducer = devices.context.description.module(side).transducer
-
-        def column(name: str) -> np.ndarray[Any, Any]:
-            return np.array([row[name] for row in self.rows], dtype=np.float64)
-
-        def optional(name: str) -> np.ndarray[Any, Any] | None:
-            return column(name) if all(name in row for row in self.rows) else None
-
-        return CalibrationData(
-            reading_nm=column("reading_nm"),
-            standard_nm=column("standard_nm"),
-            series=np.array([step.series for step in self.steps]),
-            branch=np.array([step.branch for step in self.steps]),
-            range_nm=_range_nm(devices, side),
-            side=side,
-            transducer_serial=transducer.serial,
-            counter_identity=devices.context.drivers.counter.clock_identity,
-            nominal_nm=np.array([step.target_nm for step in self.steps]),
+        return calibration_of_rows(
+            devices,
+            side,
+            self.rows,
+            series=[step.series for step in self.steps],
+            branch=[step.branch for step in self.steps],
+            nominal_nm=[step.target_nm for step in self.steps],
             position_deg=np.array([step.position_deg for step in self.steps]),
-            speed_rpm=column("speed_rpm"),
-            temperature_c=column("temperature_c"),
-            time_s=column("time_s"),
-            zero_nm=optional("zero_nm"),
-            standard_error_nm=column("reading_standard_error_nm"),
-            true_torque_nm=optional("true_torque_nm"),
-            standard_temperature_c=optional("standard_temperature_c"),
-            measured_on=datetime.now(UTC).date(),
-        ).zeroed_each_series()
+        )
+
+
+def calibration_of_rows(
+    devices: BenchDevices,
+    side: Side,
+    rows: Sequence[Row],
+    *,
+    series: Sequence[int],
+    branch: Sequence[int],
+    nominal_nm: Sequence[float],
+    position_deg: np.ndarray[Any, Any] | None = None,
+) -> CalibrationData:
+    """Return the points of a calibration, measured today, from the fields of its steady values."""
+    module = devices.context.description.module(side)
+
+    def column(name: str) -> np.ndarray[Any, Any]:
+        return np.array([row[name] for row in rows], dtype=np.float64)
+
+    def optional(name: str) -> np.ndarray[Any, Any] | None:
+        return column(name) if all(name in row for row in rows) else None
+
+    return CalibrationData(
+        reading_nm=column("reading_nm"),
+        standard_nm=column("standard_nm"),
+        series=np.array(series),
+        branch=np.array(branch),
+        range_nm=float(module.range_nm),
+        side=side,
+        transducer_serial=module.transducer.serial,
+        counter_identity=devices.context.drivers.counter.clock_identity,
+        nominal_nm=np.array(nominal_nm),
+        position_deg=position_deg,
+        speed_rpm=column("speed_rpm"),
+        temperature_c=column("temperature_c"),
+        time_s=column("time_s"),
+        zero_nm=optional("zero_nm"),
+        standard_error_nm=column("reading_standard_error_nm"),
+        true_torque_nm=optional("true_torque_nm"),
+        standard_temperature_c=optional("standard_temperature_c"),
+        measured_on=datetime.now(UTC).date(),
+    ).zeroed_each_series()
 
 
 def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:
@@ -220,16 +240,11 @@ def _staircase(
             earlier=len(table.rows),
         )
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, setup)
-        metadata["standard_serial"] = standard_serial(devices.context.state)
-        yield from bpp.run_wrapper(load(), md=metadata)
-
     largest_nm = max(abs(step.target_nm) for step in steps)
     if profile.adaptive is not None:  # every round reverses at full scale
         largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    yield from measured_in(setup, devices, load(), metadata, limits)
     if not table.rows:
         raise BenchError("a staircase that recorded no point", "at least one point")
     return table.result(devices, setup.side, str(metadata["standard_serial"]))

@@ -13,11 +13,20 @@ from ophyd_async.core import AsyncStatus
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
-from torquebench.bench.interlocks import check_procedure
+from torquebench.bench.interlocks import check_procedure, standard_serial
+from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.messages import move, read, sleep
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["Plan", "ProcedureGate", "Setup", "other_side", "set_up", "unloaded_after"]
+__all__ = [
+    "Plan",
+    "ProcedureGate",
+    "Setup",
+    "measured_in",
+    "other_side",
+    "set_up",
+    "unloaded_after",
+]
 
 Result = TypeVar("Result")
 Plan = Generator[Msg, Any, Result]
@@ -179,3 +188,33 @@ def unloaded_after(devices: BenchDevices, plan: Callable[[], Plan[Result]]) -> P
     """
     result: Result = yield from bpp.finalize_wrapper(plan(), lambda: power_off(devices))
     return result
+
+
+def measured_in(
+    setup: Setup,
+    devices: BenchDevices,
+    measuring: Plan[None],
+    metadata: dict[str, Any],
+    *limits: StepLimits,
+) -> Plan[None]:
+    """Set the bench up and measure in one run; the bench is without torque afterwards.
+
+    Parameters
+    ----------
+    setup : Setup
+    devices : BenchDevices
+    measuring : Plan
+        What the run records.
+    metadata : dict of str to object
+        Of the start document; gets the serial number of the mounted standard.
+    *limits : StepLimits
+        What the whole procedure needs at most.
+    """
+
+    def in_bench() -> Plan[None]:
+        yield from set_up(devices, setup)
+        if setup.mounting != "reducer":
+            metadata["standard_serial"] = standard_serial(devices.context.state)
+        yield from bpp.run_wrapper(measuring, md=metadata)
+
+    yield from guarded(lambda: unloaded_after(devices, in_bench), *limits)

@@ -5,17 +5,16 @@ from __future__ import annotations
 from collections import deque
 from dataclasses import asdict, dataclass, field
 
-import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
-from torquebench.procedures.guarding import StepLimits, guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep
+from torquebench.procedures.guarding import StepLimits, loading_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import (
+    REDUCER_SETUP,
     ReducerLimits,
     angle_rad,
     run_metadata,
@@ -26,13 +25,11 @@ from torquebench.procedures.reducers.setup import (
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
-    Setup,
+    measured_in,
     other_side,
     power_off,
     power_on,
     set_mode,
-    set_up,
-    unloaded_after,
 )
 from torquebench.procedures.zeroing import zero
 
@@ -199,14 +196,8 @@ def breakaway(
         warm.append((yield from temperature_c(devices)))
         yield from progress(count, count, "done")
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
-    torque = loading_limits(devices, side, largest).torque_nm
-    yield from guarded(
-        lambda: unloaded_after(devices, in_bench), StepLimits(side, torque_nm=torque)
-    )
+    torque = StepLimits(side, torque_nm=loading_limits(devices, side, largest).torque_nm)
+    yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, torque)
     compensated = devices.context.acquisition.compensation(side) is not None
     return BreakawayRecording(side, tuple(finder.found), compensated, float(np.mean(warm)))
 
@@ -273,7 +264,7 @@ class _Finder:
         moved = yield from self._until_motion(sign * largest, rate)
         yield from move(devices.module(self.side).drive.torque, 0.0)
         yield from sleep(REST_S)
-        yield from self._record()
+        yield from take(devices.recorder, devices.point, stream="points")
         yield from power_off(devices)  # its own friction brakes it
         yield from sleep(REST_S)
         if devices.interruptions != before:
@@ -305,11 +296,3 @@ class _Finder:
             if abs(present - start) > enough and abs(present - seen[0]) > 0.2 * enough:
                 return True
         return start is None
-
-    def _record(self) -> Plan[None]:
-        yield Msg("trigger", self.devices.recorder, group="torquebench-recorder")
-        yield Msg("wait", None, group="torquebench-recorder")
-        yield Msg("create", None, name="points")
-        yield Msg("read", self.devices.recorder)
-        yield Msg("read", self.devices.point)
-        yield Msg("save")

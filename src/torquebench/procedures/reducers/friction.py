@@ -6,7 +6,6 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import bluesky.preprocessors as bpp
 import numpy as np
 from numpy.typing import NDArray
 
@@ -14,10 +13,15 @@ from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.errors import InputError, LimitError
 from torquebench.message import Message
-from torquebench.procedures.guarding import guarded, turning_limits
+from torquebench.procedures.guarding import turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
-from torquebench.procedures.reducers.setup import GENTLE_RPM_PER_S, check_speeds, turn_at
-from torquebench.procedures.setup import Plan, Setup, set_up, unloaded_after
+from torquebench.procedures.reducers.setup import (
+    GENTLE_RPM_PER_S,
+    REDUCER_SETUP,
+    check_speeds,
+    turn_at,
+)
+from torquebench.procedures.setup import Plan, measured_in
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
@@ -190,12 +194,9 @@ def friction_sweep(
         "software_version": __version__,
     }
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(_sweep(devices, settings, points, rows), md=metadata)
-
     limits = turning_limits(devices, "input", settings.speeds_rpm[-1])
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    measuring = _sweep(devices, settings, points, rows)
+    yield from measured_in(REDUCER_SETUP, devices, measuring, metadata, limits)
     return _result(points, rows)
 
 

@@ -5,21 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
-from typing import Literal
+from typing import Any
 
-import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
-from torquebench.bench.interlocks import standard_serial
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep, take
 from torquebench.procedures.reducers.setup import (
+    REDUCER_SETUP,
     TURN_RPM,
     ReducerLimits,
     angle_rad,
@@ -32,11 +30,11 @@ from torquebench.procedures.setup import (
     REST_S,
     Plan,
     Setup,
+    measured_in,
     power_off,
     power_on,
     set_mode,
     set_up,
-    unloaded_after,
 )
 from torquebench.procedures.zeroing import measure_zero, zero
 
@@ -205,11 +203,7 @@ def hysteresis_loops(
             temperature.append((yield from temperature_c(devices)))
         yield from progress(total, total, "done")
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
-    yield from unloaded_after(devices, in_bench)
+    yield from measured_in(REDUCER_SETUP, devices, measured(), metadata)
     compensation = devices.context.acquisition.compensation
     sides: tuple[Side, Side] = ("input", "output")
     return LoopRecording(
@@ -327,15 +321,9 @@ class _LoopDriver:
 
 def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
     """End the recorder's present interval and keep it."""
-    recorder = devices.recorder
-    yield Msg("trigger", recorder, group="torquebench-recorder")
-    yield Msg("wait", None, group="torquebench-recorder")
-    yield Msg("create", None, name="points")
-    yield Msg("read", recorder)
-    yield Msg("read", devices.point)
-    yield Msg("save")
-    if recorder.taken is not None:
-        parts.append(recorder.taken)
+    yield from take(devices.recorder, devices.point, stream="points")
+    if devices.recorder.taken is not None:
+        parts.append(devices.recorder.taken)
 
 
 # -- the bench's own twist ------------------------------------------------------------------
@@ -398,22 +386,20 @@ def bench_twist(
     """
     settings = settings or BenchTwistSettings()
     found: dict[Side, SynchronousRecording] = {}
-    metadata = {
+    metadata: dict[str, Any] = {
         "plan_name": "bench_twist",
         "settings": asdict(settings),
         "num_points": len(sides) * settings.cycles,
         "simulated": devices.context.drivers.truth is not None,
         "software_version": __version__,
     }
-    serial = ""
 
     def side_of(side: Side) -> Plan[None]:
         range_nm = devices.context.description.module(side).range_nm
         torque = range_nm if loops_nm is None else min(loops_nm[side], range_nm)
         if settings.torque_share is not None:
             torque = settings.torque_share * range_nm
-        kind: Literal["calibration"] = "calibration"
-        yield from set_up(devices, Setup(kind, side, "calibrator", "locked"))
+        yield from set_up(devices, Setup("calibration", side, "calibrator", "locked"))
         yield from zero(devices, side)
         yield from power_on(devices, side)
         parts: list[SynchronousRecording] = []
@@ -436,16 +422,10 @@ def bench_twist(
             yield from side_of(side)
         yield from progress(len(sides), len(sides), "done")
 
-    def in_bench() -> Plan[None]:
-        nonlocal serial
-        first = sides[0]
-        yield from set_up(devices, Setup("calibration", first, "calibrator", "locked"))
-        serial = standard_serial(devices.context.state)
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
-    yield from unloaded_after(devices, in_bench)
+    setup = Setup("calibration", sides[0], "calibrator", "locked")
+    yield from measured_in(setup, devices, measured(), metadata)
     if set(found) != set(sides):
         raise BenchError(
             "a bench twist without recordings", Message("both of {sides}", ", ".join(sides))
         )
-    return BenchTwistRecording(found, serial)
+    return BenchTwistRecording(found, str(metadata["standard_serial"]))

@@ -6,23 +6,18 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from typing import Any
 
-import bluesky.preprocessors as bpp
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.procedures.guarding import (
-    StepLimits,
-    guarded,
-    loading_limits,
-    turning_limits,
-)
+from torquebench.procedures.guarding import StepLimits, loading_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.reducers.setup import (
+    REDUCER_SETUP,
     TURN_RPM,
     ReducerLimits,
     WarmUp,
@@ -32,14 +27,7 @@ from torquebench.procedures.reducers.setup import (
     turn_output,
     warm_up,
 )
-from torquebench.procedures.setup import (
-    REST_S,
-    Plan,
-    Setup,
-    power_off,
-    set_up,
-    unloaded_after,
-)
+from torquebench.procedures.setup import REST_S, Plan, measured_in, power_off
 from torquebench.reducers.repeatability import errors_of_means
 from torquebench.units import RAD_S_PER_RPM
 
@@ -213,14 +201,10 @@ def no_load_running(
         yield from _start(devices, limits, settings.warm_up)
         yield from _sweeps(devices, settings, table)
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
     speed = turning_limits(
         devices, "input", _fastest(limits, settings.warm_up, settings.sweep.speeds_rpm)
     )
-    yield from guarded(lambda: unloaded_after(devices, in_bench), speed)
+    yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, speed)
     return table.recording()
 
 
@@ -327,18 +311,13 @@ def efficiency_map(
         yield from _start(devices, limits, settings.warm_up)
         yield from _load_grids(devices, limits, settings, table)
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
     speed = turning_limits(
         devices, "input", _fastest(limits, settings.warm_up, settings.speeds_rpm)
     )
     largest_nm = max(settings.torque_shares) * limits.rated_torque_nm
-    torque = loading_limits(devices, "output", largest_nm).torque_nm
-    yield from guarded(
-        lambda: unloaded_after(devices, in_bench), speed, StepLimits("output", torque_nm=torque)
-    )
+    torque_nm = loading_limits(devices, "output", largest_nm).torque_nm
+    torque = StepLimits("output", torque_nm=torque_nm)
+    yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, speed, torque)
     return table.recording()
 
 

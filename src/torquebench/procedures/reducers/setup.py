@@ -17,11 +17,12 @@ from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
-from torquebench.procedures.setup import REST_S, Plan, power_on
+from torquebench.procedures.setup import REST_S, Plan, Setup, power_on
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "GENTLE_RPM_PER_S",
+    "REDUCER_SETUP",
     "TURN_RPM",
     "ReducerLimits",
     "WarmUp",
@@ -35,6 +36,7 @@ __all__ = [
     "warm_up",
 ]
 
+REDUCER_SETUP = Setup("reducer_test", "input", "reducer", "free")
 REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
 """Largest relative deviation of a drive's speed before it counts as saturated."""

@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 
-import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices
@@ -15,9 +13,10 @@ from torquebench.bench.drivers.base import AngleSamples, Side
 from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep
+from torquebench.procedures.guarding import turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import (
+    REDUCER_SETUP,
     TURN_RPM,
     ReducerLimits,
     run_metadata,
@@ -25,14 +24,7 @@ from torquebench.procedures.reducers.setup import (
     temperature_c,
     turn_output,
 )
-from torquebench.procedures.setup import (
-    REST_S,
-    Plan,
-    Setup,
-    power_on,
-    set_up,
-    unloaded_after,
-)
+from torquebench.procedures.setup import REST_S, Plan, measured_in, power_on
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
@@ -173,12 +165,8 @@ def transmission_error(
             temperature.append((yield from temperature_c(devices)))
         yield from progress(len(signs) * chunks, len(signs) * chunks, "done")
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("reducer_test", "input", "reducer", "free"))
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
     limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits_of_speed)
+    yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, limits_of_speed)
     description = devices.context.description
     certificates = encoder_certificates(description, devices.context.drivers.encoder_certificates)
     return TransmissionRecording(
@@ -234,12 +222,7 @@ def _revolution(
             return None
         yield from stamp(devices, series=sign, step=chunk, branch=sign)
         yield from sleep(CHUNK_S)
-        yield Msg("trigger", devices.recorder, group="torquebench-recorder")
-        yield Msg("wait", None, group="torquebench-recorder")
-        yield Msg("create", None, name="points")
-        yield Msg("read", devices.recorder)
-        yield Msg("read", devices.point)
-        yield Msg("save")
+        yield from take(devices.recorder, devices.point, stream="points")
         parts.add(devices.recorder.angles)
     yield from move(devices.input.drive.speed, 0.0)
     yield from sleep(REST_S)

@@ -4,22 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from datetime import UTC, datetime
 from typing import Any
 
-import bluesky.preprocessors as bpp
 import numpy as np
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
-from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.errors import BenchError, LimitError
 from torquebench.message import Message
-from torquebench.procedures.guarding import StepLimits, guarded, loading_limits, turning_limits
+from torquebench.procedures.calibrating import calibration_of_rows
+from torquebench.procedures.guarding import StepLimits, loading_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import check_followed, stamp, turn_at
-from torquebench.procedures.setup import Plan, Setup, power_on, set_up, unloaded_after
+from torquebench.procedures.setup import Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import reach_temperature, run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
@@ -86,18 +84,13 @@ def calibrate_turning(
     }
     setup = Setup("calibration", side, "calibrator", "locked")
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, setup)
-        metadata["standard_serial"] = standard_serial(devices.context.state)
-        body = _loaded(devices, side, profile, todo, table, on_series, wait=wait)
-        yield from bpp.run_wrapper(body, md=metadata)
-
+    measuring = _loaded(devices, side, profile, todo, table, on_series, wait=wait)
     loading = loading_limits(devices, side, largest)
     torque = StepLimits(
         side, torque_nm=loading.torque_nm, torque_rate_nm_per_s=loading.torque_rate_nm_per_s
     )
     limits = turning_limits(devices, side, top)
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits, torque)
+    yield from measured_in(setup, devices, measuring, metadata, limits, torque)
     if not table.rows:
         raise BenchError("a calibration that recorded no point", "at least one point")
     return _data(devices, side, table)
@@ -173,31 +166,11 @@ def _loaded(
 
 
 def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
-    context = devices.context
-
-    def column(name: str) -> np.ndarray[Any, Any]:
-        return np.array([row[name] for row in table.rows], dtype=np.float64)
-
-    def optional(name: str) -> np.ndarray[Any, Any] | None:
-        return column(name) if all(name in row for row in table.rows) else None
-
-    module = context.description.module(side)
-    return CalibrationData(
-        reading_nm=column("reading_nm"),
-        standard_nm=column("standard_nm"),
-        series=np.array([point.series for point in table.points]),
-        branch=np.array([point.branch for point in table.points]),
-        range_nm=module.range_nm,
-        side=side,
-        transducer_serial=module.transducer.serial,
-        counter_identity=context.drivers.counter.clock_identity,
-        nominal_nm=np.array([point.torque_nm for point in table.points]),
-        speed_rpm=column("speed_rpm"),
-        temperature_c=column("temperature_c"),
-        time_s=column("time_s"),
-        zero_nm=column("zero_nm"),
-        standard_error_nm=column("reading_standard_error_nm"),
-        true_torque_nm=optional("true_torque_nm"),
-        standard_temperature_c=optional("standard_temperature_c"),
-        measured_on=datetime.now(UTC).date(),
-    ).zeroed_each_series()
+    return calibration_of_rows(
+        devices,
+        side,
+        table.rows,
+        series=[point.series for point in table.points],
+        branch=[point.branch for point in table.points],
+        nominal_nm=[point.torque_nm for point in table.points],
+    )

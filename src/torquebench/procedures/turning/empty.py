@@ -8,7 +8,6 @@ from typing import Any, ClassVar
 
 import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench import __version__
@@ -18,7 +17,7 @@ from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
+from torquebench.procedures.messages import checkpoint, move, progress, read, sleep, take
 from torquebench.procedures.reducers.setup import (
     angle_rad,
     speed_ramp,
@@ -376,12 +375,7 @@ class _Runner:
                 yield from sleep(min(left_s, LONGEST_PIECE_S))
                 left_s -= LONGEST_PIECE_S
             after = yield from self._temperature()
-            yield Msg("trigger", self.devices.recorder, group="torquebench-recorder")
-            yield Msg("wait", None, group="torquebench-recorder")
-            yield Msg("create", None, name="points")
-            yield Msg("read", self.devices.recorder)
-            yield Msg("read", self.devices.point)
-            yield Msg("save")
+            yield from take(self.devices.recorder, self.devices.point, stream="points")
             found = self.devices.recorder.modules.get(self.side)
             if found is not None:  # a rehearsal records nothing
                 kept.append((found, before, after))

@@ -7,29 +7,19 @@ from dataclasses import dataclass
 from math import pi
 from typing import ClassVar
 
-import bluesky.preprocessors as bpp
 import numpy as np
-from bluesky.utils import Msg
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.ramp import RampTo
 from torquebench.bench.devices.recorder import FastRecording
-from torquebench.bench.interlocks import standard_serial
 from torquebench.bench.roles import Side
 from torquebench.errors import LimitError
 from torquebench.message import Message
-from torquebench.procedures.guarding import guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep
+from torquebench.procedures.guarding import loading_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import stamp
-from torquebench.procedures.setup import (
-    REST_S,
-    Plan,
-    Setup,
-    power_on,
-    set_up,
-    unloaded_after,
-)
+from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import SeriesTable, run_metadata
 from torquebench.procedures.turning.profile import TorqueLeg, TurningProfile
 from torquebench.procedures.zeroing import zero
@@ -162,13 +152,9 @@ def step_torques(
                 on_series(table)
         yield from progress(total, total, "done")
 
-    def in_bench() -> Plan[None]:
-        yield from set_up(devices, Setup("calibration", side, "calibrator", "locked"))
-        metadata["standard_serial"] = standard_serial(devices.context.state)
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
+    setup = Setup("calibration", side, "calibrator", "locked")
     limits = loading_limits(devices, side, largest)
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    yield from measured_in(setup, devices, measured(), metadata, limits)
     return table
 
 
@@ -218,11 +204,6 @@ class _Stepper:
 
     def _take(self, kept: list[_Stretch], leg: TorqueLeg) -> Plan[None]:
         recorder = self.devices.recorder
-        yield Msg("trigger", recorder, group="torquebench-recorder")
-        yield Msg("wait", None, group="torquebench-recorder")
-        yield Msg("create", None, name="points")
-        yield Msg("read", recorder)
-        yield Msg("read", self.devices.point)
-        yield Msg("save")
+        yield from take(recorder, self.devices.point, stream="points")
         if recorder.fast is not None:  # a rehearsal records nothing
             kept.append((recorder.fast, leg.period_s))
