@@ -11,10 +11,6 @@ from .angle_windows import (
     AngleCounter as AngleCounter,
     AngleSamples as AngleSamples,
 )
-from .channels import (
-    SynchronousSamples as SynchronousSamples,
-    synchronous as synchronous,
-)
 from .counters import (
     FrequencyCounter as FrequencyCounter,
     gated as gated,
@@ -65,7 +61,6 @@ from .samples import (
 )
 from .scale import (
     FrequencyScale as FrequencyScale,
-    TimebaseEffect as TimebaseEffect,
 )
 from .sigrok import (
     LogicRecording as LogicRecording,
@@ -79,5 +74,4 @@ from .windows import (
     CounterMethod as CounterMethod,
     WindowCounter as WindowCounter,
     count_windows as count_windows,
-    windows_of_angle as windows_of_angle,
 )

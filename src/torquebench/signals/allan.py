@@ -34,11 +34,6 @@ class AllanDeviation:
     deviation: NDArray[np.float64]
     independent: NDArray[np.int64]
 
-    @property
-    def best_averaging_s(self) -> float:
-        """Averaging time of the least deviation, in seconds."""
-        return float(self.averaging_s[int(np.argmin(self.deviation))])
-
 
 def allan_deviation(value: ArrayLike, interval_s: float) -> AllanDeviation:
     """Overlapping Allan deviation of evenly sampled frequency or torque.

@@ -56,7 +56,7 @@ def resample_in_angle(
     Parameters
     ----------
     time_s, value : array_like, shape (n,)
-        The value, at increasing times in seconds, synchronous with the angle (`synchronous`).
+        The value, at increasing times in seconds, synchronous with the angle.
     angle_time_s, angle_rad : array_like, shape (m,)
         The angle in rad, unwrapped, at increasing times; it must turn in one direction.
     samples_per_revolution : int

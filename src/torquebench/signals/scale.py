@@ -10,15 +10,7 @@ from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 from torquebench.signals.samples import FrequencySamples, TorqueSamples
 
-__all__ = ["FrequencyScale", "TimebaseEffect"]
-
-
-@dataclass(frozen=True, slots=True)
-class TimebaseEffect:
-    """Effect of a timebase error on a torque reading whose zero wasn't measured by that clock."""
-
-    zero_shift_nm: float
-    gain_error: float
+__all__ = ["FrequencyScale"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +58,6 @@ class FrequencyScale:
     array([ 1000., -1000.])
     >>> scale.with_zero(60_015.0).torque(60_015.0)
     array(0.)
-    >>> scale.timebase_effect(1e-6)
-    TimebaseEffect(zero_shift_nm=0.004, gain_error=1e-06)
     """
 
     nominal_torque_nm: float
@@ -200,19 +190,6 @@ class FrequencyScale:
             fault=checked.fault,
             torque_nm=deviation / sensitivity,
             standard_uncertainty_nm=checked.standard_uncertainty_hz / sensitivity,
-        )
-
-    def timebase_effect(self, relative_error: float) -> TimebaseEffect:
-        """Zero shift and gain error that a timebase error δ causes without a measured zero.
-
-        Parameters
-        ----------
-        relative_error : float
-            δ: the counter shows f·(1 + δ).
-        """
-        return TimebaseEffect(
-            zero_shift_nm=relative_error * self.nominal_zero_hz / self.sensitivity_cw_hz_per_nm,
-            gain_error=relative_error,
         )
 
     def _inside(self, frequency: NDArray[np.float64]) -> NDArray[np.bool_]:

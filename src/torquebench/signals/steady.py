@@ -75,11 +75,6 @@ class SteadyValue:
         """Drift over the window, in the samples' unit."""
         return abs(self.drift_per_s) * (self.stop_s - self.start_s)
 
-    @property
-    def drift_standard_error(self) -> float:
-        """Standard error of the drift over the window, in the samples' unit."""
-        return self.drift_standard_error_per_s * (self.stop_s - self.start_s)
-
 
 def steady_value(
     time_s: ArrayLike,

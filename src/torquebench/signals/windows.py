@@ -1,4 +1,4 @@
-"""Counters over any windows of a train of edges: fixed, sliding or synchronous with an angle."""
+"""Counters over any windows of a train of edges."""
 
 from collections.abc import Sequence
 from typing import Literal
@@ -14,7 +14,7 @@ from torquebench.signals.faults import SignalFaultKind
 from torquebench.signals.pulse_train import Irregularities, irregularities
 from torquebench.signals.samples import FrequencySamples
 
-__all__ = ["CounterMethod", "WindowCounter", "count_windows", "windows_of_angle"]
+__all__ = ["CounterMethod", "WindowCounter", "count_windows"]
 
 CounterMethod = Literal["gated", "reciprocal", "regression", "triangular"]
 Ticks = NDArray[np.int64]
@@ -243,34 +243,6 @@ def count_windows(
     samples = counter.room(first.size)
     counter.fill(samples, slice(0, first.size), trains, first, last)
     return samples
-
-
-def windows_of_angle(mark_ticks: ArrayLike, marks_per_window: int) -> tuple[Ticks, Ticks]:
-    """Windows that are synchronous with an angle: each spans so many marks of an encoder.
-
-    Parameters
-    ----------
-    mark_ticks : array_like of int, shape (n,)
-        Edges of the encoder's channel on the same timebase.
-    marks_per_window : int
-        Marks (encoder periods) in a window.
-
-    Returns
-    -------
-    starts, stops : int64 arrays
-        For `count_windows`. Marks after the last whole window are ignored.
-
-    Examples
-    --------
-    >>> windows_of_angle([0, 10, 20, 30, 40, 50], 2)
-    (array([ 0, 20]), array([20, 40]))
-    """
-    if marks_per_window < 1:
-        raise InputError(
-            Message("{marks_per_window} marks per window", marks_per_window), "1 or more"
-        )
-    borders = as_ticks(mark_ticks, "mark_ticks")[::marks_per_window]
-    return borders[:-1].copy(), borders[1:].copy()
 
 
 def _inspected(ticks: Ticks, start: int, stop: int) -> Irregularities:

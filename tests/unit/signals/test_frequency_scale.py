@@ -78,12 +78,6 @@ def test_samples_become_torque_with_uncertainty_and_faults(pulse_train):
         torque.raise_on_fault("output_torque")
 
 
-def test_a_timebase_error_shifts_the_zero_by_twice_its_size_of_full_scale():
-    effect = SCALE.timebase_effect(1e-6)
-    assert effect.zero_shift_nm / 2000.0 == pytest.approx(2e-6)
-    assert effect.gain_error == 1e-6
-
-
 @pytest.mark.parametrize(
     "change",
     [
