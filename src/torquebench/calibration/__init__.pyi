@@ -82,7 +82,6 @@ from .series import (
 from .steps import (
     Step as Step,
     check_limits as check_limits,
-    total_duration_s as total_duration_s,
 )
 from .verification import (
     RAW as RAW,

@@ -6,7 +6,7 @@ public; they were not checked against the licensed texts, and nothing here claim
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal, Self
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -47,31 +47,6 @@ class LoadingSeries:
     increasing: NDArray[np.float64]
     decreasing: NDArray[np.float64] | None = None
     zero_return: float | None = None
-
-    @classmethod
-    def from_indications(
-        cls,
-        position_deg: float,
-        zero: float,
-        increasing: ArrayLike,
-        decreasing: ArrayLike | None = None,
-        final_zero: float | None = None,
-    ) -> Self:
-        """Return a series from indications, subtracting the zero that it began with.
-
-        Examples
-        --------
-        >>> series = LoadingSeries.from_indications(0.0, 60000.0, [66001.5, 72002.5])
-        >>> series.increasing.tolist()
-        [6001.5, 12002.5]
-        """
-        falling = None if decreasing is None else np.asarray(decreasing, dtype=np.float64) - zero
-        return cls(
-            position_deg=position_deg,
-            increasing=np.asarray(increasing, dtype=np.float64) - zero,
-            decreasing=falling,
-            zero_return=None if final_zero is None else final_zero - zero,
-        )
 
 
 @dataclass(frozen=True, eq=False)

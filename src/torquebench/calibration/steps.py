@@ -1,6 +1,5 @@
-"""One step of a loading sequence, and properties of the sequence before it runs."""
+"""One step of a loading sequence, and its limits, checked before it runs."""
 
-import itertools
 from collections.abc import Sequence
 from typing import Literal
 
@@ -9,7 +8,7 @@ from pydantic import BaseModel, ConfigDict
 from torquebench.errors import LimitError
 from torquebench.message import Message
 
-__all__ = ["Step", "check_limits", "total_duration_s"]
+__all__ = ["Step", "check_limits"]
 
 
 class Step(BaseModel):
@@ -54,30 +53,6 @@ class Step(BaseModel):
     def recorded(self) -> bool:
         """Whether the step gives a point of the calibration table."""
         return self.kind == "point"
-
-
-def total_duration_s(steps: Sequence[Step], ramp_nm_per_s: float | None = None) -> float:
-    """Return the duration of a sequence in s, without additional settling.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        The sequence, starting unloaded.
-    ramp_nm_per_s : float, optional
-        Torque ramp between steps in N·m/s; without it, steps follow each other at once.
-
-    Examples
-    --------
-    >>> step = Step(kind="point", series=1, index=0, target_nm=10.0, branch=1, duration_s=0.5)
-    >>> total_duration_s([step], ramp_nm_per_s=20.0)
-    1.0
-    """
-    held = sum(step.duration_s for step in steps)
-    if ramp_nm_per_s is None:
-        return held
-    torques = [0.0, *(step.target_nm for step in steps)]
-    travel = sum(abs(after - before) for before, after in itertools.pairwise(torques))
-    return held + travel / ramp_nm_per_s
 
 
 def check_limits(steps: Sequence[Step], limit_nm: float) -> None:

@@ -169,9 +169,6 @@ class PhysicsModel(CompensationModel):
     def _minimum_points(self) -> int:
         return 8
 
-    def _minimum_distinct(self) -> int:
-        return 3
-
     def _fit(
         self,
         X: FloatArray,

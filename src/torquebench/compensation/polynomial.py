@@ -273,8 +273,3 @@ class PolynomialModel(CompensationModel):
 
     def _pick(self, reading: FloatArray, values: list[FloatArray]) -> FloatArray:
         return values[0] if len(values) == 1 else np.where(reading < 0.0, values[0], values[1])
-
-    @property
-    def coefficients_nm(self) -> list[FloatArray]:
-        """Coefficients of 1, T, T², ... of the compensated torque, for each polynomial."""
-        return [polynomial.monomials() for polynomial in self.polynomials_]

@@ -125,40 +125,6 @@ class CompensationTable:
             )
         return result
 
-    def torque_with_faults(
-        self, reading_nm: ArrayLike, branch: ArrayLike | None = None
-    ) -> tuple[FloatArray, NDArray[np.bool_]]:
-        """Compensate live readings, marking those outside the calibrated range.
-
-        Parameters
-        ----------
-        reading_nm, branch
-            As for `torque`.
-
-        Returns
-        -------
-        torque_nm : float64 array of shape (n,)
-            A reading outside gets the additional torque of the nearest limit, so that an overload
-            keeps its size for the limit supervision.
-        fault : bool array of shape (n,)
-            True where the reading is outside the range or not a number.
-
-        Examples
-        --------
-        >>> from torquebench.compensation import features, make_model
-        >>> reading = np.linspace(-100.0, 100.0, 21)
-        >>> model = make_model("polynomial").fit(features(reading), 1.01 * reading)
-        >>> torque, fault = compile_table(model).torque_with_faults([50.0, 150.0])
-        >>> torque.round(6).tolist(), fault.tolist()
-        ([50.5, 151.02], [False, True])
-        """
-        reading, signs = _reading(reading_nm), _branch(branch)
-        result = np.empty_like(reading)
-        _require_same_shape(reading, signs, result)
-        if self.curve.evaluate(reading, signs, result):
-            return result, ~self._inside(reading)
-        return result, np.zeros(reading.shape, dtype=np.bool_)
-
     def standard_uncertainty(
         self, reading_nm: ArrayLike, branch: ArrayLike | None = None
     ) -> FloatArray:

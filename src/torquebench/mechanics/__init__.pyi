@@ -24,12 +24,10 @@ from .saint_venant import (
     section_torsion as section_torsion,
 )
 from .sections import (
-    circle_twist_per_length as circle_twist_per_length,
     equal_area_twist_ratio as equal_area_twist_ratio,
     hollow_circle_gain as hollow_circle_gain,
     rectangle_torsion_constant as rectangle_torsion_constant,
     rectangle_torsion_factor as rectangle_torsion_factor,
-    rectangle_twist_per_length as rectangle_twist_per_length,
 )
 from .shaft import (
     polar_moment as polar_moment,

@@ -10,12 +10,10 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 
 __all__ = [
-    "circle_twist_per_length",
     "equal_area_twist_ratio",
     "hollow_circle_gain",
     "rectangle_torsion_constant",
     "rectangle_torsion_factor",
-    "rectangle_twist_per_length",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -95,73 +93,6 @@ def rectangle_torsion_constant(longer_m: ArrayLike, shorter_m: ArrayLike) -> Flo
     """
     longer, shorter = _positive("longer side (m)", longer_m), _positive("shorter side", shorter_m)
     return np.asarray(rectangle_torsion_factor(longer / shorter) * longer * shorter**3)
-
-
-def rectangle_twist_per_length(
-    torque_nm: ArrayLike, longer_m: ArrayLike, shorter_m: ArrayLike, shear_modulus_pa: ArrayLike
-) -> FloatArray:
-    """Twist per length θ = M / (β_s G a b³) of a solid rectangle.
-
-    Parameters
-    ----------
-    torque_nm : array_like
-        Torque, N·m.
-    longer_m, shorter_m : array_like
-        Sides a ≥ b in metres.
-    shear_modulus_pa : array_like
-        G in pascal.
-
-    Returns
-    -------
-    float64[...]
-        Twist in rad/m.
-
-    Raises
-    ------
-    InputError
-        If a side or the modulus isn't positive, or a < b.
-
-    Examples
-    --------
-    >>> float(rectangle_twist_per_length(100.0, 0.05, 0.05, 79e9).round(6))
-    0.001441
-    """
-    modulus = _positive("shear modulus (Pa)", shear_modulus_pa)
-    constant = rectangle_torsion_constant(longer_m, shorter_m)
-    return np.asarray(np.asarray(torque_nm, dtype=np.float64) / (constant * modulus))
-
-
-def circle_twist_per_length(
-    torque_nm: ArrayLike, radius_m: ArrayLike, shear_modulus_pa: ArrayLike
-) -> FloatArray:
-    """Twist per length θ = 2 M / (π G r⁴) of a solid circle.
-
-    Parameters
-    ----------
-    torque_nm : array_like
-        Torque, N·m.
-    radius_m, shear_modulus_pa : array_like
-        Radius in metres and G in pascal.
-
-    Returns
-    -------
-    float64[...]
-        Twist in rad/m.
-
-    Raises
-    ------
-    InputError
-        If the radius or the modulus isn't positive.
-
-    Examples
-    --------
-    >>> float(circle_twist_per_length(100.0, 0.05 / 3.141592653589793**0.5, 79e9).round(6))
-    0.001273
-    """
-    radius = _positive("radius (m)", radius_m)
-    modulus = _positive("shear modulus (Pa)", shear_modulus_pa)
-    torque = np.asarray(torque_nm, dtype=np.float64)
-    return np.asarray(2.0 * torque / (np.pi * modulus * radius**4))
 
 
 def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:

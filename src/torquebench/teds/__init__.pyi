@@ -1,6 +1,5 @@
 from .curve import (
     CurveFit as CurveFit,
-    curve_torque as curve_torque,
     fit_curve as fit_curve,
     torque_span as torque_span,
 )

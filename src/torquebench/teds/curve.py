@@ -12,13 +12,13 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.teds.bits import Constant, Single
-from torquebench.teds.templates import BRIDGE, CALIBRATION_CURVE, TEMPLATES, TORQUE, Array, Field
+from torquebench.teds.templates import CALIBRATION_CURVE, TEMPLATES, TORQUE, Array, Field
 
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
-    from torquebench.teds.sheet import Section, Sheet
+    from torquebench.teds.sheet import Section
 
-__all__ = ["CurveFit", "curve_torque", "fit_curve", "torque_span"]
+__all__ = ["CurveFit", "fit_curve", "torque_span"]
 
 FloatArray = NDArray[np.float64]
 
@@ -191,37 +191,6 @@ def _evaluate(
         for term in piece["terms"]:
             percent[here] += term["coefficient"] * share[here] ** term["power"]
     return np.asarray(span[0] + (span[1] - span[0]) * percent / 100.0)
-
-
-def curve_torque(sheet: Sheet, electrical: FloatArray) -> FloatArray:
-    """Return the torque of electrical values by a sheet alone, as an amplifier does.
-
-    Parameters
-    ----------
-    sheet : Sheet
-        With a bridge template in N·m and a calibration curve of the electrical value.
-    electrical : float64 array of shape (n,)
-        In V/V.
-
-    Returns
-    -------
-    torque_nm : float64 array of shape (n,)
-
-    Raises
-    ------
-    InputError
-        When the sheet lacks one of them.
-    """
-    bridge, curve = sheet.section(BRIDGE), sheet.section(CALIBRATION_CURVE)
-    if bridge is None or curve is None or curve.values["domain"] != "electrical":
-        raise InputError(
-            "a sheet without bridge template or calibration curve of the electrical value",
-            "both",
-            "write it with `torquebench teds write --model`",
-        )
-    low, high = bridge.values["min_electrical"], bridge.values["max_electrical"]
-    share = (np.asarray(electrical, dtype=np.float64) - low) / (high - low)
-    return _evaluate(curve.values["segments"], share, torque_span(bridge))
 
 
 def torque_span(bridge: Section) -> tuple[float, float]:

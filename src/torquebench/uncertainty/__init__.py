@@ -33,6 +33,7 @@ from torquebench.uncertainty.monte_carlo import (
 from torquebench.uncertainty.propagation import propagate
 from torquebench.uncertainty.quantity import Quantity
 from torquebench.uncertainty.sensitivity import sensitivities
+from torquebench.uncertainty.shared import Shared
 from torquebench.uncertainty.stating import rounded, stated
 
 __all__ = [
@@ -45,6 +46,7 @@ __all__ = [
     "LineFit",
     "MonteCarloResult",
     "Quantity",
+    "Shared",
     "Tolerance",
     "Validation",
     "Verdict",

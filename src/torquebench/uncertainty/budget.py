@@ -10,6 +10,7 @@ from scipy import special
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty.distributions import Distribution
+from torquebench.uncertainty.shared import Shared
 
 __all__ = [
     "COVERAGE_PROBABILITY",
@@ -120,6 +121,8 @@ class BudgetLine:
     share : float
         The quantity's part of the result's variance, correlations counted half to each partner;
         all shares add up to 1 (one can be negative where correlations are).
+    shared : Shared
+        What another result must have in common with this one to have the same error.
     """
 
     name: str
@@ -131,6 +134,12 @@ class BudgetLine:
     sensitivity: float
     contribution: float
     share: float
+    shared: Shared = Shared.NOTHING
+
+    @property
+    def common(self) -> bool:
+        """Whether another result may have the same error."""
+        return self.shared is not Shared.NOTHING
 
 
 @dataclass(frozen=True)

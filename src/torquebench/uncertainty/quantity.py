@@ -1,10 +1,7 @@
 """One input quantity of a measurement: its value and its uncertainty."""
 
 from dataclasses import dataclass
-from math import inf, isfinite, isnan, sqrt
-
-import numpy as np
-from numpy.typing import ArrayLike
+from math import inf, isfinite, isnan
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -42,8 +39,6 @@ class Quantity:
     --------
     >>> Quantity.rectangular("resolution", 0.0, half_width=0.5, unit="N·m").standard_uncertainty
     0.288675134594812...
-    >>> Quantity.from_readings("zero", [1.0, 2.0, 3.0]).degrees_of_freedom
-    2.0
     """
 
     name: str
@@ -146,27 +141,4 @@ class Quantity:
             )
         return cls(
             name, value, expanded_uncertainty / coverage_factor, degrees_of_freedom, unit=unit
-        )
-
-    @classmethod
-    def from_readings(cls, name: str, readings: ArrayLike, unit: str = "") -> "Quantity":
-        """Mean of repeated readings with its type A uncertainty s/√n and n − 1 degrees of freedom.
-
-        Raises
-        ------
-        InputError
-            With fewer than two readings or a reading that is not finite.
-        """
-        values = np.asarray(readings, dtype=np.float64).ravel()
-        if values.size < 2:
-            raise InputError(Message("{size} readings of {name}", values.size, name), "at least 2")
-        if not np.all(np.isfinite(values)):
-            raise InputError(Message("a reading of {name} is not finite", name), "finite readings")
-        deviation = float(np.std(values, ddof=1))
-        return cls(
-            name,
-            float(np.mean(values)),
-            deviation / sqrt(values.size),
-            float(values.size - 1),
-            unit=unit,
         )

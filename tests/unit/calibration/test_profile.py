@@ -8,7 +8,6 @@ from torquebench.calibration import (
     available_profiles,
     check_limits,
     load_profile,
-    total_duration_s,
 )
 from torquebench.errors import InputError, LimitError
 
@@ -170,12 +169,6 @@ def test_random_points_need_a_generator():
 def test_a_range_must_be_above_zero(range_nm):
     with pytest.raises(InputError, match="range"):
         load_profile("rapid-in-situ").staircase(range_nm)
-
-
-def test_duration_counts_ramps_where_they_are_known():
-    steps = Profile.from_toml(SMALLEST, "own.toml").staircase(100.0)
-    assert total_duration_s(steps) == pytest.approx(1.0 + 4 * 1.0)
-    assert total_duration_s(steps, ramp_nm_per_s=50.0) == pytest.approx(5.0 + 4.0)
 
 
 def test_steps_beyond_the_limit_are_named_before_anything_moves():

@@ -54,7 +54,7 @@ def test_fit_and_variance_are_those_of_least_squares(
 def test_coefficients_are_those_of_equation_15() -> None:
     standard = READING + (2.0 + 1e-3 * READING + 1e-6 * READING**2)
     model = PolynomialModel(degree=2).fit(READING[:, None], standard)
-    np.testing.assert_allclose(model.coefficients_nm[0], [2.0, 1.001, 1e-6], rtol=1e-11)
+    np.testing.assert_allclose(model.polynomials_[0].monomials(), [2.0, 1.001, 1e-6], rtol=1e-11)
     assert model.noise_nm_ < 1e-11
 
 

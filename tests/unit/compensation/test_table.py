@@ -256,14 +256,14 @@ def test_readings_outside_are_counted_and_named(simple_table):
         simple_table.at(float("nan"))
 
 
-def test_live_path_marks_instead(simple_table):
-    torque, fault = simple_table.torque_with_faults([0.0, 3000.0, np.nan, -3000.0])
-    assert fault.tolist() == [False, True, True, True]
+def test_live_path_counts_instead(simple_table):
+    torque = np.array([0.0, 3000.0, np.nan, -3000.0])
+    assert simple_table.curve.evaluate(torque, None, torque) == 3
     # an overload keeps its size
     assert torque[1] == pytest.approx(3000.0, rel=0.02)
     assert torque[3] == pytest.approx(-3000.0, rel=0.02)
     assert np.isnan(torque[2])
-    assert not simple_table.torque_with_faults([1.0, 2.0])[1].any()
+    assert simple_table.curve.evaluate(np.array([1.0, 2.0]), None, np.empty(2)) == 0
 
 
 def test_empty_input(simple_table):

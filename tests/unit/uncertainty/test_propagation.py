@@ -217,8 +217,6 @@ def test_zero_uncertainty_everywhere():
         (lambda: Quantity("a", np.nan, 1.0), "finite value"),
         (lambda: Quantity("a", 1.0, -1.0), "0 or more"),
         (lambda: Quantity("a", 1.0, 1.0, 0.0), "above 0"),
-        (lambda: Quantity.from_readings("a", [1.0]), "at least 2"),
-        (lambda: Quantity.from_readings("a", [1.0, np.inf]), "not finite"),
         (lambda: Quantity.from_certificate("a", 1.0, 0.1, 0.0), "coverage factor"),
     ],
 )
@@ -227,8 +225,5 @@ def test_bad_input_is_named(call, message):
         call()
 
 
-def test_certificate_and_readings_become_quantities():
+def test_a_certificate_becomes_a_quantity():
     assert Quantity.from_certificate("ref", 1.0, 0.4).standard_uncertainty == 0.2
-    readings = Quantity.from_readings("zero", [0.1, 0.2, 0.3, 0.2])
-    assert readings.value == pytest.approx(0.2)
-    assert readings.standard_uncertainty == pytest.approx(np.std([1, 2, 3, 2], ddof=1) / 20)
