@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.calibration.data import CalibrationData
 from torquebench.chain import Readings, Torque
+from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -347,6 +348,7 @@ class _Places:
         in length or order fall into cells of range and speed.
         """
         speed = np.zeros(len(data)) if data.speed_rpm is None else data.speed_rpm
+        speed = np.where(np.abs(speed) > STANDSTILL_RPM, speed, 0.0)
         top_rpm = float(np.max(np.abs(speed))) or 1.0
         groups = [np.flatnonzero(data.series == number) for number in np.unique(data.series)]
         size = groups[0].size

@@ -174,3 +174,14 @@ def test_the_largest_uncertainty_of_the_chain_is_stated():
     result = verify(groups(), {"shift": Shift(1.0)})
     assert result.of("shift").expanded_uncertainty_nm == pytest.approx(0.2)
     assert result.of("raw").expanded_uncertainty_nm is None
+
+
+def test_the_noise_of_a_standing_encoder_does_not_part_the_groups() -> None:
+    torque = np.tile(np.linspace(100.0, 2000.0, 12), 3)
+    noise_rpm = 1e-3 * np.random.default_rng(3).standard_normal(torque.size)
+    data = CalibrationData(
+        torque, torque, np.repeat([1, 2, 3], 12), np.ones(torque.size), 2000.0, speed_rpm=noise_rpm
+    )
+    found = verify(data, {}).models[0]
+    assert found.repeatability is not None
+    assert found.repeatability.places == 12
