@@ -9,7 +9,7 @@ from typing import Any
 from asyncua import Node, Server, ua
 
 from torquebench.opcua.access import caller
-from torquebench.opcua.nodes import argument, typed_object
+from torquebench.opcua.nodes import argument, at, typed_object
 
 __all__ = ["Transfers"]
 
@@ -47,13 +47,12 @@ class Transfers:
         self._count += 1
         handle = self._count
 
-        def here(text: str) -> ua.NodeId:
-            return ua.NodeId(f"file.{handle}.{text}", self._index)
+        def here(text: str) -> tuple[ua.NodeId, ua.QualifiedName]:
+            return at(f"file.{handle}.{text}", self._index, text, 0)
 
         node = await typed_object(
             self._server.nodes.objects,
-            ua.NodeId(f"file.{handle}", self._index),
-            ua.QualifiedName(name, self._index),
+            *at(f"file.{handle}", self._index, name),
             ua.NodeId(ua.ObjectIds.FileType),
         )
         for text, value, kind in (
@@ -62,7 +61,7 @@ class Transfers:
             ("UserWritable", False, ua.VariantType.Boolean),
             ("OpenCount", 1, ua.VariantType.UInt16),
         ):
-            await node.add_property(here(text), ua.QualifiedName(text, 0), value, kind)
+            await node.add_property(*here(text), value, kind)
         number = argument("fileHandle", _UINT32)
         place = argument("position", _UINT64)
         for text, method, given, returned in (
@@ -71,7 +70,7 @@ class Transfers:
             ("GetPosition", self._get_position, [number], [place]),
             ("SetPosition", self._set_position, [number, place], []),
         ):
-            await node.add_method(here(text), ua.QualifiedName(text, 0), method, given, returned)
+            await node.add_method(*here(text), method, given, returned)
         self._open[handle] = _Open(node, content, actor.session_id, 0, time.monotonic())
         return node.nodeid, handle
 

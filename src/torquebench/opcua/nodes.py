@@ -20,7 +20,7 @@ from torquebench.opcua.mapping import UNITS, LiveValue, MachineState
 from torquebench.opcua.results import EVALUATIONS, ResultRecord
 from torquebench.panel.service.live.alarms import AlarmView
 
-__all__ = ["AddressSpace", "Method", "Methods", "argument", "typed_object"]
+__all__ = ["AddressSpace", "Method", "Methods", "argument", "at", "typed_object"]
 
 BENCH = "urn:torquebench:bench"
 DI = "http://opcfoundation.org/UA/DI/"
@@ -77,12 +77,8 @@ class AddressSpace:
         spaces = {uri: await server.register_namespace(uri) for uri in (DI, MACHINERY, RESULT)}
         index = await server.register_namespace(f"{BENCH}:nodes")
         machinery = spaces[MACHINERY]
-        machines = await server.nodes.objects.add_folder(
-            ua.NodeId(1001, machinery), ua.QualifiedName("Machines", machinery)
-        )
-        bench = await machines.add_object(
-            ua.NodeId("bench", index), ua.QualifiedName(bench_name, index)
-        )
+        machines = await server.nodes.objects.add_folder(*at(1001, machinery, "Machines"))
+        bench = await machines.add_object(*at("bench", index, bench_name))
         await bench.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
         await server.nodes.server.add_reference(bench, ua.ObjectIds.HasNotifier)
         await _identification(server, bench, spaces, index, serial)
@@ -97,9 +93,7 @@ class AddressSpace:
 
     async def _live_values(self, sides: tuple[str, ...]) -> None:
         for side in sides:
-            folder = await self.bench.add_object(
-                ua.NodeId(side, self.index), ua.QualifiedName(side.capitalize(), self.index)
-            )
+            folder = await self.bench.add_object(*at(side, self.index, side.capitalize()))
             for name in UNITS:
                 if name != "Efficiency":
                     self.live[side, name] = await self._measured(folder, f"{side}.{name}", name)
@@ -112,16 +106,13 @@ class AddressSpace:
             ("ActiveAlarms", 0, ua.VariantType.UInt32),
         ):
             self.about[name] = await self.bench.add_variable(
-                ua.NodeId(name, self.index), ua.QualifiedName(name, self.index), start, kind
+                *at(name, self.index, name), start, kind
             )
 
     async def _measured(self, parent: Node, identifier: str, name: str) -> Node:
         unit, code = UNITS[name]
         node = await parent.add_variable(
-            ua.NodeId(identifier, self.index),
-            ua.QualifiedName(name, self.index),
-            0.0,
-            ua.VariantType.Double,
+            *at(identifier, self.index, name), 0.0, ua.VariantType.Double
         )
         number = 0
         for letter in code:  # OPC 10000-8: the common code's characters as one number
@@ -133,9 +124,7 @@ class AddressSpace:
             Description=ua.LocalizedText(unit),
         )
         await node.add_property(
-            ua.NodeId(f"{identifier}.EngineeringUnits", self.index),
-            ua.QualifiedName("EngineeringUnits", 0),
-            information,
+            *at(f"{identifier}.EngineeringUnits", self.index, "EngineeringUnits", 0), information
         )
         await _retype(node, 17497)  # AnalogUnitType
         return node
@@ -195,7 +184,7 @@ class AddressSpace:
     async def _result_types(self) -> None:
         index, server = self.result_index, self.server
         enum = await new_enum(
-            server, ua.NodeId(3002, index), ua.QualifiedName("ResultEvaluationEnum", index),
+            server, *at(3002, index, "ResultEvaluationEnum"),
             list(EVALUATIONS),
         )  # fmt: skip
         base = server.nodes.base_structure_type
@@ -231,23 +220,15 @@ class AddressSpace:
         ])  # fmt: skip
         self.types = await server.load_data_type_definitions()
         objects = server.nodes.base_object_type
-        await objects.add_object_type(
-            ua.NodeId(1004, index), ua.QualifiedName("ResultManagementType", index)
-        )
+        await objects.add_object_type(*at(1004, index, "ResultManagementType"))
         transfer = server.get_node(ua.NodeId(ua.ObjectIds.TemporaryFileTransferType))
-        await transfer.add_object_type(
-            ua.NodeId(1003, index), ua.QualifiedName("ResultTransferType", index)
-        )
+        await transfer.add_object_type(*at(1003, index, "ResultTransferType"))
         variable = server.get_node(ua.NodeId(ua.ObjectIds.BaseDataVariableType))
-        await variable.add_variable_type(
-            ua.NodeId(2001, index), ua.QualifiedName("ResultType", index), ua.NodeId(3008, index)
-        )
+        await variable.add_variable_type(*at(2001, index, "ResultType"), ua.NodeId(3008, index))
         events = server.get_node(ua.NodeId(ua.ObjectIds.BaseEventType))
-        ready = await events.add_object_type(
-            ua.NodeId(1002, index), ua.QualifiedName("ResultReadyEventType", index)
-        )
+        ready = await events.add_object_type(*at(1002, index, "ResultReadyEventType"))
         await ready.add_variable(
-            ua.NodeId(6032, index), ua.QualifiedName("Result", index), None,
+            *at(6032, index, "Result"), None,
             ua.VariantType.ExtensionObject, ua.NodeId(3008, index),
         )  # fmt: skip
 
@@ -256,7 +237,7 @@ class AddressSpace:
         fields: list[ua.StructureField],
     ) -> None:  # fmt: skip
         index = self.result_index
-        node = await parent.add_data_type(ua.NodeId(number, index), ua.QualifiedName(name, index))
+        node = await parent.add_data_type(*at(number, index, name))
         definition = ua.StructureDefinition()
         definition.BaseDataType = parent.nodeid
         definition.StructureType = (
@@ -268,25 +249,19 @@ class AddressSpace:
             definition.StructureType = ua.StructureType.StructureWithSubtypedValues
         definition.Fields = fields
         if encoding is not None:
-            made = await create_encoding(
-                node, ua.NodeId(encoding, index), ua.QualifiedName("Default Binary", 0)
-            )
+            made = await create_encoding(node, *at(encoding, index, "Default Binary", 0))
             definition.DefaultEncodingId = made.nodeid
         await node.write_data_type_definition(definition)
 
     async def _result_management(self, methods: Methods) -> None:
         index = self.result_index
 
-        def name(text: str) -> ua.QualifiedName:
-            return ua.QualifiedName(text, index)
-
-        def here(text: str) -> ua.NodeId:
-            return ua.NodeId(f"results.{text}", self.index)
+        def here(text: str, names: int = index) -> tuple[ua.NodeId, ua.QualifiedName]:
+            return at(f"results.{text}", self.index, text, names)
 
         management = await typed_object(
             self.bench,
-            ua.NodeId("results", self.index),
-            name("ResultManagement"),
+            *at("results", self.index, "ResultManagement", index),
             ua.NodeId(1004, index),
         )
         self.management = management
@@ -320,18 +295,15 @@ class AddressSpace:
                 [argument("errorPerResultId", _INT32, array=True), error],
             ),
         ):
-            await management.add_method(here(text), name(text), method, given, returned)
-        self.results = await management.add_folder(here("Results"), name("Results"))
-        transfer = await typed_object(
-            management, here("ResultTransfer"), name("ResultTransfer"), ua.NodeId(1003, index)
-        )
+            await management.add_method(*here(text), method, given, returned)
+        self.results = await management.add_folder(*here("Results"))
+        transfer = await typed_object(management, *here("ResultTransfer"), ua.NodeId(1003, index))
         await transfer.add_property(
-            here("ClientProcessingTimeout"), ua.QualifiedName("ClientProcessingTimeout", 0),
-            60_000.0, ua.VariantType.Double, ua.NodeId(290),
-        )  # fmt: skip
+            *here("ClientProcessingTimeout", 0), 60_000.0, ua.VariantType.Double, ua.NodeId(290)
+        )
         await transfer.add_method(
-            here("GenerateFileForRead"), ua.QualifiedName("GenerateFileForRead", 0),
-            methods.generate_file, [argument("generateOptions", _BASE_DATA)],
+            *here("GenerateFileForRead", 0), methods.generate_file,
+            [argument("generateOptions", _BASE_DATA)],
             [argument("fileNodeId", _NODE_ID), argument("fileHandle", _UINT32),
              argument("completionStateMachine", _NODE_ID)],
         )  # fmt: skip
@@ -361,16 +333,19 @@ class AddressSpace:
         new = [each for each in reversed(records) if each.result_id not in self.shown]
         for record in new:
             self.shown[record.result_id] = await self.results.add_variable(
-                ua.NodeId(f"result.{record.result_id}", self.index),
-                ua.QualifiedName(record.result_id, self.index),
+                *at(f"result.{record.result_id}", self.index, record.result_id),
                 self.result_data(record),
                 ua.VariantType.ExtensionObject,
                 ua.NodeId(3008, self.result_index),
             )
             await _retype(self.shown[record.result_id], ua.NodeId(2001, self.result_index))
             await self.shown[record.result_id].add_variable(
-                ua.NodeId(f"result.{record.result_id}.ResultMetaData", self.index),
-                ua.QualifiedName("ResultMetaData", self.result_index),
+                *at(
+                    f"result.{record.result_id}.ResultMetaData",
+                    self.index,
+                    "ResultMetaData",
+                    self.result_index,
+                ),
                 self.result_meta(record),
                 ua.VariantType.ExtensionObject,
                 ua.NodeId(3007, self.result_index),
@@ -383,20 +358,11 @@ async def _identification(
 ) -> None:
     machinery, di = spaces[MACHINERY], spaces[DI]
     folder = server.get_node(ua.NodeId(ua.ObjectIds.FolderType))
-    group = await folder.add_object_type(
-        ua.NodeId(1005, di), ua.QualifiedName("FunctionalGroupType", di)
-    )
-    item = await group.add_object_type(
-        ua.NodeId(1004, machinery), ua.QualifiedName("MachineryItemIdentificationType", machinery)
-    )
-    await item.add_object_type(
-        ua.NodeId(1012, machinery), ua.QualifiedName("MachineIdentificationType", machinery)
-    )
+    group = await folder.add_object_type(*at(1005, di, "FunctionalGroupType"))
+    item = await group.add_object_type(*at(1004, machinery, "MachineryItemIdentificationType"))
+    await item.add_object_type(*at(1012, machinery, "MachineIdentificationType"))
     node = await typed_object(
-        bench,
-        ua.NodeId("identification", index),
-        ua.QualifiedName("Identification", di),
-        ua.NodeId(1012, machinery),
+        bench, *at("identification", index, "Identification", di), ua.NodeId(1012, machinery)
     )
     text = ua.VariantType.LocalizedText
     for name, value, kind in (
@@ -406,43 +372,35 @@ async def _identification(
         ("ProductInstanceUri", f"{BENCH}:{serial}", ua.VariantType.String),
         ("SoftwareRevision", __version__, ua.VariantType.String),
     ):
-        await node.add_property(
-            ua.NodeId(f"identification.{name}", index), ua.QualifiedName(name, di), value, kind
-        )
+        await node.add_property(*at(f"identification.{name}", index, name, di), value, kind)
 
 
 async def _state_machine(
     server: Server, bench: Node, machinery: int, index: int
 ) -> tuple[Node, Node]:
     finite = server.get_node(ua.NodeId(ua.ObjectIds.FiniteStateMachineType))
-    kind = await finite.add_object_type(
-        ua.NodeId(1002, machinery),
-        ua.QualifiedName("MachineryItemState_StateMachineType", machinery),
-    )
+    kind = await finite.add_object_type(*at(1002, machinery, "MachineryItemState_StateMachineType"))
     for name, number in STATES.items():
-        await kind.add_object(
-            ua.NodeId(number, machinery),
-            ua.QualifiedName(name, machinery),
-            ua.NodeId(ua.ObjectIds.StateType),
-        )
+        await kind.add_object(*at(number, machinery, name), ua.NodeId(ua.ObjectIds.StateType))
     node = await typed_object(
-        bench,
-        ua.NodeId("state", index),
-        ua.QualifiedName("MachineryItemState", machinery),
-        kind.nodeid,
+        bench, *at("state", index, "MachineryItemState", machinery), kind.nodeid
     )
     current = await node.add_variable(
-        ua.NodeId("state.CurrentState", index),
-        ua.QualifiedName("CurrentState", 0),
-        ua.LocalizedText("NotAvailable", "en"),
+        *at("state.CurrentState", index, "CurrentState", 0), ua.LocalizedText("NotAvailable", "en")
     )
     await _retype(current, ua.ObjectIds.FiniteStateVariableType)
     identifier = await current.add_property(
-        ua.NodeId("state.CurrentState.Id", index),
-        ua.QualifiedName("Id", 0),
+        *at("state.CurrentState.Id", index, "Id", 0),
         ua.NodeId(STATES["NotAvailable"], machinery),
     )
     return current, identifier
+
+
+def at(
+    identifier: str | int, index: int, name: str, names: int | None = None
+) -> tuple[ua.NodeId, ua.QualifiedName]:
+    """Return the identifier and the browse name of a node, of one namespace or of two."""
+    return ua.NodeId(identifier, index), ua.QualifiedName(name, index if names is None else names)
 
 
 async def typed_object(
