@@ -21,17 +21,13 @@ from torquebench.calibration import (
 )
 from torquebench.campaign.fitting import (
     FittedModel,
-    feature_columns,
     fit_metrics,
     model_title,
     store_model,
 )
 from torquebench.campaign.measuring import Measured, operator_name
 from torquebench.campaign.results import CompensationResult, DenseSweep, ModuleResult
-from torquebench.compensation import (
-    CompensationModel,
-    features,
-)
+from torquebench.chain import MeasuringChain, Readings
 from torquebench.procedures import StaircaseResult
 from torquebench.records import (
     MANIFEST,
@@ -258,7 +254,7 @@ def evaluate_module(
             fit_seconds=item.seconds,
             torque_nm=item.chain.torque(data.readings()).value_nm,
             verification=result.of(item.name),
-            **_dense(item.model, dense, data.range_nm),
+            **_dense(item.chain, dense, data.range_nm),
         )
         for item in fitted
     ]
@@ -281,14 +277,21 @@ def evaluate_module(
 
 
 def _dense(
-    model: CompensationModel | None, sweep: DenseSweep | None, range_nm: float
+    chain: MeasuringChain | None, sweep: DenseSweep | None, range_nm: float
 ) -> dict[str, Any]:
     if sweep is None:
         return {}
     torque = sweep.reading_nm
-    if model is not None:
-        X = features(sweep.reading_nm, sweep.branch, 0, 0.0, CALIBRATION_TEMPERATURE_C)
-        torque = model.predict(X[:, : feature_columns(model)])
+    if chain is not None:
+        steady = Readings(
+            sweep.reading_nm,
+            branch=np.asarray(sweep.branch, dtype=np.float64),
+            speed_rpm=0.0,
+            acceleration_rad_s2=0.0,
+            temperature_c=CALIBRATION_TEMPERATURE_C,
+            zero_temperature_c=CALIBRATION_TEMPERATURE_C,
+        )
+        torque = chain.torque(steady).value_nm
     errors: ErrorSummary = summarise_errors(torque, sweep.true_torque_nm, range_nm)
     return {"dense_torque_nm": torque, "dense": errors}
 

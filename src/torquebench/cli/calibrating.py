@@ -97,13 +97,12 @@ def _write_reports(
 def report_calibration(finished: FinishedCalibration) -> None:
     """Print the calibration's results on its own points, which aren't a verification."""
     from torquebench.calibration import summarise_errors
-    from torquebench.campaign.fitting import feature_columns
     from torquebench.cli.staircase import placement_table
     from torquebench.cli.tables import error_blocks
 
     result, fitted = finished.measured.result, finished.fitted[0]
-    data, model = result.data, fitted.model
-    torque = model.predict(data.features(feature_columns(model)))
+    data = result.data
+    torque = fitted.chain.torque(data.readings()).value_nm
     simulated = " - simulated" if data.simulated else ""
     say(
         f"[bold]{data.side.capitalize()} module, {data.range_nm:g} N·m, "

@@ -139,7 +139,9 @@ def _comparison(result: FitResult, comparison: Comparison) -> Section:
 
 def _before_and_after(result: FitResult) -> Section:
     data = result.data
-    torque = result.model.predict(data.features(result.model.n_features_in_))
+    residual_nm = (
+        result.model.predict(data.features(result.model.n_features_in_)) - data.standard_nm
+    )
     table = errors_table(
         [("raw reading", result.raw), (result.title, result.fitted)],
         "Against the standard, on the points that the model was fitted to.",
@@ -147,12 +149,12 @@ def _before_and_after(result: FitResult) -> Section:
     )
     curves = [
         Curve("raw reading", data.standard_nm, -data.additional_torque_nm, raw=True),
-        Curve(result.title, data.standard_nm, torque - data.standard_nm),
+        Curve(result.title, data.standard_nm, residual_nm),
     ]
     figure = Figure(
         error_figure(curves, data.range_nm, limit_fs=SOURCES_LIMIT_FS),
-        "Error before (above) and after compensation (below) on the points of the fit. "
-        "Dashed: 0.1 % FS.",
+        "Error before compensation (above) and residual after it (below), on the points of the "
+        "fit. Dashed: 0.1 % FS.",
     )
     text = "These points were fitted: only fresh points can verify a model."
     return Section("Before and after", text, (table, figure))

@@ -16,7 +16,7 @@ import numpy as np
 from sqlalchemy import func, select
 
 from torquebench.campaign.drifting import DriftSeries, drift_of
-from torquebench.compensation import load_model
+from torquebench.chain import load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, envelope
@@ -349,9 +349,9 @@ class RecordQueries:
                     Message("calibration {number} has no model {model}", calibration_id, model_id),
                     "one of its models",
                 )
-            model = load_model(self._registry.model(model_id).check_file()).model
-            torque = model.predict(data.features(model.n_features_in_))
-            errors = tuple((torque - data.standard_nm).tolist())
+            chain = load_chain(self._registry.model(model_id).check_file())
+            torque = chain.compensated(data.readings())
+            errors = tuple((torque.value_nm - data.standard_nm).tolist())
         performed = detail.calibration.performed
         return ErrorCurve(
             calibration_id,
