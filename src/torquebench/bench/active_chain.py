@@ -6,12 +6,14 @@ import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import hypot
+from math import hypot, isnan
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.acceleration import Acceleration
+from torquebench.bench.roles import Side
 from torquebench.chain import (
     ChainStream,
     Component,
@@ -26,6 +28,8 @@ from torquebench.chain import (
     effect_states,
     rows_of,
 )
+from torquebench.errors import InputError, SignalFault
+from torquebench.message import Message
 
 __all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
 
@@ -192,7 +196,7 @@ class ActiveChain:
         torque = self._stream.push(known)
         if len(torque):
             self._last = known, torque
-        self._recent.append(self._acted_s(readings.time_s), torque)
+        self._recent.append(self._acted_s(readings.time_s), torque, known)
         return torque
 
     def push_fine(self, readings: StreamReadings) -> None:
@@ -200,7 +204,8 @@ class ActiveChain:
         if self._fine is None:
             self._fine = self._stream.copy(), _Recent()
         stream, recent = self._fine
-        recent.append(self._acted_s(readings.time_s), stream.push(self._known(readings)))
+        known = self._known(readings)
+        recent.append(self._acted_s(readings.time_s), stream.push(known), known)
 
     def _acted_s(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return the times of torques: those by a dynamic filter are later than their readings."""
@@ -250,6 +255,50 @@ class ActiveChain:
         """Return the torques of shorter windows in [start, stop); None if there are none."""
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
 
+    def refusal(self, side: Side, start_s: float, stop_s: float) -> InputError | None:
+        """Return why there is no torque in [start, stop): the effect that refuses, and its range.
+
+        It is asked with the conditions that the first refused reading had. None where no reading
+        was refused; a fault of the signal has no reading.
+        """
+        fine = self._fine
+        for recent in (self._recent, *(() if fine is None else fine[1:])):
+            refused = recent.refused(start_s, stop_s)
+            if refused is None:
+                continue
+            try:
+                self.chain.refuse(refused, lambda _: Message("{side} module", side))
+            except InputError as refusal:
+                return refusal
+        return None
+
+    def refuse(self, side: Side, start_s: float, stop_s: float) -> NoReturn:
+        """Raise that there is no torque somewhere in [start, stop), and why.
+
+        Raises
+        ------
+        InputError
+            A reading was refused; it names the effect.
+        SignalFault
+            No reading was refused.
+        """
+        raise self.refusal(side, start_s, stop_s) or SignalFault(
+            Message(
+                "no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
+                side,
+                start_s,
+                stop_s,
+            ),
+            "an active model from the start of the interval",
+            "activate the compensation before the test",
+        )
+
+    @property
+    def late_windows(self) -> int:
+        """Number of windows by which a dynamic filter's torques come later than their readings."""
+        dynamics = self.chain.dynamics
+        return 0 if dynamics is None else dynamics.rows_late
+
     def states(self) -> tuple[EffectState, ...]:
         """Return every effect's state at the newest window; nothing before the first window."""
         last, chain = self._last, self.chain
@@ -295,18 +344,29 @@ class _Recent:
     def __init__(self) -> None:
         self._blocks: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque()
         self._components: tuple[Component, ...] = ()
+        self._refused: deque[tuple[float, Readings]] = deque()
         self._lock = threading.Lock()
 
-    def append(self, time_s: NDArray[np.float64], torque: Torque) -> None:
+    def append(self, time_s: NDArray[np.float64], torque: Torque, readings: Readings) -> None:
         if not time_s.size:
             return
         rows = _rows(torque)
+        refused = _first_refused(time_s, torque, readings)
         with self._lock:
+            if refused is not None:
+                self._refused.append(refused)
+            while self._refused and self._refused[0][0] < float(time_s[-1]) - KEPT_S:
+                self._refused.popleft()
             self._components = torque.components
             self._blocks.append((time_s, rows))
             oldest_s = float(time_s[-1]) - KEPT_S
             while self._blocks[0][0][-1] < oldest_s:
                 self._blocks.popleft()
+
+    def refused(self, start_s: float, stop_s: float) -> Readings | None:
+        """Return the first refused reading with its conditions; None where none was refused."""
+        with self._lock:
+            return next((each for at, each in self._refused if start_s <= at < stop_s), None)
 
     def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
         with self._lock:
@@ -322,6 +382,19 @@ class _Recent:
             return None
         rows = np.concatenate([each[1] for each in blocks], axis=1)[:, inside]
         return TimedTorque(time_s[inside], _torque(rows, components))
+
+
+def _first_refused(
+    time_s: NDArray[np.float64], torque: Torque, readings: Readings
+) -> tuple[float, Readings] | None:
+    """Return time and conditions of a block's first reading without a torque."""
+    if not isnan(torque.value_nm.sum()):
+        return None
+    rows = np.flatnonzero(np.isnan(torque.value_nm) & np.isfinite(readings.reading_nm))
+    if not rows.size:
+        return None
+    row = int(rows[0])
+    return float(time_s[row]), rows_of(readings, slice(row, row + 1))
 
 
 def _rows(torque: Torque) -> NDArray[np.float64]:

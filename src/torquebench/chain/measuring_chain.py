@@ -243,7 +243,8 @@ class MeasuringChain:
         before = [effect for effect in self.effects if effect.corrects_reading]
         reading = _sum(before, readings, self.switched_off).value_nm
         outside = ~self.curve.inside(reading)
-        if outside.any():
+        by_state = {"speed_rpm", "temperature_c"}.intersection(self.model.used_features)
+        if outside.any() or not by_state:
             row = int(np.argmax(outside))
             raise InputError(
                 Message(

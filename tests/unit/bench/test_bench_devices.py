@@ -17,10 +17,16 @@ from bluesky.protocols import (
 )
 
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.devices import BenchDevices, Point, PointLabel, SteadySettings
+from torquebench.bench.devices import (
+    BenchDevices,
+    MeasuredZero,
+    Point,
+    PointLabel,
+    SteadySettings,
+)
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.safety import AlarmKind
-from torquebench.chain import Counter, MeasuringChain, Readings
+from torquebench.chain import Counter, Effect, MeasuredTemperature, MeasuringChain, Readings
 from torquebench.compensation import make_model
 from torquebench.errors import BenchError, InputError, InterlockError, LimitError, SignalFault
 
@@ -286,6 +292,96 @@ def test_a_steady_torque_is_the_mean_of_its_windows_torques(bench: Any) -> None:
     play(bench, scene)
 
 
+def of_gain(gain: float, range_nm: float, *effects: Effect) -> ActiveChain:
+    """Return a chain that states the reading times a gain."""
+    readings = np.linspace(-range_nm, range_nm, 81)
+    model = make_model("polynomial-1", range_nm=range_nm).fit(readings[:, None], gain * readings)
+    return ActiveChain(MeasuringChain(model, effects), "1", "p")
+
+
+def test_a_steady_torque_is_the_steady_value_of_the_torque(bench: Any) -> None:
+    """The mean torque was shifted by ripple and drift of the reading, however large its gain."""
+
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            bench.acquisition.set_compensation("output", of_gain(3.0, 2000.0))
+            await devices.output.drive.torque.set(300.0)
+            # whole periods are a part of the window, so that mean and steady value differ
+            settings = SteadySettings(settle_s=0.0, window_s=0.25, period_s=0.087)
+            await devices.output.steady.prepare(settings)
+            await devices.output.steady.trigger()
+            value = await devices.output.steady.read()
+            reading, torque = (
+                value[f"output-steady-{name}"]["value"] for name in ("reading_nm", "torque_nm")
+            )
+            assert torque == pytest.approx(3.0 * reading, rel=1e-7)
+
+    play(bench, scene)
+
+
+def test_a_compensation_does_not_change_what_is_recorded_as_the_reading(
+    open_bench: OpenBench,
+) -> None:
+    """A calibration takes readings: an active model has no part in them."""
+
+    def taken(active: ActiveChain | None) -> dict[str, Any]:
+        found: dict[str, Any] = {}
+
+        async def scene() -> None:
+            async with ready(bench) as devices:
+                bench.acquisition.set_compensation("output", active)
+                await devices.output.drive.torque.set(300.0)
+                settings = SteadySettings(settle_s=0.0, limit_s=0.5, reference=True)
+                await devices.output.steady.prepare(settings)
+                await devices.output.steady.trigger()
+                values = await devices.output.steady.read()
+                found.update({name: each["value"] for name, each in values.items()})
+
+        with open_bench() as bench:
+            play(bench, scene)
+        return found
+
+    raw, compensated = taken(None), taken(of_gain(3.0, 2000.0))
+    added = {"output-steady-torque_nm", "output-steady-torque_uncertainty_nm"}
+    assert set(compensated) - set(raw) == added
+    assert {name: compensated[name] for name in raw} == raw
+
+
+WARM_ONLY = MeasuredTemperature(
+    "empty runs", 45.0, 40.0, 50.0, (40.0, 50.0), (0.0, 0.0), (0.1, 0.1)
+)
+
+
+@pytest.mark.parametrize(
+    ("range_nm", "effects", "title", "allowed"),
+    [
+        (2000.0, [WARM_ONLY], "temperature of zero and span, measured", "40 to 50 °C"),
+        (1e-4, [], "static curve with hysteresis", "margin included"),
+    ],
+)
+def test_recordings_and_steady_values_name_the_effect_that_refuses(
+    bench: Any, range_nm: float, effects: list[Effect], title: str, allowed: str
+) -> None:
+    """NaN went into a recording without an error, and a steady value blamed the static curve."""
+
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            await devices.output.drive.torque.set(100.0)
+            await bench.clock.sleep(0.3)
+            active = of_gain(1.0, range_nm, *effects)
+            bench.acquisition.set_compensation("output", active)
+            await devices.recorder.set("mark")
+            await bench.clock.sleep(0.3)
+            for trigger in (devices.recorder.trigger, devices.output.steady.trigger):
+                with pytest.raises(InputError) as refused:
+                    await trigger()
+                assert str(refused.value.found).startswith(f"output module: {title}: ")
+                assert allowed in str(refused.value.allowed)
+            assert active.refusal("output", 0.0, 0.1) is None
+
+    play(bench, scene)
+
+
 @pytest.mark.parametrize(
     "settings",
     [{"window_s": 0.0}, {"settle_s": -1.0}, {"limit_s": -1.0}, {"window_s": float("nan")}],
@@ -365,9 +461,9 @@ def test_an_alarm_ends_whatever_a_device_is_waiting_for(bench: Any) -> None:
 def test_a_zero_is_set_on_module_and_standard(bench: Any) -> None:
     async def scene() -> None:
         async with ready(bench) as devices:
-            await devices.output.transducer.zero.set(60_012.5)
+            await devices.output.transducer.zero.set(MeasuredZero(60_012.5, 0.01))
             assert bench.acquisition.zero_hz("output_torque") == 60_012.5
-            await devices.reference.output_zero.set(60_001.0)
+            await devices.reference.output_zero.set(MeasuredZero(60_001.0, 0.01))
             assert bench.acquisition.zero_hz("output_reference") == 60_001.0
             reading = await devices.reference.read()
             assert reading["reference-serial"]["value"] == "SIM-CAL-1"

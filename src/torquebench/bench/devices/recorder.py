@@ -18,8 +18,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
-from torquebench.chain.effects.static_curve import StaticCurve
-from torquebench.errors import InputError, SignalFault
+from torquebench.errors import SignalFault
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
@@ -178,7 +177,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         SignalFault
             A torque has a fault, an encoder jumped, or the stretch is older than what is kept.
         InputError
-            A reading lies outside the calibrated range.
+            An effect of the measuring chain refuses a reading.
         """
         self._context.supervisor.raise_if_latched()
         if self._fast_side is not None:
@@ -304,16 +303,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
         active = self._context.acquisition.compensation(side)
         found = None if active is None else active.window(start_s, stop_s)
         if active is not None and found is None:
-            raise SignalFault(
-                Message(
-                    "no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
-                    side,
-                    start_s,
-                    stop_s,
-                ),
-                "an active model from the start of the interval",
-                "activate the compensation before the test",
-            )
+            active.refuse(side, start_s, stop_s)
         return self._columns(side, samples.time_s, samples.torque_nm, found)
 
     def _columns(
@@ -325,10 +315,10 @@ class Recorder(Device, AsyncReadable, Triggerable):
             unknown = np.full(counted_s.size, np.nan)
             return counted_s - delay_s, reading_nm, unknown, unknown
         torque = found.torque
-        if not np.isfinite(torque.value_nm).all():
+        if not torque.has_number.all():
             active = self._context.acquisition.compensation(side)
             assert active is not None
-            refuse_outside(side, active.chain.curve, reading_nm)
+            active.refuse(side, float(found.time_s[0]), np.nextafter(found.time_s[-1], np.inf))
         curve = np.hypot(torque.component("static curve"), torque.component("hysteresis"))
         return (
             found.time_s - delay_s,
@@ -361,33 +351,6 @@ class Recorder(Device, AsyncReadable, Triggerable):
         }
         count = DataKey(source="bench://recorder/samples", dtype="integer", shape=[])
         return {**keys, f"{self.name}-samples": count}
-
-
-def refuse_outside(side: Side, curve: StaticCurve, reading_nm: FloatArray) -> None:
-    """Refuse readings outside the calibrated range of the active measuring chain.
-
-    Raises
-    ------
-    InputError
-        Naming the side, the farthest reading and the calibrated range.
-    """
-    beyond = reading_nm[(reading_nm < curve.low_nm) | (reading_nm > curve.high_nm)]
-    if beyond.size == 0:
-        return
-    farthest = float(beyond[np.argmax(np.abs(beyond))])
-    raise InputError(
-        Message(
-            "{side} module: a reading of {farthest:.4g} N·m outside the calibrated range",
-            side,
-            farthest,
-        ),
-        Message("{low_nm:.4g} to {high_nm:.4g} N·m, margin included", curve.low_nm, curve.high_nm),
-        Message(
-            "calibrate the {side} over all that the test needs, or put another "
-            "calibration into use",
-            side,
-        ),
-    )
 
 
 def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:

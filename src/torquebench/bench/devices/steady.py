@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from bluesky.protocols import HasHints, Hints, Preparable, Reading, Triggerable
 from event_model import DataKey
+from numpy.typing import NDArray
 from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Device
 
 from torquebench.bench.active_chain import ActiveChain
@@ -22,7 +23,11 @@ from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["SteadySettings", "SteadyTorque"]
 
+FloatArray = NDArray[np.float64]
+
 LEAST_WINDOWS = 8
+SETTLING_SHARE = 0.6
+"""Refused readings in this first share of the windows may be those of a step that still settles."""
 
 _UNITS = {
     "reading_nm": "N·m",
@@ -94,12 +99,10 @@ class SteadySettings:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Steady value of one channel, its mean frequency, and the mean of the windows in it."""
+    """Steady value of one channel, and its mean frequency."""
 
     steady: SteadyValue
     frequency_hz: float
-    mean_nm: float
-    windows: int
 
 
 class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
@@ -131,8 +134,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     ===========================  ======  =====================================================
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses. The
-    compensated torque is the mean of the stream's torque over the windows; `torque` keeps it with
-    the components of its uncertainty.
+    compensated torque is the steady value of the stream's torque, not a compensated reading;
+    `torque` keeps it with the components of its uncertainty.
     """
 
     def __init__(self, context: BenchContext, side: Side, name: str = "") -> None:
@@ -214,7 +217,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         }
         active = acquisition.compensation(side)
         if active is not None:
-            self.torque = _steady_torque(active, reading)
+            self.torque = self._steady_torque(active, start_s, stop_s)
             values |= {
                 "torque_nm": float(self.torque.value_nm[0]),
                 "torque_uncertainty_nm": float(self.torque.standard_uncertainty_nm[0]),
@@ -243,24 +246,61 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         samples = self._context.acquisition.channel(channel).window(start_s, stop_s)
         samples.raise_on_fault()
         self._check_complete(samples, start_s, stop_s)
-        steady = steady_value(
-            samples.time_s,
-            samples.torque_nm,
+        steady = self._steady_value(samples.time_s, samples.torque_nm)
+        return _Evaluated(steady, float(samples.frequency_hz.mean()))
+
+    def _steady_value(self, time_s: FloatArray, torque_nm: FloatArray) -> SteadyValue:
+        return steady_value(
+            time_s,
+            torque_nm,
             period_s=self._settings.period_s,
-            minimum_samples=min(LEAST_WINDOWS, samples.time_s.size),
-        )
-        used = (samples.time_s >= steady.start_s) & (samples.time_s <= steady.stop_s)
-        return _Evaluated(
-            steady,
-            float(samples.frequency_hz.mean()),
-            float(samples.torque_nm[used].mean()),
-            int(used.sum()),
+            minimum_samples=min(LEAST_WINDOWS, time_s.size),
         )
 
-    def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
+    def _steady_torque(self, active: ActiveChain, start_s: float, stop_s: float) -> Torque:
+        """Return the steady value of the stream's torque.
+
+        It belongs to one loading. Its standard error replaces the counter's share where it is
+        larger.
+
+        Raises
+        ------
+        SignalFault
+            A window wasn't compensated because the chain was activated later.
+        InputError
+            An effect refuses readings, not only before the step has settled; it is named.
+        """
+        found = active.window(start_s, stop_s)
+        least = self._least_windows(start_s, stop_s) - active.late_windows
+        if found is None or found.time_s.size < max(least, 2):
+            raise SignalFault(
+                Message(
+                    "{windows} windows, of which {size} were compensated",
+                    self._least_windows(start_s, stop_s),
+                    0 if found is None else found.time_s.size,
+                ),
+                "all of them",
+                "repeat the measurement: the model has just been activated",
+            )
+        time_s, torque = found.time_s, found.torque
+        refused = np.flatnonzero(~torque.has_number)
+        if refused.size:
+            first = int(refused[-1]) + 1
+            if first > SETTLING_SHARE * time_s.size:
+                active.refuse(self.side, start_s, stop_s)
+            time_s, torque = time_s[first:], torque.at(np.arange(first, time_s.size))
+        steady = self._steady_value(time_s, torque.value_nm)
+        used = (time_s >= steady.start_s) & (time_s <= steady.stop_s)
+        mean = torque.at(np.flatnonzero(used)).mean()
+        return mean.steady(steady.value - float(mean.value_nm[0]), steady.standard_error)
+
+    def _least_windows(self, start_s: float, stop_s: float) -> int:
         window_s = self._context.description.counter.window_s
-        expected = int((stop_s - start_s) / window_s) - 1
-        if samples.time_s.size < max(expected, 2):
+        return max(int((stop_s - start_s) / window_s) - 1, 2)
+
+    def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
+        least = self._least_windows(start_s, stop_s)
+        if samples.time_s.size < least:
             raise SignalFault(
                 Message(
                     "{channel}: {count} windows from {start:.3f} to {stop:.3f} s",
@@ -269,7 +309,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
                     start_s,
                     stop_s,
                 ),
-                Message("at least {limit}", max(expected, 2)),
+                Message("at least {limit}", least),
                 "check that the counter delivers without gaps, or use a longer window",
             )
 
@@ -341,45 +381,3 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def hints(self) -> Hints:
         """Fields worth plotting."""
         return {"fields": [self.key("reading_nm")]}
-
-
-def _steady_torque(active: ActiveChain, reading: _Evaluated) -> Torque:
-    """Average the stream's torque over the windows of a steady value.
-
-    The mean belongs to one loading. It is shifted by the difference, due to ripple and drift,
-    between the mean of the windows' readings and their steady value. The standard error of the
-    steady value replaces the counter's share where it is larger.
-
-    Raises
-    ------
-    SignalFault
-        A window wasn't compensated because the chain was activated later.
-    InputError
-        A reading lies outside the calibrated range.
-    """
-    steady = reading.steady
-    found = active.window(steady.start_s, np.nextafter(steady.stop_s, np.inf))
-    if found is None or found.time_s.size != reading.windows:
-        raise SignalFault(
-            Message(
-                "{windows} windows, of which {size} were compensated",
-                reading.windows,
-                0 if found is None else found.time_s.size,
-            ),
-            "all of them",
-            "repeat the measurement: the model has just been activated",
-        )
-    if not np.isfinite(found.torque.value_nm).all():
-        curve = active.chain.curve
-        raise InputError(
-            Message(
-                "{title}: a reading about {value:.6g} N·m outside the calibrated range",
-                curve.title,
-                steady.value,
-            ),
-            Message(
-                "{low_nm:.6g} to {high_nm:.6g} N·m, margin included", curve.low_nm, curve.high_nm
-            ),
-            "calibrate over the whole range that is measured",
-        )
-    return found.torque.mean().steady(steady.value - reading.mean_nm, steady.standard_error)
