@@ -42,6 +42,9 @@ from .measuring_chain import (
     effect_from as effect_from,
     load_chain as load_chain,
 )
+from .parts import (
+    TorqueParts as TorqueParts,
+)
 from .readings import (
     Readings as Readings,
 )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +15,7 @@ from torquebench.uncertainty import (
     Budget,
     Distribution,
     Quantity,
+    Shared,
     Validation,
     check_by_monte_carlo,
     propagate,
@@ -27,16 +27,6 @@ COVERAGE_FACTOR = 2.0
 """k of every U: the effects' standard uncertainties are already widened for their degrees of
 freedom, so that ±2u covers 95.45 %.
 """
-
-
-class Shared(StrEnum):
-    """Conditions under which two torques share an error."""
-
-    CALIBRATION = "calibration"
-    MOUNTING = "mounting"
-    ZEROING = "zeroing"
-    LOADING = "loading"
-    NOTHING = "nothing"
 
 
 class Component(NamedTuple):

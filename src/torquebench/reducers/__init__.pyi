@@ -4,7 +4,6 @@ from .breakaway.evaluation import (
     evaluate_breakaway as evaluate_breakaway,
 )
 from .comparison import (
-    COMMON_CONTRIBUTIONS as COMMON_CONTRIBUTIONS,
     Change as Change,
     SpecimenComparison as SpecimenComparison,
     change_between as change_between,

@@ -1,7 +1,7 @@
 """Comparison of specimens of one type, and of one specimen before and after an endurance run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -9,35 +9,14 @@ import numpy as np
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.quantities import Contribution, budget
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 
 __all__ = [
-    "COMMON_CONTRIBUTIONS",
     "Change",
     "SpecimenComparison",
     "change_between",
     "compare_specimens",
 ]
-
-COMMON_CONTRIBUTIONS = frozenset(
-    {
-        "torque scale",
-        "torque branch",
-        "compensation model",
-        "bearing drag",
-        "input torque scale",
-        "output torque scale",
-        "input torque model",
-        "output torque model",
-        "input bearing drag",
-        "output bearing drag",
-        "angle scale",
-        "angle",
-        "bench compliance",
-        "encoders",
-    }
-)
-"""Names of contributions common to two evaluations on one bench (fully correlated)."""
 
 
 @dataclass(frozen=True)
@@ -48,7 +27,7 @@ class Change:
     ----------
     key : str
     change : Budget
-        After less before, in the unit of both; common contributions cancel.
+        After less before, in the unit of both; errors of one calibration cancel.
     relative_percent : float
         Of the value before; NaN where that is 0.
     significant : bool
@@ -71,7 +50,7 @@ class SpecimenComparison:
     specimens : mapping of str to Budget
         By serial number.
     mean : Budget
-        Over the specimens: spread, and common contributions.
+        Over the specimens: spread, and errors of the calibration.
     spread : float
         Standard deviation between specimens (of their values), in the unit.
     outliers : tuple of str
@@ -86,11 +65,14 @@ class SpecimenComparison:
     outliers: tuple[str, ...]
 
 
-def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool = True) -> Change:
-    """Return the change of a value, systematic parts that both share treated as correlated.
+def change_between(
+    key: str, before: Budget, after: Budget, *, same_calibration: bool = True
+) -> Change:
+    """Return the change of a value, without the errors that both values share.
 
-    A contribution of `COMMON_CONTRIBUTIONS` acts on both values in the same way: of it only the
-    difference of both contributions remains. All others are independent.
+    Between two tests a specimen is mounted and zeroed again: only errors of the calibration are
+    common, and of those only the difference of both contributions remains. All others are
+    independent.
 
     Parameters
     ----------
@@ -98,7 +80,7 @@ def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool 
         Name of the value.
     before, after : Budget
         The same value of the same specimen, in one unit.
-    same_bench : bool
+    same_calibration : bool
         Whether both were measured on one bench with one calibration; otherwise no contribution
         cancels.
 
@@ -109,7 +91,8 @@ def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool 
 
     Examples
     --------
-    >>> scale, noise = Contribution("torque scale", 0.5), Contribution("loops", 0.1)
+    >>> scale = Contribution("torque scale", 0.5, shared=Shared.CALIBRATION)
+    >>> noise = Contribution("loops", 0.1)
     >>> found = change_between(
     ...     "stiffness", budget(100.0, "N·m/arcmin", [scale, noise]),
     ...     budget(97.0, "N·m/arcmin", [scale, noise]),
@@ -124,29 +107,46 @@ def change_between(key: str, before: Budget, after: Budget, *, same_bench: bool 
             Message("{key} in {unit} and in {after_unit}", key, before.unit, after.unit), "one unit"
         )
     parts: list[Contribution] = []
-    shared = COMMON_CONTRIBUTIONS if same_bench else frozenset()
     for name in sorted({line.name for line in (*before.lines, *after.lines)}):
-        first = [line for line in before.lines if line.name == name]
-        second = [line for line in after.lines if line.name == name]
-        if name in shared:
-            signed = sum(line.sensitivity * line.contribution for line in second) - sum(
-                line.sensitivity * line.contribution for line in first
-            )
-            freedom = min(line.degrees_of_freedom for line in (*first, *second))
-            parts.append(Contribution(name, abs(signed), freedom, float(np.sign(signed)) or 1.0))
-            continue
-        for when, lines in (("before", first), ("after", second)):
-            parts += [
-                Contribution(f"{name}, {when}", line.contribution, line.degrees_of_freedom)
-                for line in lines
-            ]
+        cancels: list[tuple[float, BudgetLine]] = []
+        for when, sign, value in (("before", -1.0, before), ("after", 1.0, after)):
+            for line in (line for line in value.lines if line.name == name):
+                if same_calibration and line.shared is Shared.CALIBRATION:
+                    cancels.append((sign, line))
+                else:
+                    parts.append(replace(Contribution.of(line), name=f"{name}, {when}"))
+        if cancels:
+            parts.append(_together(cancels))
     change = budget(after.value - before.value, before.unit, parts)
     relative = 100.0 * change.value / abs(before.value) if before.value else float("nan")
     return Change(key, change, relative, abs(change.value) > change.expanded_uncertainty())
 
 
-def compare_specimens(key: str, specimens: Mapping[str, Budget]) -> SpecimenComparison:
+def _together(weighted: Sequence[tuple[float, BudgetLine]]) -> Contribution:
+    """Return the contribution of one source to a weighted sum of results that share its error."""
+    signed = sum(weight * line.sensitivity * line.contribution for weight, line in weighted)
+    freedom = min(line.degrees_of_freedom for _, line in weighted)
+    line = weighted[0][1]
+    return Contribution(line.name, abs(signed), freedom, float(np.sign(signed)) or 1.0, line.shared)
+
+
+def compare_specimens(
+    key: str, specimens: Mapping[str, Budget], *, same_calibration: bool = True
+) -> SpecimenComparison:
     """Compare one value of several specimens of one type, by serial number.
+
+    Errors of the calibration are those of the mean as well; everything that a mounting, a zero or a
+    test changes is in the spread between the specimens.
+
+    Parameters
+    ----------
+    key : str
+        Name of the value.
+    specimens : mapping of str to Budget
+        By serial number.
+    same_calibration : bool
+        Whether all were measured on one bench with one calibration; otherwise no contribution
+        cancels in the difference of two specimens.
 
     Raises
     ------
@@ -172,17 +172,16 @@ def compare_specimens(key: str, specimens: Mapping[str, Budget]) -> SpecimenComp
     values = np.array([each.value for each in specimens.values()])
     spread = float(np.std(values, ddof=1))
     parts = [Contribution("specimens", spread / values.size**0.5, values.size - 1.0)]
-    for name in sorted(COMMON_CONTRIBUTIONS):
-        found = [
-            sum(line.contribution for line in each.lines if line.name == name)
-            for each in specimens.values()
-        ]
-        parts.append(Contribution(name, float(np.mean(found)), inf))
+    every = [line for each in specimens.values() for line in each.lines]
+    systematic = [line for line in every if line.shared is Shared.CALIBRATION]
+    for name in sorted({line.name for line in systematic}):
+        here = [(1.0 / values.size, line) for line in systematic if line.name == name]
+        parts.append(_together(here))
     serials = list(specimens)
     outliers = tuple(
         serial
         for index, serial in enumerate(serials)
-        if _is_outlier(index, serials, specimens, values)
+        if _is_outlier(index, serials, specimens, values, same_calibration=same_calibration)
     )
     mean = budget(float(values.mean()), units.pop(), parts)
     return SpecimenComparison(key, dict(specimens), mean, spread, outliers)
@@ -193,6 +192,8 @@ def _is_outlier(
     serials: Sequence[str],
     specimens: Mapping[str, Budget],
     values: np.ndarray[tuple[int, ...], np.dtype[np.float64]],
+    *,
+    same_calibration: bool,
 ) -> bool:
     others = np.delete(values, index)
     if others.size < 3:
@@ -202,6 +203,8 @@ def _is_outlier(
     nearest = serials[
         int(np.argmin(np.where(np.arange(values.size) == index, inf, np.abs(values - middle))))
     ]
-    change = change_between("", specimens[nearest], specimens[serials[index]]).change
+    change = change_between(
+        "", specimens[nearest], specimens[serials[index]], same_calibration=same_calibration
+    ).change
     distance = abs(float(values[index]) - middle)
     return distance > 3.0 * robust and distance > change.expanded_uncertainty()

@@ -5,11 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 from math import inf, sqrt
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, Self
+
+import numpy as np
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.uncertainty import Budget, BudgetLine, Distribution, welch_satterthwaite
+from torquebench.uncertainty import (
+    Budget,
+    BudgetLine,
+    Distribution,
+    Shared,
+    welch_satterthwaite,
+)
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -21,6 +29,7 @@ __all__ = [
     "ReducerResult",
     "ResultQuantity",
     "budget",
+    "common_of_both",
     "refuse",
 ]
 
@@ -32,8 +41,7 @@ class Contribution:
     Parameters
     ----------
     name : str
-        Where it comes from. Names of `comparison.COMMON_CONTRIBUTIONS` are systematic: two
-        evaluations on one bench have them in common.
+        Where it comes from.
     standard_uncertainty : float
         Its standard uncertainty in the unit of the result, not negative.
     degrees_of_freedom : float
@@ -41,12 +49,28 @@ class Contribution:
     sensitivity : float
         +1 or -1: which way a positive error of the source shifts the result, so that two results
         that share the source can be compared.
+    shared : Shared
+        What another result must have in common with this one to have the same error: the
+        calibration (of a chain or of the bench's encoders), the mounting, the zero, the test as one
+        loading, or nothing.
     """
 
     name: str
     standard_uncertainty: float
     degrees_of_freedom: float = inf
     sensitivity: float = 1.0
+    shared: Shared = Shared.NOTHING
+
+    @classmethod
+    def of(cls, line: BudgetLine, factor: float = 1.0) -> Self:
+        """Return the contribution of a budget's line, times a factor."""
+        return cls(
+            line.name,
+            abs(factor) * line.contribution,
+            line.degrees_of_freedom,
+            float(np.copysign(1.0, factor)) * line.sensitivity,
+            line.shared,
+        )
 
 
 @dataclass(frozen=True)
@@ -164,10 +188,43 @@ def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Bu
             sensitivity=part.sensitivity,
             contribution=part.standard_uncertainty,
             share=part.standard_uncertainty**2 / variance,
+            shared=part.shared,
         )
         for part in parts
     )
     return Budget(float(value), sqrt(variance), freedom, lines, unit)
+
+
+def common_of_both(first: Budget, second: Budget) -> list[Contribution]:
+    """Return what two values share, as contributions to their mean.
+
+    Errors of one source add with their signs: of equal sizes and opposite signs they cancel.
+
+    Examples
+    --------
+    >>> scale = Contribution("scale", 0.2, shared=Shared.CALIBRATION)
+    >>> zeros = [Contribution("zero", 0.3, sensitivity=s, shared=Shared.ZEROING) for s in (1, -1)]
+    >>> forward, backward = (budget(5.0, "N·m", [scale, zero]) for zero in zeros)
+    >>> [(each.name, each.standard_uncertainty) for each in common_of_both(forward, backward)]
+    [('scale', 0.2), ('zero', 0.0)]
+    """
+    lines: dict[tuple[str, Shared], list[BudgetLine]] = {}
+    for line in (*first.lines, *second.lines):
+        if line.common:
+            lines.setdefault((line.name, line.shared), []).append(line)
+    return [_added(each, 0.5) for each in lines.values()]
+
+
+def _added(lines: list[BudgetLine], factor: float) -> Contribution:
+    """Return the common error of lines of one source."""
+    signed = factor * sum(line.sensitivity * line.contribution for line in lines)
+    return Contribution(
+        lines[0].name,
+        abs(signed),
+        min(line.degrees_of_freedom for line in lines),
+        float(np.sign(signed)) or 1.0,
+        lines[0].shared,
+    )
 
 
 def refuse(estimate: Budget, share: float, what: str) -> None:

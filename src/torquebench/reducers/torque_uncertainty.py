@@ -16,30 +16,34 @@ __all__ = ["KnownTorque", "TorqueUncertainty", "over"]
 
 @dataclass(frozen=True)
 class TorqueUncertainty:
-    """Standard uncertainties (k = 1) of a torque.
+    """Standard uncertainties (k = 1) of a torque, by what shares their errors.
 
     Parameters
     ----------
     relative : float
-        Of the sensitivity, as a share of reading.
+        Of the calibration, as a share of reading.
     zero_nm : float
         Of the zero measured just before, N·m; the same in both directions, so that it cancels in
         their mean.
     model_nm : float
-        Of the compensation, N·m; its error may change sign with the torque.
+        Of the calibration, N·m; its error may change sign with the torque.
     speed_nm_per_rpm : float
         Of the zero over speed, N·m per 1/min; cancels in the mean of both directions.
-    drag_nm : float
-        Of bearings between transducer and flange, N·m; it changes sign with the speed.
+    mounting_nm : float
+        Of the mounting and the drag of bearings, N·m; it changes sign with torque and speed.
+    loading_nm : float
+        Of a loading, N·m, within limits that all repeats may use up alike: place in the hysteresis
+        loop, creep, dynamics.
     repeatability_nm : float
-        Of one loading, N·m; used only if a test has no repeats that show it.
+        Scatter of one loading, N·m; used only if a test has no repeats that show it.
     """
 
     relative: float = 0.0
     zero_nm: float = 0.0
     model_nm: float = 0.0
     speed_nm_per_rpm: float = 0.0
-    drag_nm: float = 0.0
+    mounting_nm: float = 0.0
+    loading_nm: float = 0.0
     repeatability_nm: float = 0.0
 
     def __post_init__(self) -> None:
@@ -62,8 +66,8 @@ def over(known: KnownTorque, rows: NDArray[np.bool_] | None = None) -> TorqueUnc
 
     Examples
     --------
-    >>> known = [TorqueUncertainty(drag_nm=each) for each in (0.1, 0.7, 9.0)]
-    >>> round(over(known, np.array([True, True, False])).drag_nm, 9)
+    >>> known = [TorqueUncertainty(mounting_nm=each) for each in (0.1, 0.7, 9.0)]
+    >>> round(over(known, np.array([True, True, False])).mounting_nm, 9)
     0.5
     """
     if isinstance(known, TorqueUncertainty):

@@ -137,7 +137,7 @@ def _specimens(
             own = each.quantities[key].estimate
             value.append(own.value - found.values[key].mean.value)
             difference = change_between(
-                key, other.quantities[key].estimate, own, same_bench=found.same_chain
+                key, other.quantities[key].estimate, own, same_calibration=found.same_chain
             )
             expanded.append(difference.change.expanded_uncertainty() / np.sqrt(2.0))
         axes.errorbar(

@@ -9,10 +9,12 @@ from torquebench.reducers import (
     TorqueUncertainty,
     budget,
     change_between,
+    compare_specimens,
     evaluate_breakaway,
     evaluate_efficiency,
     evaluate_no_load,
 )
+from torquebench.uncertainty import Shared
 
 
 def test_no_load_torque_of_repeats_and_its_refusal():
@@ -65,9 +67,37 @@ def test_efficiency_by_the_definition_and_swapped_columns():
 
 
 def test_what_both_measurements_share_cancels_in_a_change():
-    parts = [Contribution("torque scale", 0.5), Contribution("loops", 0.1)]
+    scale = Contribution("any name", 0.5, shared=Shared.CALIBRATION)
+    parts = [scale, Contribution("loops", 0.1)]
     change = change_between("stiffness", budget(100, "N·m", parts), budget(99, "N·m", parts))
     assert change.change.standard_uncertainty == pytest.approx(0.02**0.5)
     assert change.significant
+    other = change_between(
+        "stiffness",
+        budget(100, "N·m", parts),
+        budget(99, "N·m", parts),
+        same_calibration=False,
+    )
+    assert other.change.standard_uncertainty == pytest.approx(0.52**0.5)
     with pytest.raises(InputError, match="one unit"):
         change_between("x", budget(1, "N·m", parts), budget(1, "J", parts))
+
+
+@pytest.mark.parametrize("shared", [Shared.MOUNTING, Shared.ZEROING, Shared.LOADING])
+def test_a_specimen_is_mounted_and_zeroed_anew_between_two_tests(shared):
+    parts = [Contribution("torque scale", 0.5, shared=shared)]
+    first, second = (budget(value, "N·m", parts) for value in (100.0, 99.0))
+    change = change_between("stiffness", first, second)
+    assert change.change.standard_uncertainty == pytest.approx(0.5**0.5)
+    found = compare_specimens("stiffness", {"A": first, "B": second})
+    assert [line.name for line in found.mean.lines] == ["specimens"]
+
+
+def test_the_mean_of_specimens_has_the_errors_of_the_calibration():
+    parts = [Contribution("any name", 0.5, shared=Shared.CALIBRATION)]
+    values = {name: budget(value, "N·m", parts) for name, value in (("A", 100.0), ("B", 100.0))}
+    assert compare_specimens("x", values).mean.standard_uncertainty == pytest.approx(0.5)
+    far = {"A": 1.0, "B": 1.01, "C": 1.02, "D": 1.5}
+    every = {name: budget(value, "N·m", parts) for name, value in far.items()}
+    assert compare_specimens("x", every).outliers == ("D",)
+    assert not compare_specimens("x", every, same_calibration=False).outliers

@@ -1,8 +1,11 @@
 """Empty runs, means of both directions, and how often intervals hold a known truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 from torquebench.reducers import (
     TorqueUncertainty,
@@ -51,7 +54,7 @@ KNOWN = TorqueUncertainty(
     relative=1e-3,
     model_nm=1e-3,
     speed_nm_per_rpm=3e-6 / np.sqrt(3.0),
-    drag_nm=0.005 / np.sqrt(3.0),
+    mounting_nm=0.005 / np.sqrt(3.0),
     repeatability_nm=0.003,
 )
 
@@ -63,8 +66,9 @@ def test_intervals_of_no_load_torque_hold_the_truth(tared: bool) -> None:
         bench = Bench(seed)
         empty, test = bench.swept(lambda _speed: 0.0), bench.swept(true_no_load)
         tare = fit_tare(empty[0], empty[1], repeat=empty[2]) if tared else None
+        known = replace(KNOWN, mounting_nm=0.0, speed_nm_per_rpm=0.0) if tared else KNOWN
         found = evaluate_no_load(
-            test[0], test[1], repeat=test[2], series=test[3], uncertainty=KNOWN, tare=tare
+            test[0], test[1], repeat=test[2], series=test[3], uncertainty=known, tare=tare
         )
         for each in (found.means[1], found.points[1]):
             low, high = each.torque.interval()
@@ -118,16 +122,16 @@ def test_every_torque_has_its_own_uncertainty() -> None:
     u = [each.efficiency.standard_uncertainty / each.efficiency.value for each in found.points]
     assert u == pytest.approx(1e-2 / drive)
     speed = np.array([100.0, 1000.0])
-    drag = [TorqueUncertainty(drag_nm=each) for each in (0.01, 0.03)]
+    drag = [TorqueUncertainty(mounting_nm=each) for each in (0.01, 0.03)]
     no_load = evaluate_no_load(speed, 0.1 + 1e-4 * speed, uncertainty=drag)
     lines = [line for each in no_load.points for line in each.torque.lines]
-    assert [ln.contribution for ln in lines if ln.name == "bearing drag"] == [0.01, 0.03]
+    assert [ln.contribution for ln in lines if ln.name == "mounting and drag"] == [0.01, 0.03]
 
 
 def test_intervals_of_efficiency_hold_the_truth() -> None:
     ratio, held, width = 121.0, [], []
-    known_in = TorqueUncertainty(relative=5e-4, model_nm=1e-3, drag_nm=1e-3)
-    known_out = TorqueUncertainty(relative=5e-4, model_nm=0.1, drag_nm=0.05)
+    known_in = TorqueUncertainty(relative=5e-4, model_nm=1e-3, mounting_nm=1e-3)
+    known_out = TorqueUncertainty(relative=5e-4, model_nm=0.1, mounting_nm=0.05)
     for seed in range(SEEDS):
         rng = np.random.default_rng(seed)
         scale_in, scale_out = 5e-4 * rng.standard_normal(2)
@@ -194,3 +198,30 @@ def test_intervals_of_starting_torque_hold_the_truth() -> None:
         width.append(found.torque.expanded_uncertainty() / true)
     assert LEAST <= np.mean(held) <= MOST
     assert np.mean(width) < 0.1
+
+
+def test_errors_that_an_empty_run_has_too_cancel_with_it() -> None:
+    speed, torque = np.array([-900.0, 300.0, 900.0]), np.array([-2.0, 1.5, 2.0])
+    size, turn = np.abs(torque), np.sign(speed)
+
+    def stated(value: np.ndarray, place: np.ndarray) -> Torque:
+        return Torque(
+            value,
+            (
+                Component("standard", Shared.CALIBRATION, 1e-3 * value),
+                Component("shift", Shared.CALIBRATION, 1e-5 * np.abs(speed)),
+                Component("drag", Shared.MOUNTING, 0.01 * turn),
+                Component("curve", Shared.CALIBRATION, np.full(3, 0.02), place=place),
+                Component("zero", Shared.ZEROING, 0.003),
+            ),
+        )
+
+    empty = stated(0.1 * turn, np.zeros((3, 1)))
+    tare = fit_tare(speed, empty.value_nm, stated=empty)
+    left = tare.left(stated(torque, np.array([[0.25], [0.25], [2.0]])), speed + 1.0)
+    assert left.component("standard") == pytest.approx(1e-3 * (size - 0.1))
+    assert left.component("shift") == pytest.approx(np.zeros(3))
+    assert left.component("drag") == pytest.approx(np.zeros(3))
+    # the errors of a curve are common as far as their places are near
+    assert left.component("curve") == pytest.approx(0.02 * np.sqrt([0.5, 0.5, 2.0]))
+    assert left.component("zero") == pytest.approx(0.003)

@@ -168,9 +168,9 @@ def compared(specimens: Sequence[SpecimenResults], *, change: bool = False) -> R
         estimates = {each.name: each.quantities[key].estimate for each in specimens}
         if change:
             before, after = (each.quantities[key].estimate for each in specimens)
-            changes[key] = change_between(key, before, after, same_bench=same)
+            changes[key] = change_between(key, before, after, same_calibration=same)
         else:
-            values[key] = compare_specimens(key, estimates)
+            values[key] = compare_specimens(key, estimates, same_calibration=same)
     every = {key for each in specimens for key in each.quantities}
     return ReducerComparison(tuple(specimens), changes, values, same, len(every) - len(keys))
 

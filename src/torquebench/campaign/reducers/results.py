@@ -11,7 +11,7 @@ from typing import Any
 from torquebench.campaign.reducers.catalogue import TestName
 from torquebench.reducers import Finding
 from torquebench.station import RunRecord
-from torquebench.uncertainty import Budget, BudgetLine, Distribution, Verdict
+from torquebench.uncertainty import Budget, BudgetLine, Distribution, Shared, Verdict
 
 __all__ = [
     "SHORT_TEST",
@@ -233,6 +233,7 @@ def plain_budget(estimate: Budget) -> dict[str, Any]:
                 "degrees_of_freedom": freedom(line.degrees_of_freedom),
                 "sensitivity": line.sensitivity,
                 "share": line.share,
+                "shared": line.shared.value,
             }
             for line in estimate.lines
         ],
@@ -264,6 +265,7 @@ def budget_from_plain(plain: Mapping[str, Any]) -> Budget:
             sensitivity=float(line["sensitivity"]),
             contribution=float(line["standard_uncertainty"]),
             share=float(line["share"]),
+            shared=Shared(line["shared"]),
         )
         for line in plain["contributions"]
     )

@@ -145,10 +145,7 @@ class PartlySampled:
     def _widened(self, estimate: Budget) -> Budget:
         if not self.unsampled:
             return estimate
-        sampled = [
-            Contribution(line.name, line.contribution, line.degrees_of_freedom, line.sensitivity)
-            for line in estimate.lines
-        ]
+        sampled = [Contribution.of(line) for line in estimate.lines]
         added = [
             Contribution(each.name, each.standard_uncertainty(estimate.value))
             for each in self.unsampled

@@ -9,9 +9,11 @@ from math import hypot
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.twist import TwistCompliance
+from torquebench.chain import Readings, Rotation, Torque, TorqueParts
 from torquebench.message import Message
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
@@ -28,6 +30,7 @@ __all__ = [
     "tare_remarks",
     "tares_of",
     "temperature_remarks",
+    "torque_of_loading",
     "torque_uncertainty",
     "without_tare",
 ]
@@ -43,6 +46,9 @@ REPEATABILITY_SHARE = 2e-4
 of such transducers state 0.01-0.03 %. It is constant while the torque is, so that only repeats
 average it; where there are repeats, their spread is used instead.
 """
+
+LARGE = 0.5
+"""Share of a loading's largest torque above which the torque counts as large."""
 
 
 @dataclass(frozen=True)
@@ -172,6 +178,7 @@ def tares_of(recording: RunningRecording, ratio: float) -> dict[Side, Tare]:
             recording.torque_nm[side],
             repeat=recording.repeat,
             zero_nm=recording.zero_uncertainty_nm[side],
+            stated=recording.stated[side],
         )
         for side in SIDES
     }
@@ -184,7 +191,7 @@ def without_tare(
     side: Side,
     known: tuple[TorqueUncertainty, ...],
 ) -> tuple[FloatArray, tuple[TorqueUncertainty, ...]]:
-    """Subtract an empty run from torques, and replace the corrected components."""
+    """Subtract an empty run from torques, and add what is uncertain of it."""
     tare = bench.tares.get(side)
     if tare is None:
         return torque_nm, known
@@ -193,8 +200,7 @@ def without_tare(
         replace(
             one,
             zero_nm=hypot(one.zero_nm, tare.zero_nm),
-            drag_nm=hypot(each.scatter_nm, each.transfer_nm),
-            speed_nm_per_rpm=0.0,
+            mounting_nm=hypot(one.mounting_nm, each.scatter_nm, each.transfer_nm),
         )
         for one, each in zip(known, taken, strict=True)
     )
@@ -209,57 +215,75 @@ def torque_uncertainty(
 ) -> tuple[TorqueUncertainty, ...]:
     """Return the uncertainty of a side's torque at each point beyond the scatter of the repeats.
 
-    It consists of the measuring chain's components at the point, grouped by their behaviour in a
-    test: proportional to torque, constant between zeros, changing sign with the speed.
+    It consists of the measuring chain's components at the point, by what shares their errors
+    (`TorqueParts`), less what an empty run has of them too.
     """
     zeros, stated = recording.zero_uncertainty_nm[side], recording.stated[side]
-    count = recording.torque_nm[side].size
+    tare = bench.tares.get(side)
+    torque, speed = recording.torque_nm[side], np.abs(recording.speed_rpm[side])
     if stated is None:
-        return (_without_chain(bench, side, zeros),) * count
-    size = np.maximum(np.abs(recording.torque_nm[side]), 1e-9)
-    speed = np.abs(recording.speed_rpm[side])
-    curve = np.hypot(stated.component("static curve"), stated.component("hysteresis"))
-    growing = float(np.min(curve / size))
-    rest = np.sqrt(np.maximum(curve**2 - (growing * size) ** 2, 0.0))
-    relative = sum(np.square(stated.component(name) / size) for name in _RELATIVE)
-    kept = sum(np.square(stated.component(name)) for name in _ZERO)
-    by_speed = stated.component("zero over speed") / np.where(speed > 0.0, speed, np.inf)
-    drag = np.sqrt(sum(np.square(stated.component(name)) for name in _DRAG))
+        return (_without_chain(bench, side, zeros, tared=tare is not None),) * torque.size
+    if tare is not None:
+        stated = tare.left(stated, recording.speed_rpm[side])
+    parts = TorqueParts.of(stated)
+    turns = speed > 0.0
     columns = (
-        np.sqrt(growing**2 + relative),
-        np.sqrt(zeros**2 + kept),
-        rest,
-        by_speed,
-        drag,
-        stated.component("scatter"),
+        parts.scale_nm / np.maximum(np.abs(torque), 1e-9),
+        np.sqrt(zeros**2 + parts.zero_nm**2 + np.where(turns, 0.0, parts.shift_nm) ** 2),
+        parts.curve_nm,
+        np.where(turns, parts.shift_nm, 0.0) / np.where(turns, speed, 1.0),
+        parts.mounting_nm,
+        parts.loading_nm,
+        np.hypot(parts.scatter_nm, parts.noise_nm),
     )
-    return tuple(
-        TorqueUncertainty(*row) for row in np.stack(np.broadcast_arrays(*columns), 1).tolist()
-    )
+    return tuple(TorqueUncertainty(*row) for row in np.stack(columns, 1).tolist())
 
 
-_RELATIVE = (
-    "reference standard",
-    "temperature of standard",
-    "drift of standard",
-    "temperature of span",
-    "time base",
-    "drift",
-    "mounting",
-)
-_ZERO = ("zero", "zero drift", "temperature of zero", "temperature gradient")
-_DRAG = ("bearing drag", "running-in", "lubrication")
-
-
-def _without_chain(bench: Bench, side: Side, zero_nm: float) -> TorqueUncertainty:
-    """Return the reported limits of a chain without compensation."""
+def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> TorqueUncertainty:
+    """Return the reported limit of a chain without compensation, and those of its rotation."""
     module = bench.description.module(side)
-    nominal = module.transducer.nominal_torque_nm
-    shift = 1e-2 * module.transducer.speed_zero_percent_per_1000rpm * nominal / 1000.0
-    return TorqueUncertainty(
+    known = TorqueUncertainty(
         zero_nm=zero_nm,
         model_nm=nominal_nm(bench, side),
-        speed_nm_per_rpm=shift / np.sqrt(3.0),
-        drag_nm=1e-2 * module.bearing_drag_percent * module.range_nm / np.sqrt(3.0),
         repeatability_nm=REPEATABILITY_SHARE * module.range_nm,
+    )
+    if tared:
+        return known
+    turning = Readings(np.zeros(1), speed_rpm=_RPM)
+    components = [
+        each
+        for effect in chain_effects(bench.description, side)
+        if isinstance(effect, Rotation)
+        for each in effect.components(turning, turning.reading_nm)
+    ]
+    parts = TorqueParts.of(Torque(turning.reading_nm, tuple(components)))
+    return replace(
+        known,
+        speed_nm_per_rpm=float(parts.shift_nm[0]) / _RPM,
+        mounting_nm=float(parts.mounting_nm[0]),
+    )
+
+
+_RPM = 1000.0
+"""Speed at which the effect of rotation is taken: its zero grows in proportion to the speed."""
+
+
+def torque_of_loading(parts: TorqueParts, torque_nm: FloatArray) -> TorqueUncertainty:
+    """Return the uncertainty of the torques of one slow loading: only noise averages out.
+
+    Parameters
+    ----------
+    parts : TorqueParts
+    torque_nm : float64[n]
+        Torques of the loading, N·m.
+    """
+    size = np.abs(torque_nm)
+    large = size > LARGE * np.max(size)
+    return TorqueUncertainty(
+        relative=root_mean_square(parts.scale_nm[large] / size[large]),
+        zero_nm=root_mean_square(np.hypot(parts.zero_nm, parts.shift_nm)),
+        model_nm=root_mean_square(parts.curve_nm),
+        mounting_nm=root_mean_square(parts.mounting_nm),
+        loading_nm=root_mean_square(parts.loading_nm),
+        repeatability_nm=root_mean_square(parts.scatter_nm),
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -19,18 +20,17 @@ from torquebench.reducers.quantities import (
     LimitedQuantity,
     ResultQuantity,
     budget,
+    common_of_both,
     refuse,
 )
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
 __all__ = ["BreakawayResult", "BreakawayRun", "evaluate_breakaway"]
 
-COMMON = ("torque scale", "first motion")
-"""Contributions common to both directions."""
 BreakawayKind = Literal["starting", "back-driving"]
 MEDIAN_EFFICIENCY = np.sqrt(np.pi / 2.0)
 """Standard error of a median of normal values, in standard errors of their mean."""
@@ -291,32 +291,32 @@ def _median(runs: list[BreakawayRun], known: TorqueUncertainty) -> Budget:
     values = np.abs([each.torque_nm for each in runs])
     middle = float(np.median(values))
     own = float(np.sqrt(np.mean([each.standard_uncertainty_nm**2 for each in runs])))
+    sign = float(np.sign(runs[0].torque_nm)) or 1.0
     parts = [
-        Contribution("torque zero", known.zero_nm, sensitivity=np.sign(runs[0].torque_nm) or 1.0),
-        Contribution("torque scale", known.relative * middle),
+        Contribution("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),
+        Contribution("torque scale", known.relative * middle, shared=Shared.CALIBRATION),
+        Contribution("compensation model", known.model_nm, shared=Shared.CALIBRATION),
+        Contribution("mounting and drag", known.mounting_nm, shared=Shared.MOUNTING),
+        Contribution("loading effects", known.loading_nm, shared=Shared.LOADING),
     ]
     if values.size > 1:
         efficiency = MEDIAN_EFFICIENCY if values.size > 2 else 1.0
         error = efficiency * float(np.std(values, ddof=1)) / values.size**0.5
         parts.append(Contribution("spread over runs", error, values.size - 1))
+    else:
+        parts.append(Contribution("chain repeatability", known.repeatability_nm))
     # One rule detects the motion in all runs: its error doesn't average out.
-    parts.append(Contribution("first motion", own))
+    parts.append(Contribution("first motion", own, shared=Shared.LOADING))
     return budget(middle, "N·m", parts)
 
 
 def _mean_of_both(first: Budget, second: Budget) -> Budget:
     """Mean of both directions: zero cancels, scale and timing errors remain, the rest averages."""
-    parts = [
-        Contribution(name, 0.5 * (_part(first, name) + _part(second, name))) for name in COMMON
-    ]
+    parts = common_of_both(first, second)
     for name, side in (("clockwise", first), ("counter-clockwise", second)):
         parts += [
             Contribution(f"{line.name}, {name}", 0.5 * line.contribution, line.degrees_of_freedom)
             for line in side.lines
-            if line.name not in ("torque zero", *COMMON)
+            if not line.common
         ]
     return budget(0.5 * (first.value + second.value), "N·m", parts)
-
-
-def _part(side: Budget, name: str) -> float:
-    return sum(line.contribution for line in side.lines if line.name == name)

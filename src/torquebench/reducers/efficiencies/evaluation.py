@@ -29,7 +29,7 @@ from torquebench.reducers.quantities import (
     refuse,
 )
 from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -120,14 +120,16 @@ class EfficiencyMap:
         parts: list[Contribution] = []
         for name in sorted({line.name for each in mine for line in each.efficiency.lines}):
             relative = np.zeros(len(mine))
-            freedom = np.inf
+            freedom, shared = np.inf, Shared.NOTHING
             for index, each in enumerate(mine):
                 for line in (line for line in each.efficiency.lines if line.name == name):
                     relative[index] = line.sensitivity * line.contribution / each.efficiency.value
-                    freedom = min(freedom, line.degrees_of_freedom)
-            shared = name != "repeatability"
-            size = abs(float(pull @ relative)) if shared else float(np.linalg.norm(pull * relative))
-            parts.append(Contribution(name, 100.0 * share * size, freedom))
+                    freedom, shared = min(freedom, line.degrees_of_freedom), line.shared
+            size = float(pull @ relative)
+            if shared is Shared.NOTHING:
+                size = float(np.linalg.norm(pull * relative))
+            sign = float(np.sign(size)) or 1.0
+            parts.append(Contribution(name, 100.0 * share * abs(size), freedom, sign, shared))
         return budget(100.0 * share, "%", parts)
 
     def quantities(self) -> tuple[ResultQuantity, ...]:

@@ -1,15 +1,16 @@
 """Points of an efficiency map: means of repeats with their budgets, and of both directions."""
 
 from dataclasses import dataclass
+from math import inf
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.message import Message
-from torquebench.reducers.quantities import Contribution, ResultQuantity, budget
+from torquebench.reducers.quantities import Contribution, ResultQuantity, budget, common_of_both
 from torquebench.reducers.torque_uncertainty import KnownTorque, over
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 from torquebench.units import RAD_S_PER_RPM
 
 __all__ = ["EfficiencyPoint", "Side", "SteadyPoints", "both_directions", "points_of"]
@@ -18,8 +19,6 @@ FloatArray = NDArray[np.float64]
 Side = Literal["input", "output"]
 SAME_POINT = 0.01
 """Share of the largest torque and speed within which points are treated as repeats."""
-CANCELLING = ("torque zero", "zero by speed")
-"""Endings of contributions that cancel in the mean of both directions."""
 
 
 @dataclass(frozen=True)
@@ -169,12 +168,23 @@ def _point(
         size = value / abs(torque)
         signed = pull * float(np.sign(torque))
         parts += [
-            Contribution(f"{name} torque scale", value * of.relative, sensitivity=pull),
-            Contribution(f"{name} torque zero", size * of.zero_nm, sensitivity=signed),
-            Contribution(f"{name} torque model", size * of.model_nm, sensitivity=pull),
-            Contribution(f"{name} bearing drag", size * of.drag_nm, sensitivity=pull),
             Contribution(
-                f"{name} zero by speed", size * of.speed_nm_per_rpm * abs(rpm), sensitivity=signed
+                f"{name} torque scale", value * of.relative, inf, pull, Shared.CALIBRATION
+            ),
+            Contribution(f"{name} torque zero", size * of.zero_nm, inf, signed, Shared.ZEROING),
+            Contribution(f"{name} torque model", size * of.model_nm, inf, pull, Shared.CALIBRATION),
+            Contribution(
+                f"{name} zero by speed",
+                size * of.speed_nm_per_rpm * abs(rpm),
+                inf,
+                signed,
+                Shared.CALIBRATION,
+            ),
+            Contribution(
+                f"{name} mounting and drag", size * of.mounting_nm, inf, pull, Shared.MOUNTING
+            ),
+            Contribution(
+                f"{name} loading effects", size * of.loading_nm, inf, pull, Shared.LOADING
             ),
         ]
         if scatter is None:
@@ -223,17 +233,14 @@ def both_directions(points: tuple[EfficiencyPoint, ...]) -> tuple[EfficiencyPoin
 
 
 def _mean(forward: EfficiencyPoint, other: EfficiencyPoint) -> EfficiencyPoint:
-    first, second = ({ln.name: ln for ln in e.efficiency.lines} for e in (forward, other))
-    parts = []
-    for name in dict.fromkeys((*first, *second)):
-        if name.endswith(CANCELLING):
-            continue
-        lines = [found[name] for found in (first, second) if name in found]
-        sizes = [line.contribution for line in lines]
-        alone = name.endswith("repeatability")
-        total = float(np.linalg.norm(sizes)) if alone else sum(sizes)
-        freedom = min(line.degrees_of_freedom for line in lines)  # pooled over both already
-        parts.append(Contribution(name, 0.5 * total, freedom, lines[0].sensitivity))
+    parts = common_of_both(forward.efficiency, other.efficiency)
+    alone = [line for each in (forward, other) for line in each.efficiency.lines if not line.common]
+    for name in dict.fromkeys(line.name for line in alone):
+        both = [line for line in alone if line.name == name]
+        size = float(np.linalg.norm([line.contribution for line in both]))
+        # scatter and degrees of freedom are pooled over both directions
+        freedom = min(line.degrees_of_freedom for line in both)
+        parts.append(Contribution(name, 0.5 * size, freedom))
     return EfficiencyPoint(
         driving=forward.driving,
         speed_rpm=0.5 * (forward.speed_rpm - other.speed_rpm),

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import replace
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,7 +30,7 @@ from torquebench.reducers.loops.rules import LoopSettings, LoopUncertainty
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 from torquebench.units import ARCMIN, NM_PER_RAD_OF_NM_PER_ARCMIN
 
 __all__ = ["evaluate_hysteresis"]
@@ -203,16 +204,29 @@ def _mean(loops: list[LoopFeatures], value: Callable[[LoopFeatures], float]) -> 
 
 
 def _arcmin(value: float, parts: list[Contribution]) -> Budget:
-    scaled = [
-        Contribution(
-            part.name,
-            part.standard_uncertainty / ARCMIN,
-            part.degrees_of_freedom,
-            part.sensitivity,
-        )
-        for part in parts
+    return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
+
+
+def _scaled(parts: list[Contribution], factor: float) -> list[Contribution]:
+    return [
+        replace(part, standard_uncertainty=factor * part.standard_uncertainty) for part in parts
     ]
-    return budget(value / ARCMIN, "arcmin", scaled)
+
+
+def _scale(known: LoopUncertainty, factor: float) -> tuple[Contribution, Contribution]:
+    """Return contributions of errors in proportion to the torque."""
+    return (
+        Contribution("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
+        Contribution("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
+    )
+
+
+def _branch(known: LoopUncertainty, factor: float) -> tuple[Contribution, Contribution]:
+    """Return contributions of errors of one branch of a loop against the other."""
+    return (
+        Contribution("torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION),
+        Contribution("loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING),
+    )
 
 
 def _backlash(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:
@@ -221,10 +235,12 @@ def _backlash(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLef
     tilt = _mean(loops, lambda each: abs(each.slope_difference_at_zero_rad_per_nm))
     positions = len({each.position for each in loops})
     parts += [
-        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * slope),
-        Contribution("torque zero", known.torque_zero_nm * tilt / positions**0.5),
-        Contribution("angle", 2.0**0.5 * known.angle_rad),
-        Contribution("angle scale", known.angle_relative * abs(value)),
+        *_branch(known, 2.0**0.5 * slope),
+        Contribution(
+            "torque zero", known.torque_zero_nm * tilt / positions**0.5, shared=Shared.ZEROING
+        ),
+        Contribution("angle", 2.0**0.5 * known.angle_rad, shared=Shared.MOUNTING),
+        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
         Contribution("local fit", _mean(loops, lambda each: each.backlash_error_rad)),
         Contribution("torque ripple", left.backlash_rad),
     ]
@@ -249,13 +265,19 @@ def _lost_motion(
     parts += [
         # The residual of a compensated step at reversal is equal on both branches and has the
         # torque's sign: both ends add.
-        Contribution("torque branch", 2.0 * known.torque_branch_nm * slope),
-        Contribution("torque zero", known.torque_zero_nm * slope / positions**0.5),
-        Contribution("torque scale", known.torque_relative * 2.0 * share * slope),
-        Contribution("angle", known.angle_rad),
-        Contribution("angle scale", known.angle_relative * abs(value)),
+        *_branch(known, 2.0 * slope),
         Contribution(
-            "bench compliance", known.bench_compliance_rad_per_nm * 2.0 * share, sensitivity=-1.0
+            "torque zero", known.torque_zero_nm * slope / positions**0.5, shared=Shared.ZEROING
+        ),
+        *_scale(known, 2.0 * share * slope),
+        Contribution("angle", known.angle_rad, shared=Shared.MOUNTING),
+        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
+        Contribution(
+            "bench compliance",
+            known.bench_compliance_rad_per_nm * 2.0 * share,
+            inf,
+            -1.0,
+            Shared.CALIBRATION,
         ),
         Contribution("local fit", _mean(chosen, lambda each: each.lost_motion_error_rad)),
         Contribution("torque ripple", left.lost_motion_rad),
@@ -280,26 +302,25 @@ def _stiffness_budget(
     angle_range = torque_range_nm / abs(value)
     parts = [
         *repeats,
-        Contribution("torque scale", known.torque_relative * abs(value)),
+        *_scale(known, abs(value)),
+        *_branch(known, 2.0**0.5 / torque_range_nm * abs(value)),
         Contribution(
-            "torque branch", 2.0**0.5 * known.torque_branch_nm / torque_range_nm * abs(value)
+            "angle",
+            2.0**0.5 * known.angle_rad / angle_range * abs(value),
+            inf,
+            -1.0,
+            Shared.MOUNTING,
         ),
         Contribution(
-            "angle", 2.0**0.5 * known.angle_rad / angle_range * abs(value), sensitivity=-1.0
+            "angle scale", known.angle_relative * abs(value), inf, -1.0, Shared.CALIBRATION
         ),
-        Contribution("angle scale", known.angle_relative * abs(value), sensitivity=-1.0),
-        Contribution("bench compliance", known.bench_compliance_rad_per_nm * value**2),
-    ]
-    scaled = [
         Contribution(
-            part.name,
-            part.standard_uncertainty / per,
-            part.degrees_of_freedom,
-            part.sensitivity,
-        )
-        for part in parts
+            "bench compliance",
+            known.bench_compliance_rad_per_nm * value**2,
+            shared=Shared.CALIBRATION,
+        ),
     ]
-    return budget(value / per, unit, scaled)
+    return budget(value / per, unit, _scaled(parts, 1.0 / per))
 
 
 def _of_compliances(
@@ -307,11 +328,7 @@ def _of_compliances(
 ) -> tuple[float, list[Contribution]]:
     """Return the stiffness from the mean compliance: angles averaged at equal torque."""
     compliance, parts = _over(loops, lambda each: 1.0 / stiffness(each))
-    scaled = [
-        Contribution(part.name, part.standard_uncertainty / compliance**2, part.degrees_of_freedom)
-        for part in parts
-    ]
-    return 1.0 / compliance, scaled
+    return 1.0 / compliance, _scaled(parts, 1.0 / compliance**2)
 
 
 def _stiffnesses(
@@ -366,10 +383,10 @@ def _energy(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft)
     twist = _mean(loops, _twist)
     load = _mean(loops, lambda each: 2.0 * each.largest_torque_nm)
     parts += [
-        Contribution("torque scale", known.torque_relative * abs(value)),
-        Contribution("angle scale", known.angle_relative * abs(value)),
-        Contribution("torque branch", 2.0**0.5 * known.torque_branch_nm * twist),
-        Contribution("angle", 2.0**0.5 * known.angle_rad * load),
+        *_scale(known, abs(value)),
+        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
+        *_branch(known, 2.0**0.5 * twist),
+        Contribution("angle", 2.0**0.5 * known.angle_rad * load, shared=Shared.MOUNTING),
         Contribution("torque ripple", left.energy_j),
     ]
     return budget(value, "J", parts)

@@ -136,13 +136,18 @@ class LoopUncertainty:
     Parameters
     ----------
     torque_relative : float
-        Of the torque's sensitivity, as a share of reading; common to all loops.
+        Of the calibration, as a share of reading; common to all loops.
+    torque_mounting : float
+        Of the mounting, as a share of reading; common to all loops.
     torque_zero_nm : float
         Of the torque's zero, N·m; common to both branches of a loop, fresh for each position.
     torque_branch_nm : float
-        Standard uncertainty of the torque of one branch relative to the other (residual hysteresis,
-        drift within a loop), N·m; independent between branches, common to all loops. Lost motion
-        may have this error with equal signs on both sides.
+        Standard uncertainty of the torque of one branch relative to the other by the calibration,
+        N·m; independent between branches, common to all loops. Lost motion may have this error with
+        equal signs on both sides.
+    torque_loading_nm : float
+        The same by the loading (place in the chain's own hysteresis loop, creep, drift within a
+        loop), N·m.
     angle_rad : float
         Of an angle of one branch (encoder interpolation, resolution), rad; independent between
         the branches and the signs, common to all loops.
@@ -153,8 +158,10 @@ class LoopUncertainty:
     """
 
     torque_relative: float = 0.0
+    torque_mounting: float = 0.0
     torque_zero_nm: float = 0.0
     torque_branch_nm: float = 0.0
+    torque_loading_nm: float = 0.0
     angle_rad: float = 0.0
     angle_relative: float = 0.0
     bench_compliance_rad_per_nm: float = 0.0

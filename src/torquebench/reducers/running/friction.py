@@ -21,6 +21,7 @@ from torquebench.reducers.columns import finite_columns
 from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
 from torquebench.reducers.saturation import missed_speed
+from torquebench.uncertainty import Shared
 
 __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
 
@@ -104,12 +105,13 @@ class FrictionResult:
                     "scatter about the fit", estimate.standard_uncertainty, fit.degrees_of_freedom
                 )
                 # An error of the zero is an error of the Coulomb torque at all speeds.
-                zero = self.systematic_uncertainty_nm if key == "coulomb" else 0.0
+                size = self.systematic_uncertainty_nm if key == "coulomb" else 0.0
+                common = Contribution("torque zero", size, shared=Shared.ZEROING)
                 rows.append(
                     ResultQuantity(
                         f"{key}_{name.replace('-', '_')}",
                         Message.joined((title, name)),
-                        budget(estimate.value, unit, [scatter, Contribution("torque zero", zero)]),
+                        budget(estimate.value, unit, [scatter, common]),
                         fit.form,
                     )
                 )

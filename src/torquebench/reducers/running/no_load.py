@@ -207,7 +207,9 @@ def evaluate_no_load(
     if reference_temperature_c is not None:
         torque, correction = _at_temperature(torque, warmth, reference_temperature_c, coefficient)
     every = over(known)
-    common = float(np.hypot(every.zero_nm, np.hypot(every.model_nm, every.drag_nm)))
+    common = float(
+        np.linalg.norm([every.zero_nm, every.model_nm, every.mounting_nm, every.loading_nm])
+    )
     friction = evaluate_friction(
         speed, torque, turn, tolerance_rpm=tolerance_rpm, systematic_uncertainty_nm=common
     )

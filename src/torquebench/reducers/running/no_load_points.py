@@ -1,17 +1,17 @@
 """No-load torque at each speed and in the mean of both directions, with its scatter and budget."""
 
 from dataclasses import dataclass
-from math import sqrt
+from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.message import Message
-from torquebench.reducers.quantities import Contribution, Finding, budget
+from torquebench.reducers.quantities import Contribution, Finding, budget, common_of_both
 from torquebench.reducers.running.friction import FrictionCurve, FrictionResult
 from torquebench.reducers.running.tare import Tare
 from torquebench.reducers.torque_uncertainty import KnownTorque, over
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 
 __all__ = [
     "NoLoadPoint",
@@ -68,13 +68,8 @@ class NoLoadPoint:
         """Return the torque that opposes the motion: positive where friction is."""
         torque = self.torque
         sign = -1.0 if self.speed_rpm < 0 else 1.0
-        return Budget(
-            sign * torque.value,
-            torque.standard_uncertainty,
-            torque.degrees_of_freedom,
-            torque.lines,
-            torque.unit,
-        )
+        lines = (Contribution.of(line, sign) for line in torque.lines)
+        return budget(sign * torque.value, torque.unit, lines)
 
 
 @dataclass(frozen=True, eq=False)
@@ -211,24 +206,29 @@ def points_of(
     for place, centre in enumerate(steps.curve.speed_rpm):
         here = steps.index == place
         mean, speed, known = steps.mean(place), float(centre), over(uncertainty, here)
+        sign, turn = float(np.sign(mean)) or 1.0, float(np.sign(speed)) or 1.0
         parts = [
-            Contribution("torque zero", known.zero_nm),
-            Contribution("compensation model", known.model_nm, sensitivity=np.sign(mean)),
-            Contribution("torque scale", known.relative * abs(mean), sensitivity=np.sign(mean)),
-            Contribution("temperature correction", correction * abs(mean)),
+            Contribution("torque zero", known.zero_nm, shared=Shared.ZEROING),
+            Contribution("compensation model", known.model_nm, inf, sign, Shared.CALIBRATION),
+            Contribution("torque scale", known.relative * abs(mean), inf, sign, Shared.CALIBRATION),
+            Contribution(
+                "zero by speed", known.speed_nm_per_rpm * abs(speed), shared=Shared.CALIBRATION
+            ),
+            Contribution("mounting and drag", known.mounting_nm, inf, turn, Shared.MOUNTING),
+            Contribution("loading effects", known.loading_nm, inf, sign, Shared.LOADING),
+            Contribution(
+                "temperature correction", correction * abs(mean), inf, sign, Shared.LOADING
+            ),
             *scatter.parts(int(np.count_nonzero(here)), steps.series_at(place)),
         ]
         if not scatter.between_freedom:
             parts.append(Contribution("chain repeatability", known.repeatability_nm))
-        if tare is None:
-            drag = Contribution("bearing drag", known.drag_nm, sensitivity=np.sign(speed))
-            parts += [Contribution("zero by speed", known.speed_nm_per_rpm * abs(speed)), drag]
-        else:
+        if tare is not None:
             taken = tare.at(speed)
             parts += [
                 Contribution("tare", taken.scatter_nm, taken.degrees_of_freedom),
-                Contribution("tare zero", tare.zero_nm),
-                Contribution("tare transfer", taken.transfer_nm, sensitivity=np.sign(speed)),
+                Contribution("tare zero", tare.zero_nm, shared=Shared.ZEROING),
+                Contribution("tare transfer", taken.transfer_nm, inf, turn, Shared.MOUNTING),
             ]
         points.append(
             NoLoadPoint(
@@ -240,19 +240,6 @@ def points_of(
             )
         )
     return tuple(points)
-
-
-CANCELLING = frozenset({"torque zero", "tare zero", "zero by speed"})
-SAME = frozenset(
-    {
-        "compensation model",
-        "torque scale",
-        "temperature correction",
-        "bearing drag",
-        "tare transfer",
-    }
-)
-"""Contributions common to both directions, with their sign; all others are independent."""
 
 
 def both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[NoLoadPoint, ...]:
@@ -272,18 +259,16 @@ def both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple[
         )
         if other is None or abs(other.nominal_rpm + forward.nominal_rpm) > tolerance:
             continue
-        parts = []
-        lines = [{line.name: line for line in each.torque.lines} for each in (forward, other)]
-        for name in dict.fromkeys((*lines[0], *lines[1])):
-            both = [found[name] for found in lines if name in found]
-            sizes = [line.contribution for line in both]
-            if name in CANCELLING:
-                continue
-            total = sum(sizes) if name in SAME else sqrt(sum(size**2 for size in sizes))
+        first, second = forward.magnitude(), other.magnitude()
+        parts = common_of_both(first, second)
+        alone = [line for each in (first, second) for line in each.lines if not line.common]
+        for name in dict.fromkeys(line.name for line in alone):
+            both = [line for line in alone if line.name == name]
+            size = sqrt(sum(line.contribution**2 for line in both))
             # Scatter and degrees of freedom are pooled over both directions.
             freedom = min(line.degrees_of_freedom for line in both)
-            parts.append(Contribution(name, 0.5 * total, freedom))
-        value = 0.5 * (forward.magnitude().value + other.magnitude().value)
+            parts.append(Contribution(name, 0.5 * size, freedom))
+        value = 0.5 * (first.value + second.value)
         means.append(
             NoLoadPoint(
                 speed_rpm=0.5 * (forward.speed_rpm - other.speed_rpm),

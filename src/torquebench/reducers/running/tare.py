@@ -1,11 +1,12 @@
 """Readings of a rotating chain with nothing mounted, subtracted from readings with a reducer."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import inf, sqrt
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.columns import finite_columns, labels
@@ -59,12 +60,42 @@ class Tare:
         Standard uncertainty of the zeros of the empty run, N·m.
     residual_nm : float
         Scatter about the polynomials, N·m.
+    speed_rpm : array of float, shape (n,)
+        Of the empty run's points, 1/min.
+    stated : Torque or None
+        What the measuring chain stated at these points; None without an active one.
     """
 
     coefficients: dict[int, NDArray[np.float64]]
     fastest_rpm: float
     zero_nm: float
     residual_nm: float
+    speed_rpm: NDArray[np.float64] = field(default_factory=lambda: np.zeros(0))
+    stated: Torque | None = None
+
+    def left(self, torque: Torque, speed_rpm: ArrayLike) -> Torque:
+        """Return torques without the errors that the empty run's points at their speeds have too.
+
+        Errors of the calibration and of the mounting cancel as far as both have them. The scatter
+        of the empty run and its zero are in `at` and `zero_nm`.
+
+        Parameters
+        ----------
+        torque : Torque
+            Of the same measuring chain, before the empty run is subtracted.
+        speed_rpm : array of float, shape (n,)
+        """
+        if self.stated is None:
+            return torque
+        apart = np.abs(np.asarray(speed_rpm)[:, None] - self.speed_rpm[None, :])
+        empty = self.stated.at(np.argmin(apart, axis=1))
+        components = []
+        for each in torque.components:
+            if each.shared in (Shared.CALIBRATION, Shared.MOUNTING):
+                for other in (one for one in empty.components if one.name == each.name):
+                    each = _difference(each, other)
+            components.append(each)
+        return Torque(torque.value_nm, tuple(components))
 
     def at(self, speed_rpm: float) -> TareValue:
         """Return the torque to be subtracted at a speed.
@@ -108,12 +139,24 @@ class Tare:
         )
 
 
+def _difference(one: Component, other: Component) -> Component:
+    """Return the error of a difference of torques, row by row."""
+    first, second = np.asarray(one.uncertainty_nm), np.asarray(other.uncertainty_nm)
+    if one.place is None or other.place is None:
+        return one._replace(uncertainty_nm=first - second)
+    common = np.prod(np.maximum(1.0 - np.abs(one.place - other.place), 0.0), axis=1)
+    square = first**2 + second**2 - 2.0 * common * first * second
+    sign = np.where(first < 0.0, -1.0, 1.0)
+    return one._replace(uncertainty_nm=sign * np.sqrt(np.maximum(square, 0.0)))
+
+
 def fit_tare(
     speed_rpm: ArrayLike,
     torque_nm: ArrayLike,
     *,
     repeat: ArrayLike | None = None,
     zero_nm: float = 0.0,
+    stated: Torque | None = None,
 ) -> Tare:
     """Fit the readings of an empty run.
 
@@ -125,6 +168,8 @@ def fit_tare(
         Number of the repeat; its scatter is the tare's uncertainty.
     zero_nm : float
         Standard uncertainty of the zeros, N·m.
+    stated : Torque, optional
+        What the measuring chain stated at these points: errors that it shares with a test cancel.
 
     Raises
     ------
@@ -159,4 +204,4 @@ def fit_tare(
             rows.append(np.pad(line, (0, HIGHEST_DEGREE - degree)))
         found[sign] = np.array(rows)
     residual = float(np.sqrt(np.mean(np.concatenate(rest) ** 2)))
-    return Tare(found, float(np.max(np.abs(speed))), float(zero_nm), residual)
+    return Tare(found, float(np.max(np.abs(speed))), float(zero_nm), residual, speed, stated)

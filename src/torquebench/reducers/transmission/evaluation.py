@@ -28,7 +28,7 @@ from torquebench.reducers.transmission.segments import (
     check_slip,
     runs_of,
 )
-from torquebench.uncertainty import Budget
+from torquebench.uncertainty import Budget, Shared
 from torquebench.units import ARCSEC
 
 if TYPE_CHECKING:
@@ -274,7 +274,9 @@ def _direction(
         found.peak_to_peak_arcsec,
         "arcsec",
         [
-            Contribution("encoders", _between_peaks(found, known, ratio)),
+            Contribution(
+                "encoders", _between_peaks(found, known, ratio), shared=Shared.CALIBRATION
+            ),
             Contribution("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
             Contribution("noise at the peaks", found.peak_noise_arcsec),
         ],
@@ -288,7 +290,7 @@ def _direction(
                 float(found.amplitude_arcsec[index]),
                 "arcsec",
                 [
-                    Contribution("encoders", encoders),
+                    Contribution("encoders", encoders, shared=Shared.CALIBRATION),
                     Contribution(
                         "noise", float(found.amplitude_error_arcsec[index]), found.noise_freedom
                     ),
@@ -337,7 +339,8 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
     ]
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
-    return budget(value, "arcsec", [*noise, Contribution("encoders", 2.0**0.5 * encoders)])
+    common = Contribution("encoders", 2.0**0.5 * encoders, shared=Shared.CALIBRATION)
+    return budget(value, "arcsec", [*noise, common])
 
 
 def _findings(directions: list[DirectionError]) -> list[Finding]:

@@ -1,0 +1,120 @@
+"""Uncertainty of torques by what shares its errors, and how these act."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.chain.readings import FloatArray
+from torquebench.chain.torque import Component, Shared, Torque
+from torquebench.uncertainty import Distribution
+
+__all__ = ["TorqueParts"]
+
+
+@dataclass(frozen=True, eq=False)
+class TorqueParts:
+    """Standard uncertainties of torques, N·m: the squares add up to those of the whole chain.
+
+    A component's part follows from what shares its error, and from its signs: a new effect needs no
+    entry here. The parts show more, the more of a record is split at once: signs show how an error
+    acts only where torques of both directions are in it.
+
+    Parameters
+    ----------
+    scale_nm : float64[n]
+        Common to a calibration, with the torque's sign (or against it): a mean over both directions
+        keeps it.
+    shift_nm : float64[n]
+        Common to a calibration, with one sign whatever the torque's: it cancels in that mean.
+    curve_nm : float64[n]
+        Common to a calibration, otherwise: of a curve, or with changing signs.
+    mounting_nm, zero_nm : float64[n]
+        Common to a mounting, and to a zeroing.
+    loading_nm : float64[n]
+        New with every loading within limits: loadings alike may use them up alike.
+    scatter_nm : float64[n]
+        New with every loading, as the scatter of loadings shows it.
+    noise_nm : float64[n]
+        New with every reading: it averages out.
+
+    Examples
+    --------
+    >>> torque = Torque(
+    ...     np.array([100.0, -60.0]),
+    ...     (
+    ...         Component("reference", Shared.CALIBRATION, np.array([0.10, -0.06])),
+    ...         Component("zero over speed", Shared.CALIBRATION, np.array([0.03, 0.03])),
+    ...         Component("counter", Shared.NOTHING, 0.02),
+    ...     ),
+    ... )
+    >>> parts = TorqueParts.of(torque)
+    >>> parts.scale_nm.tolist(), parts.shift_nm.tolist(), parts.noise_nm.tolist()
+    ([0.1, 0.06], [0.03, 0.03], [0.02, 0.02])
+    """
+
+    scale_nm: FloatArray
+    shift_nm: FloatArray
+    curve_nm: FloatArray
+    mounting_nm: FloatArray
+    zero_nm: FloatArray
+    loading_nm: FloatArray
+    scatter_nm: FloatArray
+    noise_nm: FloatArray
+
+    @classmethod
+    def of(cls, torque: Torque) -> Self:
+        """Split the uncertainty of torques."""
+        squares = {each.name: np.zeros(len(torque)) for each in fields(cls)}
+        for component in torque.components:
+            squares[_part(component, torque.value_nm)] += np.square(component.uncertainty_nm)
+        return cls(**{name: np.sqrt(square) for name, square in squares.items()})
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Concatenate the parts of several records; no record gives empty columns."""
+        return cls(
+            *(
+                np.concatenate([getattr(part, each.name) for part in parts] or [np.zeros(0)])
+                for each in fields(cls)
+            )
+        )
+
+    def at(self, rows: slice | NDArray[np.generic]) -> Self:
+        """Return the parts of some of the torques."""
+        return type(self)(*(getattr(self, each.name)[rows] for each in fields(self)))
+
+    @property
+    def standard_uncertainty_nm(self) -> FloatArray:
+        """Combined standard uncertainty u, N·m."""
+        squares = [np.square(getattr(self, each.name)) for each in fields(self)]
+        return np.asarray(np.sqrt(np.sum(squares, axis=0)))
+
+
+def _part(component: Component, torque_nm: FloatArray) -> str:
+    """Return the name of the part that a component belongs to."""
+    match component.shared:
+        case Shared.MOUNTING:
+            return "mounting_nm"
+        case Shared.ZEROING:
+            return "zero_nm"
+        case Shared.LOADING:
+            by_scatter = component.distribution is Distribution.NORMAL
+            return "scatter_nm" if by_scatter else "loading_nm"
+        case Shared.NOTHING:
+            return "noise_nm"
+        case Shared.CALIBRATION:
+            error = np.broadcast_to(component.uncertainty_nm, torque_nm.shape)
+            if _one_sign(error * torque_nm):
+                return "scale_nm"
+            if component.place is None and _one_sign(error):
+                return "shift_nm"
+            return "curve_nm"
+
+
+def _one_sign(values: FloatArray) -> bool:
+    return bool(np.any(values) and (np.all(values >= 0.0) or np.all(values <= 0.0)))
