@@ -195,7 +195,7 @@ class AuditLog:
             try:
                 file = self._opened()
                 content, end = chained(line, self._end)
-                _write_whole(file, content)
+                _write_all(file, content)
                 self._end = end
                 self._size += len(content)
                 if self._size > self._largest:
@@ -207,7 +207,7 @@ class AuditLog:
                 self._failed = False
             try:
                 if self._part is not None:
-                    _write_whole(self._part, content)
+                    _write_all(self._part, content)
             except OSError as error:
                 self._fails(
                     Message("the run's part of the log: {strerror}", error.strerror or error)
@@ -233,7 +233,7 @@ class AuditLog:
         time = datetime.now(UTC).isoformat().replace("+00:00", "Z")
         line = json.dumps({"event": event, **values, "time": time}, ensure_ascii=False)
         content, end = chained(line, self._end)
-        _write_whole(self._opened(), content)
+        _write_all(self._opened(), content)
         self._end = end
         self._size += len(content)
 
@@ -267,7 +267,7 @@ class _Sink:
         self.debug = write_soon
 
 
-def _write_whole(file: int, content: bytes) -> None:
+def _write_all(file: int, content: bytes) -> None:
     written = 0
     while written < len(content):
         written += os.write(file, content[written:])

@@ -66,12 +66,12 @@ def reversing_path(full_scale_nm: float) -> FloatArray:
 
 
 @kernel
-def _follow(reading, plays, low, high):  # type: ignore[no-untyped-def] # Numba infers
+def _follow(reading, operators, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Move the play operators along the readings.
 
-    The rows of `plays` are widths, weights, and the lower and upper bounds of their states.
+    The rows of `operators` are widths, weights, and the lower and upper bounds of their states.
     """
-    widths, weights, lowest, highest = plays[0], plays[1], plays[2], plays[3]
+    widths, weights, lowest, highest = operators[0], operators[1], operators[2], operators[3]
     for k in range(reading.size):
         x = reading[k]
         state_low = 0.0
@@ -266,8 +266,8 @@ class BranchTracker:
 
     def __init__(self, operator: HysteresisOperator) -> None:
         self.operator = operator
-        self._plays = np.empty((4, len(operator.widths_nm)))
-        self._plays[0], self._plays[1] = operator.widths_nm, operator.weights
+        self._operators = np.empty((4, len(operator.widths_nm)))
+        self._operators[0], self._operators[1] = operator.widths_nm, operator.weights
         self.forget()
 
     def forget(self) -> None:
@@ -276,17 +276,17 @@ class BranchTracker:
         Limited by full scale only: no operator is farther out than full scale less its width.
         """
         largest = max(self.operator.full_scale_nm, float(np.max(np.abs(self.operator.path_nm))))
-        self._plays[3] = np.maximum(largest - self._plays[0], 0.0)
-        self._plays[2] = -self._plays[3]
+        self._operators[3] = np.maximum(largest - self._operators[0], 0.0)
+        self._operators[2] = -self._operators[3]
 
     def settle(self, reading_nm: float) -> None:
         """Start from a demagnetised state at a reading: every operator in its middle."""
-        self._plays[2:] = reading_nm
+        self._operators[2:] = reading_nm
 
     def copy(self) -> BranchTracker:
         """Return another tracker in the same state."""
         other = BranchTracker(self.operator)
-        other._plays = self._plays.copy()
+        other._operators = self._operators.copy()
         return other
 
     def push(self, reading_nm: ArrayLike) -> tuple[FloatArray, FloatArray]:
@@ -311,7 +311,7 @@ class BranchTracker:
         if reading.ndim != 1 or not np.all(np.isfinite(reading)):
             raise _gaps()
         low, high = np.empty((2, reading.size))
-        _follow(reading, self._plays, low, high)
+        _follow(reading, self._operators, low, high)
         return low, high
 
 
@@ -399,7 +399,7 @@ class HistoryCompensator:
         result = np.empty((6, reading.size))
         outside = _compensate(
             reading,
-            (self.tracker._plays, self._even_tracker._plays),
+            (self.tracker._operators, self._even_tracker._operators),
             (self.operator.reference, self._even.reference),
             curve.packed,
             (curve if spread is None else spread).packed,
@@ -421,7 +421,7 @@ class HistoryCompensator:
 
 
 @kernel
-def _compensate(reading, plays, references, curve, spread, flags, amplitude, result):  # type: ignore[no-untyped-def] # Numba infers
+def _compensate(reading, operators, references, curve, spread, flags, amplitude, result):  # type: ignore[no-untyped-def] # Numba infers
     """Move both sets of play operators along the readings and fill in what `_mix` does.
 
     Return the number of readings outside the table, or -1, without moving anything, if one isn't
@@ -434,7 +434,7 @@ def _compensate(reading, plays, references, curve, spread, flags, amplitude, res
     states = np.empty((8, count))
     for number in range(2):
         first = 4 * number
-        _follow(reading, plays[number], states[first], states[first + 1])
+        _follow(reading, operators[number], states[first], states[first + 1])
         grid, falling, rising = references[number]
         for k in range(count):
             lower = interpolated(reading[k], grid, falling)

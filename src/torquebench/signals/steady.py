@@ -34,7 +34,7 @@ class SteadyValue:
     value : float
         DC component of the settled part, in the unit of the samples.
     standard_error : float
-        Standard error of `value`, honest under autocorrelated noise and ripple; same unit.
+        Standard error of `value`, valid under autocorrelated noise and ripple; same unit.
         A reading that doesn't move at all has 0: its resolution is another contribution.
     drift_per_s : float
         Slope of the settled part, in the samples' unit per second.

@@ -29,7 +29,7 @@ DEVIATING_S = 0.1
 """Longest time that a drive may be outside its band, s of bench time; at least one block."""
 
 
-class _Course:
+class _Ramp:
     """State of a drive that follows at once, now and a little earlier.
 
     It is an interval: a drive may start the ramp of a newly controlled quantity at zero or at its
@@ -96,18 +96,18 @@ class FollowingJudge:
         self._share = description.safety.following_percent / 100.0
         self._late_s = description.safety.following_s
         self._commands = commands
-        self._courses: dict[Side, _Course] = {}
+        self._ramps: dict[Side, _Ramp] = {}
 
     def forget(self) -> None:
         """Begin afresh after an acknowledgement."""
-        self._courses.clear()
+        self._ramps.clear()
 
     def judge(self, block: AcquiredBlock) -> Violation | None:
         """Check a block; return a drive's deviation from its commands."""
         for side in SIDES:
             commands = self._commands.side(side)
             if not (self._share and commands.enabled):
-                self._courses.pop(side, None)
+                self._ramps.pop(side, None)
                 continue
             held = reference_channel(side) in block.channels
             # with a standard, the speed is that of its shaft, not of the drive
@@ -125,22 +125,22 @@ class FollowingJudge:
         if known.size == 0:
             return None  # a missing signal is checked elsewhere
         last = float(known[-1])
-        course = self._courses.get(side)
-        if course is None or course.quantity != quantity:
-            course = self._courses[side] = _Course(quantity, block.start_s, last)
+        ramp = self._ramps.get(side)
+        if ramp is None or ramp.quantity != quantity:
+            ramp = self._ramps[side] = _Ramp(quantity, block.start_s, last)
         lasts_s = block.stop_s - block.start_s
         # A command within a block shows at its end, and a speed is the mean over a block.
-        course.go_on(point, block.stop_s, self._late_s + 2.0 * lasts_s)
-        low, high = course.band()
+        ramp.go_on(point, block.stop_s, self._late_s + 2.0 * lasts_s)
+        low, high = ramp.band()
         if not held:
             low, high = min(low, 0.0), max(high, 0.0)
         allowed = self._share * self._range(side, quantity)
         apart = float(np.min(np.maximum(low - known, known - high)))
         if apart <= allowed:
-            course.deviating_s = 0.0
+            ramp.deviating_s = 0.0
             return None
-        before_s, course.deviating_s = course.deviating_s, course.deviating_s + lasts_s
-        if before_s == 0.0 or course.deviating_s < DEVIATING_S:
+        before_s, ramp.deviating_s = ramp.deviating_s, ramp.deviating_s + lasts_s
+        if before_s == 0.0 or ramp.deviating_s < DEVIATING_S:
             return None
         return _violation(side, quantity, last, point.value, allowed)
 

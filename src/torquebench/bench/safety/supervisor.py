@@ -132,7 +132,7 @@ class SafetySupervisor:
         self._powered = False  # since power and torque were last read back as gone
         self._off_s: float | None = None  # bench time of the last orderly switching off
         self._told_wall = 0.0
-        self._untold: dict[Side, float] = {}
+        self._unreachable_since: dict[Side, float] = {}
         self._on_since: dict[Side, float] = {}
         self._remains: int | None = None
         self._stated: list[Remaining] = []
@@ -597,10 +597,10 @@ class SafetySupervisor:
         with self._lock:
             if self._book.latched is not None and self._stage is not Stage.SAFE:
                 return
-            self._untold = dict.fromkeys(self._workers, time.monotonic())
+            self._unreachable_since = dict.fromkeys(self._workers, time.monotonic())
 
             def done(side: Side, was_told: bool) -> None:
-                self._untold.pop(side, None)
+                self._unreachable_since.pop(side, None)
                 if not was_told and self._book.latched is None:
                     self._trip_for(unreachable(side))
 
@@ -684,9 +684,9 @@ class SafetySupervisor:
             if self._stage is Stage.NOT_SAFE:  # wall time continues until the bench is safe
                 self._clock.require(self._clock.now() + self._description.counter.block_s)
         self._go_on()
-        for side, since in tuple(self._untold.items()):
+        for side, since in tuple(self._unreachable_since.items()):
             if time.monotonic() - since > ANSWER_S:
-                self._untold.pop(side, None)
+                self._unreachable_since.pop(side, None)
                 if self._book.latched is None:
                     self._trip_for(unreachable(side))
 

@@ -557,7 +557,7 @@ def _remanence(calibration: TurningCalibration, corrected_nm: FloatArray) -> flo
 def _zero(fit: _Fit, zeros: Zeros, remanence_nm: float) -> tuple[float, tuple[Zero, ...]]:
     """Return the mean of the zeros about that of the points, N·m, and the scatter of single ones.
 
-    The parts are seated anew with every loading, and a zero sees one seating only. The tables'
+    A loading reseats the parts, and a zero follows one loading only. The tables'
     zeros have similar loads before them, one in use has any: it follows an unloading from one of
     two directions.
     """
