@@ -17,6 +17,7 @@ from torquebench.bench import default_bench
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.bench.interlocks import standard_serial
 from torquebench.calibration import CalibrationData
+from torquebench.chain import Readings, load_chain
 from torquebench.compensation import Provenance, StoredModel, make_model, save_model
 from torquebench.errors import (
     BenchError,
@@ -307,6 +308,22 @@ def test_the_registrys_active_model_compensates(station: Station) -> None:
     station.deactivate_compensation("output")
     row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
     assert "torque_nm" not in row
+
+
+def test_the_limits_of_the_bench_count_for_a_model_that_was_not_fitted_on_it(
+    station: Station,
+) -> None:
+    """Live U contained what the model's file stores: nothing, if the file is of a table."""
+    path = calibrated(station, serial="SIM-T2000", counter=station.drivers.counter.clock_identity)
+    bare = load_chain(path)
+    active = station.activate_compensation("output")
+    left = {"reference standard", "reproducibility of mounting", "dynamics of shaft and transducer"}
+    assert left <= set(active.chain.missing()) < set(bare.missing())
+    row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
+    alone = bare.torque(Readings(np.array([row["reading_nm"]])))
+    assert row["torque_uncertainty_nm"] > alone.standard_uncertainty_nm[0] + 0.05
+    stated = {each.name for each in active.states() if each.uncertainty_nm > 0.0}
+    assert {"temperature of zero", "temperature of span", "zero drift", "counter"} <= stated
 
 
 def test_a_model_of_another_transducer_or_counter_never_compensates(station: Station) -> None:

@@ -147,6 +147,25 @@ class MeasuringChain:
         changed = {effect.kind: effect for effect in (*self.stored, *effects)}
         return replace(self, stored=tuple(changed.values()))
 
+    def with_limits(self, limits: Iterable[Effect]) -> MeasuringChain:
+        """Return the chain with limits where nothing is recorded of an influence.
+
+        Effects of the chain stay. One whose own limit isn't known takes it from these, with the
+        interval that belongs to it.
+
+        Parameters
+        ----------
+        limits : iterable of Effect
+        """
+        own = {effect.kind: effect for effect in self.stored}
+        lacking, added = set(self._lacking()), list[Effect]()
+        for limit in limits:
+            if limit.kind in lacking:
+                added.append(limit)
+            elif limit.kind in own and own[limit.kind].gaps():
+                added.append(_completed(own[limit.kind], limit))
+        return self.with_effects(added)
+
     @cached_property
     def switches(self) -> tuple[str, ...]:
         """Corrections that are switched off, by their names in `SWITCHES`."""
@@ -170,15 +189,19 @@ class MeasuringChain:
 
     def missing(self) -> tuple[str, ...]:
         """Return the influences without any record: U doesn't contain them."""
+        return (
+            *sorted(EFFECTS[kind].title for kind in self._lacking()),
+            *(gap for effect in self.stored for gap in effect.gaps()),
+        )
+
+    def _lacking(self) -> tuple[str, ...]:
+        """Return the kinds of effects without any record."""
         known = {effect.kind for effect in self.stored}
         known |= {effect.influence for effect in self.stored}
-        return (
-            *sorted(
-                effect.title
-                for kind, effect in EFFECTS.items()
-                if kind not in known and not effect.influence and effect.expected
-            ),
-            *(gap for effect in self.stored for gap in effect.gaps()),
+        return tuple(
+            kind
+            for kind, effect in EFFECTS.items()
+            if kind not in known and not effect.influence and effect.expected
         )
 
     def torque(self, readings: Readings, place: Callable[[int], str] = "row {}".format) -> Torque:
@@ -345,6 +368,16 @@ class ChainStream:
 def load_chain(path: str | Path) -> MeasuringChain:
     """Read the measuring chain of a model file; raises `InputError` as `load_model` does."""
     return MeasuringChain.of(load_model(path))
+
+
+def _completed(effect: Effect, limit: Effect) -> Effect:
+    """Return an effect with the limits that it lacks from another of its kind."""
+    taken = {
+        each.name: getattr(limit, each.name)
+        for each in fields(effect)
+        if getattr(effect, each.name) is None or each.name == "interval_h"
+    }
+    return replace(effect, record=f"{effect.record}; {limit.record}", **taken)
 
 
 def _sum(effects: Iterable[Effect], readings: Readings, off: frozenset[str]) -> Torque:

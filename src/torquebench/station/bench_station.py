@@ -574,9 +574,9 @@ class Station:
         RecordError
             The model's file is missing or was changed.
         """
-        module, counter = self.description.module(side), self.drivers.counter.clock_identity
+        description, counter = self.description, self.drivers.counter.clock_identity
         active = self.registry.patiently(
-            lambda: compensation_for(self.registry, module, counter, side, accepted)
+            lambda: compensation_for(self.registry, description, counter, side, accepted)
         )
         if side in self._switched_off:
             active.switch_off(self._switched_off[side])

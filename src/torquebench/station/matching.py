@@ -10,8 +10,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.description import ModuleDescription
+from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import Side
+from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.chain import MeasuringChain, Timebase
 from torquebench.compensation import load_model
 from torquebench.errors import ModelMismatchError
@@ -23,18 +24,19 @@ __all__ = ["compensation_for"]
 
 def compensation_for(
     registry: Registry,
-    module: ModuleDescription,
+    description: BenchDescription,
     counter: str,
     side: Side,
     accepted: Timebase | None = None,
 ) -> ActiveChain:
     """Return the compensation by the registry's active model of a transducer and a counter.
 
+    Where nothing is recorded of an influence, the bench's limit of it enters U.
+
     Parameters
     ----------
     registry : Registry
-    module : ModuleDescription
-        Its transducer and range.
+    description : BenchDescription
     counter : str
         Counter and clock that measure.
     side : {"input", "output"}
@@ -48,6 +50,7 @@ def compensation_for(
     RecordError
         The model's file is missing or was changed.
     """
+    module = description.module(side)
     transducer = module.transducer
     entry, own = None, counter
     try:
@@ -73,7 +76,7 @@ def compensation_for(
     stored = load_model(entry.check_file())
     stored.check_fits(transducer.serial, counter, module.range_nm)
     zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
-    chain = MeasuringChain.of(stored)
+    chain = with_stated_limits(MeasuringChain.of(stored), description, side)
     if accepted is not None:
         chain = chain.with_effects((replace(accepted, zero_nm=zero_nm),))
     today = datetime.now(UTC).date()

@@ -207,6 +207,23 @@ def test_an_influence_without_a_record_is_named(model: CompensationModel) -> Non
     assert MeasuringChain(model, OF_LIMITS).missing() == ()
 
 
+def test_limits_count_only_where_a_chain_has_no_record(model: CompensationModel) -> None:
+    own = Temperature("three temperatures", None, 1e-5, 30.0)
+    chain = MeasuringChain(model, (Zero("zeros", None, zero_nm=0.1), own)).with_limits(
+        [
+            Zero("data sheet", 0.2, 4.0),
+            Temperature("data sheet", 0.3, 9e-5, 23.0),
+            Drift("data sheet", 0.01),
+        ]
+    )
+    zero, temperature, drift = chain.stored
+    assert zero == Zero("zeros; data sheet", 0.2, 4.0, zero_nm=0.1)
+    assert temperature == Temperature("three temperatures; data sheet", 0.3, 1e-5, 30.0)
+    assert drift == Drift("data sheet", 0.01)
+    complete = MeasuringChain(model, OF_LIMITS)
+    assert complete.with_limits([Drift("data sheet", 5.0)]).stored == complete.stored
+
+
 def test_a_limit_that_is_not_known_is_named(model: CompensationModel) -> None:
     chain = MeasuringChain(model, (Zero("zeros", None, zero_nm=0.1), Temperature("", None, 1e-5)))
     assert {"zero drift", "temperature of zero"} <= set(chain.missing())
