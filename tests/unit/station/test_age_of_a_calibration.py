@@ -64,7 +64,7 @@ def test_a_refit_of_old_points_does_not_make_them_new(
     entry = registry.add_calibration(points(day), performed=datetime.now(UTC))
     model = registry.add_model(entry, kind="polynomial", file=file, side="output", metrics={})
     registry.activate(model.model_id)
-    active = compensation_for(registry, MODULE, COUNTER, "output")
+    active = compensation_for(registry, default_bench(), COUNTER, "output")
     torque = active.push(
         StreamReadings(
             np.zeros(1), np.array([100.0]), np.zeros(1), speed_rpm=0.0, temperature_c=23.0
