@@ -38,10 +38,6 @@ class Messages:
         found, more = self._text.refusal(error)
         self._show(found, "bad", more)
 
-    def bad(self, said: str) -> None:
-        """Say that something is wrong, until it is dismissed."""
-        self._show(said, "bad")
-
     def tell(self, said: str, kind: str, more: str, on_dismiss: Callable[[], Any]) -> None:
         """Say something until it is dismissed, and hear of that."""
         self._show(said, kind, more, on_dismiss)

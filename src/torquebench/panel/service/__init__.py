@@ -70,10 +70,10 @@ Tables from another source (`tables`): text in, never a path
       up to a second: call them beside an event loop.
 
 Settings (`settings`): sections "bench", "profiles", "reducers"
-    - `items(section)`, `get(section, name)` -> `SettingsItem` (document, builtin, version),
-      `schema(section)`; `preview(section, name, document)` and `change(actor, section, name,
-      document, reason=, version=)` -> `SettingsChange` with `differences`; `history(section)`,
-      `undo(actor, number)`; `read_upload(bytes)` -> document of a TOML file.
+    - `items(section)`, `get(section, name)` -> `SettingsItem` (document, builtin, version);
+      `preview(section, name, document)` and `change(actor, section, name, document, reason=,
+      version=)` -> `SettingsChange` with `differences`; `history(section)`, `undo(actor, number)`;
+      `read_upload(bytes)` -> document of a TOML file.
     - Changes of the bench count after `reopen(actor)`. It replaces `service.live`,
       `service.station` and `service.records`: keep no reference to them.
 """

@@ -1,17 +1,6 @@
 """Jobs about compensation: calibrate, compare models, fit another one, verify.
 
-Details of their results, all as JSON:
-
-- "calibrate": `side`, `range_nm`, `points` (`reading_nm`, `standard_nm`, `branch`, `series`),
-  `models`: for each fitted model `title`, `kind`, `torque_nm` at the points, `summary` (errors on
-  its own points) and `remarks`; `raw`: the summary without compensation; `unsettled`.
-- "resume-calibration": as "calibrate", with the points of both runs.
-- "compare-models": `scores` (one row a model), `selected`, `sentence`, `refused`, `noise_nm`.
-- "fit": as "calibrate", with the one new model.
-  A network's model has `training_curve` too (`epoch`, `rms_nm`), and every one `parameters` and
-  `rising_only`.
-- "verify": `models`: for each, and "raw", `title`, `against_standard`, `averaged`, `groups`,
-  `error_nm` at the points; `standard_nm`, `group`; `verdict` and `tolerance_percent_fs`.
+`panel.api.details` describes the details of their results.
 """
 
 from __future__ import annotations

@@ -1,12 +1,6 @@
 """Short jobs: zero, the daily check, and the certificate.
 
-Details of their results, all as JSON:
-
-- "zero": for each side `frequency_hz`, and `zero_nm`, the deviation from the nominal zero.
-- "check": `side`, `tolerance_percent_fs`, and for each point `standard_nm`, `error_nm`,
-  `expanded_uncertainty_nm`, `verdict`.
-- "certificate": `files` (their names), `verdict`, `deviations`, `languages`, `unreviewed`
-  (statements of the pages that nobody has confirmed).
+`panel.api.details` describes the details of their results.
 """
 
 from __future__ import annotations

@@ -1,7 +1,6 @@
 """Recordings on demand: all signals, under a name, from now or from a trigger on.
 
-Details of their result, as JSON: "record" has `seconds`, `before_s`, `name`, `note`, `trigger`
-(what began it, in words).
+`panel.api.details` describes the details of their result.
 """
 
 from __future__ import annotations

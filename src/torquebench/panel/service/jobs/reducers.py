@@ -1,12 +1,6 @@
 """Tests of a mounted reducer, and of the bench by a standard reducer, as jobs.
 
-Details of the result of "standard-reducer", as JSON: `reducer`, `certificate`, `compensation`,
-`tolerance_percent_fs`, `error_percent_fs`, `repeatability_percent_fs`, and `points` (`speed_rpm`,
-`known_nm`, `known_u_nm`, `measured_nm`, `error_nm`, `error_percent`, `spread_nm`,
-`spread_percent`). Of "reducer-test": `name`, `short`, `reducer_name`, `serial`, `report` (the run
-whose report as PDF is kept) and `outcomes`; each outcome has `name`, `title`, `verdict`,
-`remarks`, `run_id`, `quantities` (`key`, `title`, `value`, `expanded_uncertainty`, `unit`, `limit`,
-`verdict`, `rule`, `truth`) and, of torque-angle loops, `loop`: the first one with its key points.
+`panel.api.details` describes the details of their results.
 """
 
 from __future__ import annotations

@@ -152,7 +152,7 @@ class JobResult:
     certificate : str or None
         Number of the certificate that was issued.
     details : mapping
-        Tables and curves as JSON; their keys are documented with each kind of job.
+        Tables and curves as JSON; `panel.api.details` describes them.
     """
 
     headline: str

@@ -326,11 +326,6 @@ class LiveHub:
             return self._clock_s - self._bench_s
 
     @property
-    def dropped(self) -> int:
-        """Blocks that arrived faster than the hub could process them."""
-        return self._viewer.dropped
-
-    @property
     def age_s(self) -> float:
         """Wall time since the last block, s."""
         return time.monotonic() - self._block_at

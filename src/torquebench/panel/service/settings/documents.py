@@ -44,7 +44,6 @@ class Section:
     """A section of the settings: its documents, and the role that may change them."""
 
     name: SectionName
-    title: str
     role: Role
     model: type[BaseModel]
 
@@ -52,9 +51,9 @@ class Section:
 SECTIONS: Mapping[str, Section] = {
     section.name: section
     for section in (
-        Section("bench", "Channels and limits", "administrator", BenchDescription),
-        Section("profiles", "Calibration profiles", "metrologist", Profile),
-        Section("reducers", "Reducers", "metrologist", ReducerDescription),
+        Section("bench", "administrator", BenchDescription),
+        Section("profiles", "metrologist", Profile),
+        Section("reducers", "metrologist", ReducerDescription),
     )
 }
 

@@ -106,10 +106,6 @@ class SettingsStore:
             raise _unknown(section, name)
         return SettingsItem(section, name, False, document, version)
 
-    def schema(self, section: str) -> dict[str, Any]:
-        """Return the JSON schema of a section's documents: types, bounds and descriptions."""
-        return find_section(section).model.model_json_schema()
-
     def _own_names(self, section: str) -> list[str]:
         query = select(changes).where(changes.c.section == section).order_by(changes.c.id)
         with self._store.transaction(reading=True) as connection:
