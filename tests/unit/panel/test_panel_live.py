@@ -24,6 +24,7 @@ def block(
     output_nm: float = 640.0,
     speed_rad_s: float = 10.0,
     fault: int = 0,
+    models: tuple[str, ...] = ("input",),
 ) -> AcquiredBlock:
     start = 0.03 * index
     time_s = start + np.array([0.005, 0.015, 0.025])
@@ -42,7 +43,11 @@ def block(
             "input_torque": samples("input_torque", "input", torque_nm, 0),
             "output_torque": samples("output_torque", "output", output_nm, fault),
         },
-        compensated={"input": Torque(np.full(3, torque_nm), (OWN,))},
+        compensated={
+            side: Torque(np.full(3, value), (OWN,))
+            for side, value in (("input", torque_nm), ("output", output_nm))
+            if side in models
+        },
         angles={},
         speed_rad_s={"input": speed_rad_s, "output": speed_rad_s / 80.0},
         temperatures={"input_transducer": 23.0},
@@ -118,14 +123,22 @@ def test_a_fault_is_no_number_and_goes_stale(hub: LiveHub, monkeypatch: pytest.M
 def test_efficiency_is_stated_where_it_means_something(
     hub: LiveHub, change: dict[str, float], percent: float | None
 ) -> None:
-    hub.take(block(0, **change))  # 10 N·m at the input's speed, 640 N·m at an eightieth of it
+    # 10 N·m at the input's speed, 640 N·m at an eightieth of it
+    hub.take(block(0, models=("input", "output"), **change))
     found = hub.latest()["efficiency_percent"].value
     assert found is None if percent is None else found == pytest.approx(percent)
 
 
 def test_without_a_reducer_there_is_no_efficiency() -> None:
     hub = LiveHub(default_bench(), BenchClock(fast=True), Viewer(10), lambda: "calibrator")
-    hub.take(block(0))
+    hub.take(block(0, models=("input", "output")))
+    assert hub.latest()["efficiency_percent"].value is None
+
+
+@pytest.mark.parametrize("models", [(), ("input",), ("output",)])
+def test_readings_without_a_model_give_no_efficiency(hub: LiveHub, models: tuple[str, ...]) -> None:
+    """The raw reading took the place of a torque, and nothing said so."""
+    hub.take(block(0, models=models))
     assert hub.latest()["efficiency_percent"].value is None
 
 

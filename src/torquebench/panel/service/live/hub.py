@@ -291,14 +291,15 @@ class LiveHub:
         return low, high, mean, faults
 
     def _efficiency(self, mean: NDArray[np.float64]) -> float:
-        """Return power out over power in, in either direction; NaN where it has no meaning."""
+        """Return power out over power in, in either direction; NaN where it has no meaning.
+
+        It is that of compensated torques: readings of a side without a model give none.
+        """
         if self._mounted() != "reducer":
             return float("nan")
         powers = []
         for side in SIDES:
             torque = mean[_INDEX[f"{side}_torque_nm"]]
-            if not np.isfinite(torque):
-                torque = mean[_INDEX[f"{side}_raw_nm"]]
             speed = mean[_INDEX[f"{side}_speed_rpm"]]
             if not abs(torque) > MEANINGFUL_SHARE * self._description.module(side).range_nm:
                 return float("nan")
