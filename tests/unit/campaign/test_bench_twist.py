@@ -11,6 +11,7 @@ from torquebench.bench.devices import SynchronousRecording
 from torquebench.campaign.reducers.kinds.hysteresis import WORK as HYSTERESIS
 from torquebench.campaign.reducers.twist import twist_compliances
 from torquebench.campaign.reducers.uncertainty import Bench
+from torquebench.chain import TorqueParts
 from torquebench.procedures.reducers.loop import BenchTwistRecording, Loop, LoopRecording
 from torquebench.reducers import load_reducer
 
@@ -34,7 +35,11 @@ def legs(*corners, samples=2000):
 def recording(output_nm, output_rad, input_nm, input_rad):
     unknown = np.full(output_nm.size, np.nan)
     time = 0.01 * np.arange(output_nm.size)
-    return SynchronousRecording(time, input_nm, output_nm, *[unknown] * 4, input_rad, output_rad)
+    parts = TorqueParts(*[unknown] * 8)
+    inertia = np.zeros(output_nm.size)
+    return SynchronousRecording(
+        time, input_nm, output_nm, parts, parts, inertia, inertia, input_rad, output_rad
+    )
 
 
 def twisted(generator, share=0.0):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Literal, Self
+from typing import Any, Literal, NamedTuple, Self
 
 import numpy as np
 from bluesky.protocols import Reading, Triggerable
@@ -18,6 +18,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
+from torquebench.chain import SWITCHES, TorqueParts
 from torquebench.errors import SignalFault
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
@@ -40,10 +41,12 @@ class SynchronousRecording:
         Bench time at which the torques acted (the transducers' group delay is taken out), s.
     input_torque_nm, output_torque_nm : float64[n]
         Compensated where the side has an active model, else the reading, N·m.
-    input_uncertainty_nm, output_uncertainty_nm : float64[n]
-        Standard uncertainty by the whole measuring chain, N·m; NaN without an active one.
-    input_curve_nm, output_curve_nm : float64[n]
-        The part of it due to the static curve and its hysteresis, N·m; NaN likewise.
+    input_parts, output_parts : TorqueParts
+        Standard uncertainty by the measuring chain, by what shares its errors; NaN without an
+        active one.
+    input_inertia_nm, output_inertia_nm : float64[n]
+        The chain's correction by the inertia between transducer and flange, which the torques
+        contain, N·m.
     input_angle_rad, output_angle_rad : float64[n]
         Mean angles of the same windows, unwrapped, rad.
     """
@@ -51,28 +54,32 @@ class SynchronousRecording:
     time_s: FloatArray
     input_torque_nm: FloatArray
     output_torque_nm: FloatArray
-    input_uncertainty_nm: FloatArray
-    output_uncertainty_nm: FloatArray
-    input_curve_nm: FloatArray
-    output_curve_nm: FloatArray
+    input_parts: TorqueParts
+    output_parts: TorqueParts
+    input_inertia_nm: FloatArray
+    output_inertia_nm: FloatArray
     input_angle_rad: FloatArray
     output_angle_rad: FloatArray
 
     @classmethod
     def joined(cls, parts: Sequence[Self]) -> Self:
         """Concatenate recordings; no part gives empty columns."""
-        names = [field.name for field in fields(cls)]
-        return cls(
-            *(np.concatenate([getattr(part, name) for part in parts] or [[]]) for name in names)
-        )
+
+        def column(name: str) -> Any:
+            columns = [getattr(part, name) for part in parts]
+            if name.endswith("_parts"):
+                return TorqueParts.joined(columns)
+            return np.concatenate(columns or [np.zeros(0)])
+
+        return cls(**{field.name: column(field.name) for field in fields(cls)})
 
     def torque_nm(self, side: Side) -> FloatArray:
         """Torque of a side, N·m."""
         return self.input_torque_nm if side == "input" else self.output_torque_nm
 
-    def uncertainty_nm(self, side: Side) -> FloatArray:
-        """Return the standard uncertainty of a side's torque, N·m; NaN without an active chain."""
-        return self.input_uncertainty_nm if side == "input" else self.output_uncertainty_nm
+    def parts(self, side: Side) -> TorqueParts:
+        """Return the standard uncertainty of a side's torque; NaN without an active chain."""
+        return self.input_parts if side == "input" else self.output_parts
 
     def angle_rad(self, side: Side) -> FloatArray:
         """Angle of a side, rad."""
@@ -116,6 +123,15 @@ class FastRecording:
     time_s: FloatArray
     reading_nm: FloatArray
     standard_nm: FloatArray
+
+
+class _SideTorque(NamedTuple):
+    """Torques of one side with their times, their uncertainty, and the inertia's part of them."""
+
+    time_s: FloatArray
+    torque_nm: FloatArray
+    parts: TorqueParts
+    inertia_nm: FloatArray
 
 
 class Recorder(Device, AsyncReadable, Triggerable):
@@ -252,24 +268,22 @@ class Recorder(Device, AsyncReadable, Triggerable):
             first, second = (self._torque(side, start_s, stop_s) for side in SIDES)
         else:
             window_s = FINE_WINDOW_S
-        length = min(first[0].size, second[0].size)
-        time_s = first[0][:length]
+        length = min(first.time_s.size, second.time_s.size)
+        time_s = first.time_s[:length]
         angle = {side: _window_angle(self.angles[side], time_s, window_s) for side in SIDES}
         return SynchronousRecording(
             time_s,
-            first[1][:length],
-            second[1][:length],
-            first[2][:length],
-            second[2][:length],
-            first[3][:length],
-            second[3][:length],
+            first.torque_nm[:length],
+            second.torque_nm[:length],
+            first.parts.at(slice(length)),
+            second.parts.at(slice(length)),
+            first.inertia_nm[:length],
+            second.inertia_nm[:length],
             angle["input"],
             angle["output"],
         )
 
-    def _fine_torque(
-        self, side: Side, start_s: float, stop_s: float
-    ) -> tuple[FloatArray, ...] | None:
+    def _fine_torque(self, side: Side, start_s: float, stop_s: float) -> _SideTorque | None:
         """Return `_torque` from fine windows; None where some weren't counted."""
         if not self._fine:
             return None
@@ -284,7 +298,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
             return None
         return self._columns(side, samples.time_s, samples.torque_nm, found)
 
-    def _torque(self, side: Side, start_s: float, stop_s: float) -> tuple[FloatArray, ...]:
+    def _torque(self, side: Side, start_s: float, stop_s: float) -> _SideTorque:
         samples = self._context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
         samples.raise_on_fault()
         expected = int((stop_s - start_s) / self._window_s) - 2
@@ -308,23 +322,21 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
     def _columns(
         self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, found: TimedTorque | None
-    ) -> tuple[FloatArray, ...]:
-        """Return time, torque, its standard uncertainty, and the static curve's part of that."""
+    ) -> _SideTorque:
         delay_s = self._context.description.module(side).transducer.group_delay_s
         if found is None:
-            unknown = np.full(counted_s.size, np.nan)
-            return counted_s - delay_s, reading_nm, unknown, unknown
+            unknown = TorqueParts(*[np.full(counted_s.size, np.nan)] * len(fields(TorqueParts)))
+            return _SideTorque(counted_s - delay_s, reading_nm, unknown, np.zeros(counted_s.size))
         torque = found.torque
         if not torque.has_number.all():
             active = self._context.acquisition.compensation(side)
             assert active is not None
             active.refuse(side, float(found.time_s[0]), np.nextafter(found.time_s[-1], np.inf))
-        curve = np.hypot(torque.component("static curve"), torque.component("hysteresis"))
-        return (
+        return _SideTorque(
             found.time_s - delay_s,
             torque.value_nm,
-            torque.standard_uncertainty_nm,
-            np.asarray(curve),
+            TorqueParts.of(torque),
+            np.sum([torque.added(name) for name in SWITCHES["inertia"]], axis=0),
         )
 
     async def read(self) -> dict[str, Reading]:

@@ -19,6 +19,7 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
 
 __all__ = [
+    "LARGE",
     "UNCOMPENSATED_SHARE",
     "Bench",
     "bench_remarks",
@@ -269,7 +270,7 @@ _RPM = 1000.0
 
 
 def torque_of_loading(parts: TorqueParts, torque_nm: FloatArray) -> TorqueUncertainty:
-    """Return the uncertainty of the torques of one slow loading: only noise averages out.
+    """Return the uncertainty of the large torques of one slow loading: only noise averages out.
 
     Parameters
     ----------
@@ -278,12 +279,13 @@ def torque_of_loading(parts: TorqueParts, torque_nm: FloatArray) -> TorqueUncert
         Torques of the loading, N·m.
     """
     size = np.abs(torque_nm)
-    large = size > LARGE * np.max(size)
+    large = np.flatnonzero(size > LARGE * np.max(size))
+    mine = parts.at(large)
     return TorqueUncertainty(
-        relative=root_mean_square(parts.scale_nm[large] / size[large]),
-        zero_nm=root_mean_square(np.hypot(parts.zero_nm, parts.shift_nm)),
-        model_nm=root_mean_square(parts.curve_nm),
-        mounting_nm=root_mean_square(parts.mounting_nm),
-        loading_nm=root_mean_square(parts.loading_nm),
-        repeatability_nm=root_mean_square(parts.scatter_nm),
+        relative=root_mean_square(mine.scale_nm / size[large]),
+        zero_nm=root_mean_square(np.hypot(mine.zero_nm, mine.shift_nm)),
+        model_nm=root_mean_square(mine.curve_nm),
+        mounting_nm=root_mean_square(mine.mounting_nm),
+        loading_nm=root_mean_square(mine.loading_nm),
+        repeatability_nm=root_mean_square(mine.scatter_nm),
     )

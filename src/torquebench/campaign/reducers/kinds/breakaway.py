@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -15,10 +16,11 @@ from torquebench.campaign.reducers.uncertainty import (
     bench_remarks,
     nominal_nm,
     resolution_rad,
-    root_mean_square,
     temperature_remarks,
+    torque_of_loading,
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.chain import TorqueParts
 from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.first_motion import (
@@ -56,11 +58,15 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
     side = ramps.side
     parts = [_rising(each, side) for each in ramps.ramps]
     sizes = [part[0].size for part in parts]
-    time_s, angle, torque, whole = (np.concatenate(column) for column in zip(*parts, strict=True))
-    # A chain's zero error changes sign with the direction: the mean of both directions keeps it.
-    peak = max(float(np.max(np.abs(part[2]))) for part in parts)
-    whole_nm = root_mean_square(whole) if ramps.compensated else nominal_nm(bench, side)
-    relative = whole_nm / peak
+    time_s, angle, torque = (
+        np.concatenate(column) for column in zip(*(part[:3] for part in parts), strict=True)
+    )
+    known = TorqueUncertainty(model_nm=nominal_nm(bench, side))
+    if ramps.compensated:
+        known = torque_of_loading(TorqueParts.joined([part[3] for part in parts]), torque)
+        # every ramp has a zero of its own: none cancels in the mean of both directions
+        loading = float(np.hypot(known.loading_nm, known.zero_nm))
+        known = replace(known, loading_nm=loading, zero_nm=0.0)
     result = evaluate_breakaway(
         time_s,
         angle,
@@ -68,7 +74,7 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
         kind="starting" if side == "input" else "back-driving",
         run=np.repeat(np.arange(len(sizes)), sizes),
         position=np.repeat([each.position_deg for each in ramps.ramps], sizes),
-        uncertainty=TorqueUncertainty(relative, 0.0),
+        uncertainty=known,
         resolution_rad=resolution_rad(bench, side),
         presliding_rad=PRESLIDING_RAD[side],
     )
@@ -77,7 +83,7 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
     return Evaluated(result, (*remarks, *temperature_remarks(ramps.temperature_c)))
 
 
-def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
+def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatArray, TorqueParts]:
     """Cut a ramp before the torque is removed again.
 
     Once the reducer turns, the torque hardly rises: its maximum may be anywhere after that.
@@ -90,7 +96,7 @@ def _rising(ramp: Breakaway, side: Side) -> tuple[FloatArray, FloatArray, FloatA
         recording.time_s[:stop],
         recording.angle_rad(side)[:stop],
         torque[:stop],
-        recording.uncertainty_nm(side)[:stop],
+        recording.parts(side).at(slice(stop)),
     )
 
 

@@ -12,11 +12,13 @@ from torquebench.bench.devices import BenchDevices, SynchronousRecording
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.sampling import few_positions
 from torquebench.campaign.reducers.uncertainty import (
+    LARGE,
     Bench,
     bench_remarks,
     nominal_nm,
     resolution_rad,
     root_mean_square,
+    torque_of_loading,
 )
 from torquebench.campaign.reducers.work import Evaluated, TestWork
 from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
@@ -45,9 +47,6 @@ __all__ = ["WORK"]
 
 FloatArray = NDArray[np.float64]
 
-LARGE = 0.5
-"""Share of a loop's torque above which the torque counts as large."""
-
 
 def _plan(
     devices: BenchDevices, limits: ReducerLimits, settings: HysteresisSettings
@@ -59,7 +58,7 @@ def _plan(
 def _loop_uncertainty(
     bench: Bench, ratio: float, loops: LoopRecording, recording: SynchronousRecording
 ) -> LoopUncertainty:
-    """Split the torque's uncertainty into a proportional part and one between branches."""
+    """Split the torque's uncertainty by how the errors act on a loop."""
     unsure = {side: each.standard_uncertainty_rad_per_nm for side, each in bench.twists.items()}
     twist = float(np.hypot(unsure.get("output", 0.0), unsure.get("input", 0.0) / ratio**2))
     known = LoopUncertainty(
@@ -70,14 +69,20 @@ def _loop_uncertainty(
         nominal = nominal_nm(bench, "output")
         relative = nominal / loops.torque_nm
         return replace(known, torque_relative=relative, torque_branch_nm=nominal)
-    torque, whole = recording.output_torque_nm, recording.output_uncertainty_nm
-    large = np.abs(torque) / loops.torque_nm > LARGE
+    parts, size = recording.output_parts, np.abs(recording.output_torque_nm)
+    large = torque_of_loading(parts, recording.output_torque_nm)
+    loading = root_mean_square(parts.loading_nm)
+    if max(each.number for each in loops.loops) == 1:  # no repeats show the scatter of loadings
+        loading = float(np.hypot(loading, large.repeatability_nm))
     return replace(
         known,
-        torque_relative=root_mean_square(whole[large] / np.abs(torque[large])),
+        torque_relative=large.relative,
+        torque_mounting=large.mounting_nm / root_mean_square(size[size > LARGE * np.max(size)]),
+        torque_zero_nm=large.zero_nm,
         # A reducer's loop is an inner loop of the chain's own hysteresis: the model's residual
         # hysteresis separates the branches at every torque, not less near zero.
-        torque_branch_nm=root_mean_square(recording.output_curve_nm),
+        torque_branch_nm=root_mean_square(parts.curve_nm),
+        torque_loading_nm=loading,
     )
 
 
@@ -95,8 +100,13 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
         stiffness_interval=reducer.stiffness_interval,
         region_torques_nm=reducer.region_torques_nm,
     )
+    torque = recording.output_torque_nm
+    if flange is not None:
+        # The chain knows the acceleration of a block, the encoder's angles here that of a window:
+        # the inertia is corrected once, by the finer one.
+        torque = torque - recording.output_inertia_nm
     result = evaluate_hysteresis(
-        recording.output_torque_nm,
+        torque,
         angle,
         settings,
         position=np.repeat([loop.position_deg for loop in loops.loops], sizes),
