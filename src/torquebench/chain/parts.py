@@ -15,6 +15,11 @@ from torquebench.uncertainty import Distribution
 
 __all__ = ["TorqueParts"]
 
+NEGLIGIBLE = 1e-3
+"""Share of opposite signs that is ignored: an error in proportion to the torque may have the other
+sign where the torque is nearly 0.
+"""
+
 
 @dataclass(frozen=True, eq=False)
 class TorqueParts:
@@ -117,4 +122,6 @@ def _part(component: Component, torque_nm: FloatArray) -> str:
 
 
 def _one_sign(values: FloatArray) -> bool:
-    return bool(np.any(values) and (np.all(values >= 0.0) or np.all(values <= 0.0)))
+    """Return whether values have one sign, but for a negligible part of their sum."""
+    up, down = float(np.sum(values[values > 0.0])), -float(np.sum(values[values < 0.0]))
+    return min(up, down) <= NEGLIGIBLE * max(up, down) and max(up, down) > 0.0

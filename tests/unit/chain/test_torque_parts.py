@@ -44,6 +44,15 @@ def test_what_shares_an_error_and_its_signs_say_where_it_belongs(
     assert found.standard_uncertainty_nm == pytest.approx(size)  # and nothing anywhere else
 
 
+def test_errors_whose_sign_differs_only_near_zero_still_belong_to_the_scale() -> None:
+    """Effects see the torque before later corrections: near 0 its sign may differ."""
+    torque = np.linspace(-80.0, 80.0, 5000)
+    before = torque + 0.05
+    found = TorqueParts.of(Torque(torque, (component(Shared.CALIBRATION, 1e-3 * before),)))
+    assert np.any(before * torque < 0.0)
+    assert found.scale_nm == pytest.approx(1e-3 * np.abs(before))
+
+
 def test_records_of_both_directions_are_joined_and_cut() -> None:
     torque = Torque(TORQUE_NM, (component(Shared.CALIBRATION, TORQUE_NM),))
     parts = [TorqueParts.of(torque.at(rows)) for rows in ([0, 1], [2, 3])]
