@@ -322,7 +322,7 @@ def test_the_limits_of_the_bench_count_for_a_model_that_was_not_fitted_on_it(
     row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
     alone = bare.torque(Readings(np.array([row["reading_nm"]])))
     assert row["torque_uncertainty_nm"] > alone.standard_uncertainty_nm[0] + 0.05
-    stated = {each.name for each in active.states() if each.uncertainty_nm > 0.0}
+    stated = {each.name for each in active.states() if each.uncertainty_nm}
     assert {"temperature of zero", "temperature of span", "zero drift", "counter"} <= stated
 
 

@@ -55,6 +55,7 @@ from .recorded import (
 from .states import (
     EffectState as EffectState,
     effect_states as effect_states,
+    not_in_u as not_in_u,
 )
 from .table_rows import (
     readings_of_rows as readings_of_rows,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
@@ -18,9 +19,9 @@ if TYPE_CHECKING:
     from torquebench.chain.readings import Readings
     from torquebench.chain.torque import Torque
 
-__all__ = ["EffectState", "effect_states"]
+__all__ = ["EffectState", "effect_states", "not_in_u"]
 
-Standing = Literal["holds", "outside", "unmeasured", "off"]
+Standing = Literal["holds", "outside", "unmeasured", "off", "missing"]
 
 
 @dataclass(frozen=True)
@@ -35,11 +36,11 @@ class EffectState:
         Source of its values.
     contribution_nm : float or None
         Correction of the torque, N·m; None without a correction, or if it has no number.
-    uncertainty_nm : float
-        Its standard uncertainty, N·m.
-    state : {"holds", "outside", "unmeasured", "off"}
+    uncertainty_nm : float or None
+        Its standard uncertainty, N·m; None if U doesn't contain it.
+    state : {"holds", "outside", "unmeasured", "off", "missing"}
         Whether it applies to the reading; outside its range there is no torque; effects that aren't
-        measured, or are switched off, stay in U.
+        measured, or are switched off, stay in U. Missing ones have no record and aren't in U.
     detail : str
         The value and its allowed range, or the missing quantity.
     switch : str
@@ -49,14 +50,14 @@ class EffectState:
     name: str
     record: str
     contribution_nm: float | None
-    uncertainty_nm: float
+    uncertainty_nm: float | None
     state: Standing
     detail: str = ""
     switch: str = ""
 
 
 def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> list[EffectState]:
-    """Return the state of every effect of a chain.
+    """Return the state of every effect of a chain, and at the end the influences it has none of.
 
     Parameters
     ----------
@@ -86,7 +87,27 @@ def effect_states(chain: MeasuringChain, readings: Readings, torque: Torque) -> 
                     switch if corrects else "",
                 )
             )
-    return found
+    missing = chain.missing()
+    held = [each for each in found if each.name not in missing]
+    return held + [EffectState(name, "", None, None, "missing") for name in missing]
+
+
+def not_in_u(missing: Sequence[str]) -> Message | None:
+    """Return the sentence about influences that U doesn't contain; None where there are none.
+
+    Parameters
+    ----------
+    missing : sequence of str
+        As `MeasuringChain.missing` names them.
+
+    Examples
+    --------
+    >>> not_in_u(["creep under load", "rotation"])
+    'not in U, because no record exists: creep under load, rotation'
+    """
+    if not missing:
+        return None
+    return Message("not in U, because no record exists: {influences}", Message.joined(missing))
 
 
 def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Standing, str]:

@@ -14,5 +14,8 @@ __all__ = ["tell_missing"]
 
 def tell_missing(missing: Sequence[str]) -> None:
     """List the influences that U doesn't contain, because nothing is recorded of them."""
-    if missing:
-        say("not in U, because no record exists: " + ", ".join(missing))
+    from torquebench.chain import not_in_u
+
+    sentence = not_in_u(missing)
+    if sentence is not None:
+        say(sentence)

@@ -9,10 +9,12 @@ from torquebench.chain import (
     EffectState,
     Inertia,
     MeasuredRotation,
+    MeasuredTemperature,
     MeasuringChain,
     Readings,
     Reference,
     effect_states,
+    not_in_u,
 )
 from torquebench.compensation import features, make_model
 from torquebench.errors import InputError
@@ -63,12 +65,25 @@ def test_contributions_and_uncertainties_add_up_to_the_torque_and_its_u(
     assert found["bearing drag"].contribution_nm == pytest.approx(-0.05)
     added = sum(each.contribution_nm or 0.0 for each in found.values())
     assert 10.0 + added == pytest.approx(float(torque.value_nm[0]), abs=1e-9)
-    u = np.sqrt(sum(each.uncertainty_nm**2 for each in found.values()))
+    u = np.sqrt(sum((each.uncertainty_nm or 0.0) ** 2 for each in found.values()))
     assert 2.0 * u == pytest.approx(float(torque.expanded_uncertainty_nm[0]))
-    assert {each.state for each in found.values()} == {"holds"}
+    assert {each.state for each in found.values()} == {"holds", "missing"}
     assert found["reference standard"].contribution_nm is None
     assert found["reference standard"].switch == ""
     assert (found["inertia"].switch, found["hysteresis"].switch) == ("inertia", "hysteresis")
+
+
+def test_influences_without_a_record_are_shown_as_not_in_u(chain: MeasuringChain) -> None:
+    """Only `apply`, `budget` and the notebook named them."""
+    found = states(chain, TURNING)
+    missing = [each for each in found.values() if each.state == "missing"]
+    assert [each.name for each in missing] == list(chain.missing())
+    assert {"creep under load", "drift since calibration"} <= {each.name for each in missing}
+    assert {(each.contribution_nm, each.uncertainty_nm) for each in missing} == {(None, None)}
+    span = MeasuredTemperature("runs", 23.0, 10.0, 40.0, (10.0, 40.0), (0.0, 0.0), (0.1, 0.1))
+    unidentified = states(chain.with_effects([span]), TURNING)["temperature of span"]
+    assert (unidentified.state, unidentified.uncertainty_nm) == ("missing", None)
+    assert not_in_u([]) is None
 
 
 def test_what_is_outside_or_not_measured_is_named(chain: MeasuringChain) -> None:

@@ -70,8 +70,8 @@ class EffectView(BaseModel):
     name: str
     record: str
     contribution_nm: float | None
-    uncertainty_nm: float
-    state: Literal["holds", "outside", "unmeasured", "off"]
+    uncertainty_nm: float | None
+    state: Literal["holds", "outside", "unmeasured", "off", "missing"]
     detail: str
     switch: str
 

@@ -13,8 +13,14 @@ from torquebench.units import minus_signs
 
 __all__ = ["EffectsTable"]
 
-KINDS = {"holds": "good", "outside": "bad", "unmeasured": "warn", "off": "warn"}
-ICONS = {"holds": "check", "outside": "error", "unmeasured": "help", "off": "toggle_off"}
+KINDS = {"holds": "good", "outside": "bad", "unmeasured": "warn", "off": "warn", "missing": "warn"}
+ICONS = {
+    "holds": "check",
+    "outside": "error",
+    "unmeasured": "help",
+    "off": "toggle_off",
+    "missing": "warning",
+}
 DECIMALS: dict[Side, int] = {"input": 4, "output": 3}
 
 
@@ -113,9 +119,9 @@ class EffectsTable:
 
 
 def _says(state: EffectState) -> bool:
-    """Return whether an effect contributes a correction or an uncertainty, or can be switched."""
+    """Return whether an effect contributes, can be switched, refuses the reading or is missing."""
     return bool(
-        state.uncertainty_nm > 0.0
+        state.uncertainty_nm != 0.0
         or state.contribution_nm
         or state.switch
         or state.state == "outside"
