@@ -245,11 +245,12 @@ def approximate(
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
     that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
-    the largest one is increased by three times the change between the points that its curvature
-    allows. That covers a square root at an interval's edge, as caused by loops and reversals. That
-    is a proof for curves with no other feature narrower than the points' distance, which nothing
-    here can exclude; the intervals are narrowed, near zero and elsewhere on their own, until the
-    bound is met. Full scale is an edge as well: models taper there.
+    the largest one is increased by the largest second difference between the points. That covers a
+    kink anywhere, as of an uncertainty that is tabulated, and a square root at an interval's edge,
+    as caused by loops and reversals. That is a proof for curves with no other feature narrower than
+    the points' distance, which nothing here can exclude; the intervals are narrowed, near zero and
+    elsewhere on their own, until the bound is met. Full scale is an edge as well: models taper
+    there.
 
     Parameters
     ----------
@@ -453,8 +454,9 @@ class _Pieces:
         for column in coefficients.T[::-1]:
             result = result * self.places + column[:, None]
         deviation = result - value
-        # between two points a parabola rises by an eighth of its second difference
+        # between two points a parabola rises by an eighth of its second difference, a kink by
+        # nearly the whole of it where it is close to an interval's edge
         bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
         size = np.abs(deviation)
         place = self.points[np.arange(len(size)), np.argmax(size, axis=1)]
-        return np.max(size, axis=1) + 3.0 * bend / 8.0, place
+        return np.max(size, axis=1) + bend, place
