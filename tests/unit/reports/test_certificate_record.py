@@ -25,6 +25,7 @@ from torquebench.reports.certificate import (
     read_letterhead,
 )
 from torquebench.reports.certificate.content import certificate_content
+from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import Party, Reference
 from torquebench.reports.certificate.results import evaluate_results
@@ -67,6 +68,18 @@ def test_record_states_item_method_people_dates_and_hashes(registry: Registry) -
     manifest = json.loads((bench.folder / "manifest.json").read_text())
     assert record.files["events.jsonl"] == manifest["files"]["events.jsonl"]["sha256"]
     assert record.files["calibration points"] == bench.calibration.data_sha256
+
+
+def test_influences_that_u_does_not_contain_are_stated(registry: Registry) -> None:
+    bench = calibrated_bench(registry)
+    record = build_record(registry, bench.calibration, ISSUE)
+    (model,) = registry.models(bench.calibration.transducer_serial)
+    assert record.not_in_u == load_chain(model.file).missing() != ()
+    facts = dict(certificate_content(record, "de")["facts"])
+    said = facts["In U nicht enthalten, weil nichts darüber vorliegt"]
+    assert "Kriechen unter Last" in said[0]
+    german = replace(record, languages=("de",))
+    assert "Kriechen unter Last" in certificate_xml(german).decode()
 
 
 @pytest.mark.parametrize(("up_to", "said"), [(100.0, False), (40.0, True)])

@@ -238,6 +238,7 @@ def build_record(
         turning_budget=None
         if source.chain is None
         else turning_budget(data, source.chain, source.reference),
+        not_in_u=() if source.chain is None else source.chain.missing(),
         **_mounting(source),
     )
 

@@ -15,7 +15,7 @@ from torquebench.reports.certificate.record import (
 )
 from torquebench.reports.certificate.static_content import static_content
 
-__all__ = ["certificate_content", "deviation_words", "unreviewed_words"]
+__all__ = ["certificate_content", "deviation_words", "not_in_u_words", "unreviewed_words"]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -78,6 +78,11 @@ def unreviewed_words(record: CertificateRecord, words: Labels) -> str:
     return f"{words['unreviewed']}: {reasons}"
 
 
+def not_in_u_words(record: CertificateRecord, words: Labels) -> str:
+    """List the influences that U doesn't contain."""
+    return ", ".join(words[f"missing_{each}"] for each in record.not_in_u)
+
+
 def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:
     item, reference = record.item, record.reference
     side = words.get(item.side)
@@ -115,6 +120,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         ),
         (words["reference"], traceability),
         *((label[words.language], [text]) for label, text in record.stated()),
+        *([(words["not_in_u"], [not_in_u_words(record, words)])] if record.not_in_u else []),
         (words["environment"], [_environment(record, words)]),
         (words["date_calibration"], [_period(record)]),
         (words["date_issue"], [record.issued.isoformat()]),

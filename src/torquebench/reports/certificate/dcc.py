@@ -5,7 +5,11 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from xml.etree import ElementTree
 
-from torquebench.reports.certificate.content import deviation_words, unreviewed_words
+from torquebench.reports.certificate.content import (
+    deviation_words,
+    not_in_u_words,
+    unreviewed_words,
+)
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
     CertificateRecord,
@@ -204,6 +208,10 @@ class _Writer:
         if record.unreviewed:
             statement = _add(parent, "statement")
             self._spoken(statement, "declaration", partial(unreviewed_words, record))
+        if record.not_in_u:
+            statement = _add(parent, "statement")
+            self._words(statement, "name", "not_in_u")
+            self._spoken(statement, "declaration", partial(not_in_u_words, record))
         if record.compensation and record.verification is None:
             statement = _add(parent, "statement")
             self._words(statement, "name", "verification")

@@ -496,6 +496,7 @@ class CertificateRecord:
         default="",
     )
     turning_budget: TurningBudget | None = None
+    not_in_u: tuple[str, ...] = ()
     format: int = field(default=RECORD_FORMAT)
 
     @property
