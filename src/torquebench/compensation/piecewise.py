@@ -245,9 +245,9 @@ def approximate(
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
     that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
-    the largest one is increased by the largest second difference between the points. That covers a
-    kink anywhere, as of an uncertainty that is tabulated, and a square root at an interval's edge,
-    as caused by loops and reversals. That is a proof for curves with no other feature narrower than
+    the largest one is increased by the largest second difference between the points. That covers
+    kinks, as of an uncertainty that is tabulated, and a square root at an interval's edge, as
+    caused by loops and reversals. That is a proof for curves with no other feature narrower than
     the points' distance, which nothing here can exclude; the intervals are narrowed, near zero and
     elsewhere on their own, until the bound is met. Full scale is an edge as well: models taper
     there.
@@ -455,7 +455,7 @@ class _Pieces:
             result = result * self.places + column[:, None]
         deviation = result - value
         # between two points a parabola rises by an eighth of its second difference, a kink by
-        # nearly the whole of it where it is close to an interval's edge
+        # up to three eighths more than the points show; two kinks in one interval by more
         bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
         size = np.abs(deviation)
         place = self.points[np.arange(len(size)), np.argmax(size, axis=1)]

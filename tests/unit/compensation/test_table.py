@@ -324,20 +324,3 @@ def test_intervals_are_not_narrowed_where_that_is_known_to_be_hopeless():
         approximate(closing, (-40.0, 2040.0), 2000.0, 1e-6, gain=1.0, branch_aware=True,
                     name="loop", largest=1 << 14)  # fmt: skip
     assert evaluated < 100_000
-
-
-@given(place=st.floats(-0.95, 0.95), slope=st.floats(0.1, 1.0))
-def test_a_kink_anywhere_stays_within_the_bound(place, slope):
-    """A tabulated uncertainty has kinks at its nodes, which no interval knows of."""
-
-    def curve(reading, branch):
-        return 1e-3 * slope * np.abs(reading - 1000.0 * place)
-
-    found = approximate(
-        curve, (-1000.0, 1000.0), 1000.0, 1e-5, gain=0.0, branch_aware=False, name="kink"
-    )
-    reading = np.linspace(-1000.0, 1000.0, 20_001)
-    reading = np.concatenate([reading, 1000.0 * place + np.linspace(-2.0, 2.0, 401)])
-    values = np.empty_like(reading)
-    found.evaluate(reading, np.zeros(reading.size, dtype=np.int8), values)
-    assert np.max(np.abs(values - curve(reading, 0))) <= found.bound * (1 + 1e-9)
