@@ -19,8 +19,10 @@ __all__ = [
     "RPM_PER_RAD_S",
     "TURN",
     "UNITS",
+    "UNIT_OF_ENDING",
     "minus_signs",
     "plain_unit",
+    "unit_of_name",
 ]
 
 TURN = 2.0 * pi
@@ -50,8 +52,54 @@ UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """Factors to N·m, rad, 1/min, s, °C and rad/s² (its square left out); names without separators."""
 
+UNIT_OF_ENDING: Mapping[str, str] = {
+    "_percent_per_1000rpm": "%/(1000 rpm)",
+    "_percent_per_10k": "%/(10 K)",
+    "_percent_per_year": "%/a",
+    "_percent_reading": "% of reading",
+    "_percent_per_h": "%/h",
+    "_nm_per_arcmin": "N·m/arcmin",
+    "_percent_fs": "% of full scale",
+    "_nm_per_s": "N·m/s",
+    "_rpm_per_s": "rpm/s",
+    "_hz_per_nm": "Hz/(N·m)",
+    "_arcmin": "arcmin",
+    "_arcsec": "arcsec",
+    "_rad_s2": "rad/s²",
+    "_percent": "%",
+    "_rad_s": "rad/s",
+    "_kgm2": "kg·m²",
+    "_days": "d",
+    "_rpm": "rpm",
+    "_rad": "rad",
+    "_deg": "°",
+    "_khz": "kHz",
+    "_mm": "mm",
+    "_kw": "kW",
+    "_hz": "Hz",
+    "_nm": "N·m",
+    "_s": "s",
+    "_v": "V",
+    "_h": "h",
+    "_c": "°C",
+    "_k": "K",
+    "_j": "J",
+}
+"""Unit of a quantity by the end of its name, the longest ending first."""
+
 _SPELLED = {"°": "deg", "′": "arcmin", "″": "arcsec", "°c": "degc", "℃": "degc", "µs": "us"}
 _SPELLED |= dict.fromkeys(("1/min", "min-1", "min⁻¹", "min^-1", "r/min", "u/min", "rev/min"), "rpm")
+
+
+def unit_of_name(name: str) -> str:
+    """Return the unit that a name ends in; empty if it has none.
+
+    Examples
+    --------
+    >>> unit_of_name("torque_nm"), unit_of_name("torque_rate_nm_per_s"), unit_of_name("clock")
+    ('N·m', 'N·m/s', '')
+    """
+    return next((unit for end, unit in UNIT_OF_ENDING.items() if name.endswith(end)), "")
 
 
 def minus_signs(text: str) -> str:

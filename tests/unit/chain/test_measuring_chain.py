@@ -2,6 +2,7 @@
 
 import json
 from math import inf, sqrt
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ from hypothesis import strategies as st
 
 from torquebench.chain import (
     EFFECTS,
+    SWITCHES,
     Component,
     Counter,
     Creep,
@@ -34,6 +36,7 @@ from torquebench.chain import (
     effect_from,
     joined,
 )
+from torquebench.chain.effects.switched_off import Switch
 from torquebench.compensation import CompensationModel, features, make_model
 from torquebench.errors import InputError
 from torquebench.uncertainty import CertifiedUncertainty, Distribution
@@ -419,3 +422,7 @@ def test_a_reading_outside_the_range_is_refused_by_the_effect_that_ends_there(
     live = chain.stream().push(rows(100.0, 2100.0, np.nan))
     assert np.isnan(live.expanded_uncertainty_nm).tolist() == [False, True, True]
     assert np.isnan(live.value_nm).tolist() == [False, True, True]
+
+
+def test_the_switches_of_the_api_are_those_of_the_chain() -> None:
+    assert get_args(Switch) == tuple(SWITCHES)

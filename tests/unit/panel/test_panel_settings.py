@@ -11,7 +11,7 @@ from pydantic import BaseModel
 
 from torquebench.bench.description import default_bench
 from torquebench.errors import InputError
-from torquebench.panel.pages.settings.names import group_title, setting_title, unit_of
+from torquebench.panel.pages.settings.names import group_title, setting_title
 from torquebench.panel.service import (
     Actor,
     BusyError,
@@ -31,6 +31,7 @@ from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
 from torquebench.panel.text import Text
 from torquebench.panel.text.catalogue import Language
+from torquebench.units import unit_of_name
 
 ADA = Actor("Ada", "administrator", "1")
 BEN = Actor("Ben", "metrologist", "2")
@@ -277,7 +278,7 @@ def test_every_setting_has_a_plain_label_and_range(
 ) -> None:
     text = Text(language)
     for section, key in labelled():
-        label, unit = setting_title(text, key), unit_of(key)
+        label, unit = setting_title(text, key), unit_of_name(key)
         assert "_" not in label, (section, key)
         hint = text.core(settings.allowed(section, key, unit))
         assert not re.search(r"\de[+-]?\d|_|'", hint), (section, key, hint)

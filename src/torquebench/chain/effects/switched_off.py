@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Literal, Self
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
@@ -12,8 +12,9 @@ from torquebench.chain.torque import Component
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["SWITCHES", "SwitchedOff"]
+__all__ = ["SWITCHES", "Switch", "SwitchedOff"]
 
+Switch = Literal["hysteresis", "temperature", "rotation", "inertia", "ripple"]
 SWITCHES: Mapping[str, tuple[str, ...]] = {
     "hysteresis": ("hysteresis",),
     "temperature": ("temperature of zero", "temperature of span"),

@@ -13,22 +13,9 @@ from torquebench.panel.api.details import details_schemas
 from torquebench.panel.api.problems import ProblemDetails
 from torquebench.panel.service import JOB_KINDS, Role
 from torquebench.panel.service.settings.store import SettingsStore
+from torquebench.units import unit_of_name
 
 __all__ = ["EXAMPLES", "describe", "name_choices"]
-
-UNITS = {
-    "_nm": "N·m",
-    "_percent_fs": "% of full scale",
-    "_percent_reading": "% of reading",
-    "_percent": "%",
-    "_rpm": "rpm",
-    "_rad_s2": "rad/s²",
-    "_deg": "°",
-    "_c": "°C",
-    "_s": "s",
-    "_hz": "Hz",
-}
-"""By the end of a name; the longest match counts."""
 
 ROLES: dict[str, Role] = {
     "activate": "metrologist",
@@ -251,7 +238,7 @@ def _describe_schema(schema: dict[str, Any]) -> None:
     for name, value in schema.get("properties", {}).items():
         if name in said and "description" not in value:
             value["description"] = said[name]
-        unit = next((unit for end, unit in UNITS.items() if name.endswith(end)), "")
+        unit = unit_of_name(name)
         if unit:
             value["x-unit"] = unit
             value.setdefault("description", f"In {unit}.")

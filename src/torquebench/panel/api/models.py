@@ -6,6 +6,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
+from torquebench.chain.effects.switched_off import SWITCHES, Switch
 from torquebench.panel.service import Client, Role
 from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
 from torquebench.panel.service.fields import WHOLE, Flag
@@ -117,13 +118,10 @@ class AcknowledgeBody(Body):
     ] = None
 
 
-Switch = Literal["hysteresis", "temperature", "rotation", "inertia"]
-
-
 class SwitchBody(ReasonBody):
     """Corrections that are switched off; all others are applied."""
 
-    off: list[Switch] = Field(default=[], max_length=4)
+    off: list[Switch] = Field(default=[], max_length=len(SWITCHES))
 
 
 class AbortBody(ReasonBody):

@@ -9,6 +9,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, tag, words
+from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
 from torquebench.panel.text import Text
@@ -216,7 +217,7 @@ class JobPanel:
             if job.problem is not None:
                 problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
             elif job.result is not None:
-                kind = {"": "", "pass": "good", "fail": "bad"}.get(job.result.verdict, "warn")
+                kind = verdict_kind(job.result.verdict)
                 verdict = self._text.maybe(f"verdict.{job.result.verdict}", "")
                 note(self._text.core(job.result.headline), kind, title=verdict)
 

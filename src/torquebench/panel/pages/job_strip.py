@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Any
 
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.job_panel import JobControls, stage_words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import EndedJob, JobView
 
 __all__ = ["JobStrip"]
 
-KINDS = {"pass": "good", "": "good"}
 SHOWN_BY = {
     "calibrate": (
         "calibrate",
@@ -99,5 +99,5 @@ class JobStrip:
         more = text.core(job.headline)
         if job.state == "interrupted":
             more = text("job.interrupted")
-        kind = KINDS.get(job.verdict, "bad") if job.state == "done" else "bad"
+        kind = (verdict_kind(job.verdict) or "good") if job.state == "done" else "bad"
         self._visitor.messages.tell(said, kind, more, lambda: log.told(job.job_id))

@@ -9,6 +9,7 @@ from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.elements import box, note, panel, tag, words
+from torquebench.panel.components.verdicts import verdict_icon, verdict_kind
 from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.calibrate.certificate_preview import CertificatePreview
 from torquebench.panel.pages.calibrate.page import StepView
@@ -17,13 +18,6 @@ from torquebench.reports.errors_table import number
 
 __all__ = ["CertificateStep", "SignStep"]
 
-VERDICTS = {
-    "pass": ("good", "check_circle"),
-    "conditionalPass": ("warn", "warning"),
-    "conditionalFail": ("warn", "warning"),
-    "fail": ("bad", "error"),
-}
-"""Kind and icon of each verdict."""
 LANGUAGES = {"en": "English", "de": "Deutsch", "zh": "中文"}
 
 
@@ -96,7 +90,7 @@ class SignStep(StepView):
                 worst = found["result"]["against_standard"]
                 with box("li", "line"):
                     verdict = found["verdict"]
-                    tag(text(f"verdict.{verdict}"), *VERDICTS[verdict])
+                    tag(text(f"verdict.{verdict}"), verdict_kind(verdict), verdict_icon(verdict))
                     words("span", titled(text, workflow.models[name]))
                     said = text(
                         "sign.worst",

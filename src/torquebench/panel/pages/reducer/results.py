@@ -14,6 +14,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line, error_bars
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
+from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobResult
 from torquebench.panel.text import Text
@@ -22,7 +23,6 @@ from torquebench.units import minus_signs
 
 __all__ = ["comparison", "outcomes"]
 
-KINDS = {"pass": "good", "conditionalPass": "warn", "conditionalFail": "warn", "fail": "bad"}
 EARLIER = 20
 NEAR = 0.06
 """Share of a loop's torque around zero that is drawn enlarged."""
@@ -144,7 +144,7 @@ def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
         with panel(title), box("div", "stack"):
             if outcome["verdict"]:
                 with box("div", "line"):
-                    tag(text(f"verdict.{outcome['verdict']}"), KINDS[outcome["verdict"]])
+                    tag(text(f"verdict.{outcome['verdict']}"), verdict_kind(outcome["verdict"]))
             rows = [
                 (
                     text.core(quantity["title"]),

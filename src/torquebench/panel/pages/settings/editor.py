@@ -13,11 +13,12 @@ from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, words
 from torquebench.panel.pages.job_panel import problem_note
-from torquebench.panel.pages.settings.names import group_title, setting_title, unit_of
+from torquebench.panel.pages.settings.names import group_title, setting_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, Difference, SettingsItem
 from torquebench.panel.service.settings.differences import flat, nested
 from torquebench.panel.text import Text
+from torquebench.units import unit_of_name
 
 __all__ = ["SettingEditor", "change_lines", "parsed", "shown"]
 
@@ -82,7 +83,7 @@ def change_lines(text: Text, differences: Sequence[Difference]) -> None:
                     words("del", shown(each.before), "old")
                 if each.after is not None:
                     words("ins", shown(each.after), "new")
-                if unit := unit_of(each.key):
+                if unit := unit_of_name(each.key):
                     words("span", unit, "muted")
 
 
@@ -178,7 +179,7 @@ class SettingEditor:
         self._fields[key] = Field(
             setting_title(text, key),
             shown(value),
-            unit=unit_of(key),
+            unit=unit_of_name(key),
             hint=text("settings.in_file") if fixed else self._hint(key),
             options=self._options(key),
             disabled=not self._editable or fixed or named,
@@ -193,7 +194,7 @@ class SettingEditor:
         settings = self._visitor.service.settings
         if isinstance(self._before[key], list):
             return self._text("settings.list_hint")
-        said = self._text.core(settings.allowed(self._item.section, key, unit_of(key)))
+        said = self._text.core(settings.allowed(self._item.section, key, unit_of_name(key)))
         return MINUS.sub("−", said)
 
     def _options(self, key: str) -> dict[str, str] | None:

@@ -4,50 +4,7 @@ from __future__ import annotations
 
 from torquebench.panel.text import Text
 
-__all__ = ["group_title", "setting_title", "unit_of"]
-
-UNITS = {
-    "_percent_per_1000rpm": "%/(1000 rpm)",
-    "_percent_per_10k": "%/(10 K)",
-    "_percent_per_year": "%/a",
-    "_percent_per_h": "%/h",
-    "_nm_per_arcmin": "N·m/arcmin",
-    "_nm_per_s": "N·m/s",
-    "_rpm_per_s": "rpm/s",
-    "_hz_per_nm": "Hz/(N·m)",
-    "_arcmin": "arcmin",
-    "_arcsec": "arcsec",
-    "_kgm2": "kg·m²",
-    "_percent": "%",
-    "_days": "d",
-    "_rpm": "rpm",
-    "_deg": "°",
-    "_khz": "kHz",
-    "_mm": "mm",
-    "_kw": "kW",
-    "_hz": "Hz",
-    "_nm": "N·m",
-    "_s": "s",
-    "_v": "V",
-    "_h": "h",
-    "_c": "°C",
-    "_k": "K",
-    "_j": "J",
-}
-"""By the end of a key, the longest first."""
-
-
-def unit_of(key: str) -> str:
-    """Return the unit that a key ends in; empty where it has none.
-
-    Examples
-    --------
-    >>> unit_of("output.limits.torque_nm"), unit_of("input.drive.torque_rate_nm_per_s")
-    ('N·m', 'N·m/s')
-    >>> unit_of("counter.clock")
-    ''
-    """
-    return next((unit for end, unit in UNITS.items() if key.endswith(end)), "")
+__all__ = ["group_title", "setting_title"]
 
 
 def setting_title(text: Text, key: str) -> str:
