@@ -29,6 +29,7 @@ from torquebench.procedures import (
     verify,
 )
 from torquebench.procedures.resuming import Resumption
+from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.station import RunRecord, Station
 
@@ -45,6 +46,7 @@ __all__ = [
     "mounted_as",
     "operator_name",
     "rehearse_calibration",
+    "run_metadata",
 ]
 
 Result = TypeVar("Result")
@@ -120,12 +122,12 @@ def measure_calibration(
     SignalFault, BenchError
         The run failed; the bench is without torque.
     """
-    return _measure(
+    return measure(
         station,
         lambda: calibrate(station.devices, side, profile, resumption),
         kind=f"calibrate-{side}",
         title=Message("Calibrating the {side} module", side),
-        metadata={**_metadata(side, profile), **(metadata or {})},
+        metadata={**run_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )
@@ -144,12 +146,12 @@ def measure_verification(
     """Verify one module against the verification standard at points drawn by `seed`."""
     rng = np.random.default_rng(seed)
     steps = profile.staircase(station.description.module(side).range_nm, rng)
-    return _measure(
+    return measure(
         station,
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
         title=Message("Verifying the {side} module", side),
-        metadata={**_metadata(side, profile), **(metadata or {})},
+        metadata={**run_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )
@@ -166,12 +168,12 @@ def measure_check(
 ) -> Measured[StaircaseResult]:
     """Load a few steps of one module against the check standard."""
     steps = profile.staircase(station.description.module(side).range_nm)
-    return _measure(
+    return measure(
         station,
         lambda: verify(station.devices, side, profile, steps),
         kind=f"check-{side}",
         title=Message("Checking the {side} module", side),
-        metadata={**_metadata(side, profile), **(metadata or {})},
+        metadata={**run_metadata(side, profile), **(metadata or {})},
         progress=progress,
         on_pause=on_pause,
     )
@@ -186,7 +188,7 @@ def measure_friction(
     on_pause: OnPause | None = None,
 ) -> Measured[FrictionSweep]:
     """Sweep the input speed of the mounted reducer, output free, and read its friction."""
-    return _measure(
+    return measure(
         station,
         lambda: friction_sweep(station.devices, settings),
         kind="no-load-friction",
@@ -197,7 +199,7 @@ def measure_friction(
     )
 
 
-def _metadata(side: Side, profile: Profile) -> dict[str, str]:
+def run_metadata(side: Side, profile: Profile | TurningProfile) -> dict[str, str]:
     """Return what the registry stores of a run beside its start document."""
     return {
         "side": side,
@@ -244,33 +246,11 @@ def operator_name() -> str:
         return ""
 
 
-def _measure(
-    station: Station,
-    plan: Callable[[], Plan[Result]],
-    *,
-    kind: str,
-    title: str,
-    metadata: Mapping[str, Any],
-    progress: Progress,
-    on_pause: OnPause | None,
-) -> Measured[Result]:
-    return measure(
-        station,
-        plan,
-        rehearsed=plan,
-        kind=kind,
-        title=title,
-        metadata=metadata,
-        progress=progress,
-        on_pause=on_pause,
-    )
-
-
 def measure(
     station: Station,
     plan: Callable[[], Plan[Result]],
     *,
-    rehearsed: Callable[[], Plan[Any]],
+    rehearsed: Callable[[], Plan[Any]] | None = None,
     kind: str,
     title: str,
     metadata: Mapping[str, Any],
@@ -280,10 +260,10 @@ def measure(
 ) -> Measured[Result]:
     """Rehearse a plan and execute it as a separate run.
 
-    `rehearsed` makes the plan without the steps that need real recordings; `files` returns further
-    files of the run, see `Station.run`.
+    `rehearsed` makes the plan without the steps that need real recordings, where it has any;
+    `files` returns further files of the run, see `Station.run`.
     """
-    progress.start(title, rehearse(station.devices, rehearsed()).steps or None)
+    progress.start(title, rehearse(station.devices, (rehearsed or plan)()).steps or None)
     found = _mounting.get()
     if found is not None and found.entered():
         metadata = {**metadata, **found.metadata()}

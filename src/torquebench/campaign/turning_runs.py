@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.measuring import OnPause, measure, operator_name
+from torquebench.campaign.measuring import OnPause, measure, run_metadata
 from torquebench.dynamics import MotorInertia
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -106,12 +107,7 @@ def measure_turning(
     RunAbortedError
         Somebody ended the run; complete series are in the file.
     """
-    metadata = {
-        "side": side,
-        "profile_name": profile.name,
-        "profile_sha256": profile.sha256,
-        "operator": operator_name(),
-    }
+    metadata = run_metadata(side, profile)
     if profile.kind == "dynamics":
         if isinstance(begun, EmptyTable | BegunCalibration):
             raise InputError(
@@ -216,13 +212,11 @@ def _measure_steps(
 
     def write(done: StepTable) -> None:
         stated = {**_remarks(station, side, profile, done.series_done), **remarks}
-        lines = [f"# {name} = {value}" for name, value in stated.items()]
-        lines.append(",".join(StepTable.COLUMNS))
-        lines += [
+        rows = [
             f"{time_s:.6f},{reading_nm:.7g},{standard_nm:.7g},{segment:.0f},{period_s:g}"
             for time_s, reading_nm, standard_nm, segment, period_s in done.rows.tolist()
         ]
-        atomic_write(target, "\n".join(lines) + "\n")
+        _write_table(target, stated, StepTable.COLUMNS, rows)
 
     found = measure(
         station,
@@ -264,16 +258,21 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
         "zero_uncertainty_nm": repr(table.zero_uncertainty_nm),
         "zero_nm": f"{scale.torque(table.zero_hz):.9g}",
     }
-    lines = [f"# {name} = {value}" for name, value in remarks.items()]
     absolute = station.description.module(table.side).encoder.absolute
     by_angle = absolute and bool(np.isfinite(table.rows[:, -1]).all())
-    lines.append(",".join((*COLUMNS, ANGLE) if by_angle else COLUMNS))
-    lines += [
+    rows = [
         f"{time_s:.6f},{reading_nm:.7g},{speed_rpm:.7g},{temperature_c:.6g}"
         + (f",{angle_deg:.3f}" if by_angle else "")
         for time_s, reading_nm, speed_rpm, temperature_c, angle_deg in table.rows.tolist()
     ]
-    atomic_write(target, "\n".join(lines) + "\n")
+    _write_table(target, remarks, (*COLUMNS, ANGLE) if by_angle else COLUMNS, rows)
+
+
+def _write_table(
+    target: Path, remarks: Mapping[str, str], columns: Sequence[str], rows: Sequence[str]
+) -> None:
+    lines = [f"# {name} = {value}" for name, value in remarks.items()]
+    atomic_write(target, "\n".join([*lines, ",".join(columns), *rows]) + "\n")
 
 
 def read_begun(

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable, Mapping
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -35,6 +35,23 @@ __all__ = [
 POLL_S = 0.05
 
 
+class _Module:
+    """An instrument that has a Modbus link for itself, by its role in the bench."""
+
+    ROLE: ClassVar[str]
+
+    def __init__(self, link: ModbusLink) -> None:
+        self._link = link
+
+    def identity(self) -> Identity:
+        """Read its identity."""
+        return self._link.identity(self.ROLE)
+
+    def close(self) -> None:
+        """Release it. A second call does nothing."""
+        self._link.close()
+
+
 class TemperatureOptions(ModbusOptions):
     """Probes by name: the input register of each, signed, hundredths of a degree."""
 
@@ -42,23 +59,21 @@ class TemperatureOptions(ModbusOptions):
     interval_s: Annotated[float, Field(ge=0.0, le=60.0, description="s")] = 1.0
 
 
-class ModbusTemperature:
+class ModbusTemperature(_Module):
     """Temperature probes on a Modbus module, read every `interval_s`.
 
     A probe that is broken or doesn't answer is missing from the answer, which the supervisor
     judges: it is never an old value.
     """
 
+    ROLE = "temperature"
+
     def __init__(self, link: ModbusLink, options: TemperatureOptions) -> None:
-        self._link = link
+        super().__init__(link)
         self._probes = dict(options.probes)
         self._interval_s = options.interval_s
         self._asked = -math.inf
         self._answer: dict[str, float] = {}
-
-    def identity(self) -> Identity:
-        """Read the identity of the module."""
-        return self._link.identity("temperature")
 
     def temperatures(self) -> Mapping[str, float]:
         """Ask for all probes: name to °C."""
@@ -79,29 +94,23 @@ class ModbusTemperature:
         }
         return self._answer
 
-    def close(self) -> None:
-        """Release the module. A second call does nothing."""
-        self._link.close()
-
 
 def _signed(word: int) -> int:
     return word - 65536 if word >= 32768 else word
 
 
-class ModbusReadout:
+class ModbusReadout(_Module):
     """A calibrator's amplifier that holds its last samples in registers, one block a side.
 
     The newest sample is taken to be as old as the answer; see `SampleClock`.
     """
 
+    ROLE = "reference"
+
     def __init__(self, link: ModbusLink) -> None:
-        self._link = link
+        super().__init__(link)
         self._count: dict[Side, int | None] = dict.fromkeys(SIDES)
         self._clocks: dict[Side, SampleClock] = {}
-
-    def identity(self) -> Identity:
-        """Read the identity of the amplifier."""
-        return self._link.identity("reference")
 
     @property
     def period_s(self) -> float:
@@ -142,15 +151,19 @@ class ModbusReadout:
         lost = 0 if before is None else max(0, count - before - new)
         return clock.take(torque, until_s, timed_s, lost)
 
-    def close(self) -> None:
-        """Release the amplifier. A second call does nothing."""
-        self._link.close()
-
 
 class DigitalOptions(ModbusOptions):
     """Mode conversion or clamp: how long its travel may take."""
 
     travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
+
+
+class _Travelling(_Module):
+    """A module that moves something, and how long its travel may take."""
+
+    def __init__(self, link: ModbusLink, travel_s: float) -> None:
+        super().__init__(link)
+        self._travel_s = travel_s
 
 
 _MODE_COILS: dict[Mode, list[bool]] = {
@@ -161,16 +174,10 @@ _MODE_COILS: dict[Mode, list[bool]] = {
 _CONTACTS: tuple[Mode, ...] = ("free", "driven", "locked")
 
 
-class ModbusModes:
+class ModbusModes(_Travelling):
     """The test-mode conversion: coils command it, discrete inputs give the reached state."""
 
-    def __init__(self, link: ModbusLink, travel_s: float) -> None:
-        self._link = link
-        self._travel_s = travel_s
-
-    def identity(self) -> Identity:
-        """Read the identity of the module."""
-        return self._link.identity("modes")
+    ROLE = "modes"
 
     def set_mode(self, side: Side, mode: Mode) -> None:
         """Change the mode of one side and return when it is reached.
@@ -217,21 +224,11 @@ class ModbusModes:
         made = self._link.contacts(first, 3)
         return [mode for mode, contact in zip(_CONTACTS, made, strict=True) if contact]
 
-    def close(self) -> None:
-        """Release the module. A second call does nothing."""
-        self._link.close()
 
-
-class ModbusClamp:
+class ModbusClamp(_Travelling):
     """The hydraulic clamp: one coil, three contacts."""
 
-    def __init__(self, link: ModbusLink, travel_s: float) -> None:
-        self._link = link
-        self._travel_s = travel_s
-
-    def identity(self) -> Identity:
-        """Read the identity of the module."""
-        return self._link.identity("clamp")
+    ROLE = "clamp"
 
     def set_clamped(self, clamped: bool) -> None:
         """Close or open the clamp and return when it is reached; raises `BenchError` if not."""
@@ -260,21 +257,11 @@ class ModbusClamp:
             )
         return closed and pressure
 
-    def close(self) -> None:
-        """Release the module. A second call does nothing."""
-        self._link.close()
 
-
-class ModbusRail:
+class ModbusRail(_Travelling):
     """The guide rail of the input module: one coil, a contact at each end."""
 
-    def __init__(self, link: ModbusLink, travel_s: float) -> None:
-        self._link = link
-        self._travel_s = travel_s
-
-    def identity(self) -> Identity:
-        """Read the identity of the module."""
-        return self._link.identity("guide_rail")
+    ROLE = "guide_rail"
 
     def move(self, position: RailPosition) -> None:
         """Move to "end" or "away" and return when it is there; raises `BenchError` if not."""
@@ -302,28 +289,15 @@ class ModbusRail:
             )
         return "end" if at_end else "away" if away else "between"
 
-    def close(self) -> None:
-        """Release the module. A second call does nothing."""
-        self._link.close()
 
-
-class ModbusSupply:
+class ModbusSupply(_Module):
     """The drives' supply: one contact."""
 
-    def __init__(self, link: ModbusLink) -> None:
-        self._link = link
-
-    def identity(self) -> Identity:
-        """Read the identity of the module."""
-        return self._link.identity("power_supply")
+    ROLE = "power_supply"
 
     def supplies(self) -> bool:
         """Ask whether it is on."""
         return bool(self._link.contacts(Contact.SUPPLY_ON, 1)[0])
-
-    def close(self) -> None:
-        """Release the module. A second call does nothing."""
-        self._link.close()
 
 
 def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
