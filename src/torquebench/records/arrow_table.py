@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.records.arrow_stream import numbers_of
 from torquebench.records.columns import (
     DIRECTION_REMEDY,
     WORDS_ALLOWED,
@@ -21,8 +22,8 @@ from torquebench.records.columns import (
     word_values,
 )
 from torquebench.records.csv_text import CsvTable, what_number
-from torquebench.records.table_files import cell_texts, headers, numbers_of, remarks_of
-from torquebench.records.tables import READING_QUANTITIES, ReadingsTable
+from torquebench.records.table_files import cell_texts, headers, remarks_of
+from torquebench.records.tables import READING_QUANTITIES, ReadingsTable, readings_of_columns
 
 __all__ = ["NUMBERS", "ArrowReadings"]
 
@@ -72,19 +73,8 @@ class ArrowReadings:
         self._name_branch(batch)
         branch = self._words("branch", batch, before)
         self._check_direction(numbers["reading_nm"], batch, before)
-        return ReadingsTable(
-            replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows)),
-            numbers["reading_nm"],
-            branch,
-            None,
-            numbers.get("speed_rpm"),
-            numbers.get("temperature_c"),
-            numbers.get("standard_error_nm"),
-            numbers.get("time_s"),
-            numbers.get("acceleration_rad_s2"),
-            numbers.get("angle_deg"),
-            self.simulated,
-        )
+        table = replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows))
+        return readings_of_columns(table, numbers, branch, simulated=self.simulated)
 
     def _numbers(self, column: Any, header: str, before: int) -> NDArray[np.float64]:
         try:

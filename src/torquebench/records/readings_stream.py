@@ -23,15 +23,17 @@ from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Progress
+from torquebench.records.arrow_stream import numbers_of
 from torquebench.records.arrow_table import NUMBERS, ArrowReadings
 from torquebench.records.columns import understood, word_values
 from torquebench.records.csv_text import csv_encoding, is_comment, parse_csv
-from torquebench.records.table_files import ArrowFile, numbers_of, open_table
+from torquebench.records.table_files import ArrowFile, open_table
 from torquebench.records.table_formats import check_read, check_written, is_csv, is_parquet
 from torquebench.records.tables import (
     ADDED_COLUMNS,
     ReadingsTable,
     readings_of,
+    readings_of_columns,
 )
 
 __all__ = ["CompensatedFile", "compensate_file"]
@@ -328,28 +330,9 @@ class _CsvSource:
             return None
         if not self._labels_are_fine(cells, numbers["reading_nm"]):
             return None
-        lines = range(before + 1, before + 1 + cells.num_rows)
-        return _Block(cells, self._readings(lines, numbers, branch), b'"' not in content)
-
-    def _readings(
-        self,
-        lines: range,
-        numbers: dict[str, NDArray[np.float64]],
-        branch: NDArray[np.int8] | None,
-    ) -> ReadingsTable:
-        return ReadingsTable(
-            table=replace(self._table, lines=lines),
-            reading_nm=numbers["reading_nm"],
-            branch=branch,
-            series=None,
-            speed_rpm=numbers.get("speed_rpm"),
-            temperature_c=numbers.get("temperature_c"),
-            standard_error_nm=numbers.get("standard_error_nm"),
-            time_s=numbers.get("time_s"),
-            acceleration_rad_s2=numbers.get("acceleration_rad_s2"),
-            angle_rad=numbers.get("angle_deg"),
-            simulated=self.simulated,
-        )
+        table = replace(self._table, lines=range(before + 1, before + 1 + cells.num_rows))
+        readings = readings_of_columns(table, numbers, branch, simulated=self.simulated)
+        return _Block(cells, readings, b'"' not in content)
 
     def _labels_are_fine(self, cells: Any, reading: NDArray[np.float64]) -> bool:
         try:

@@ -30,7 +30,6 @@ __all__ = [
     "cell_texts",
     "cells_of",
     "headers",
-    "numbers_of",
     "open_table",
     "read_arrow",
     "read_table",
@@ -158,21 +157,6 @@ def cell_texts(column: Any) -> list[str]:
         else ("" if cell is None else str(cell))
         for cell in column.to_pylist()
     ]
-
-
-def numbers_of(column: Any) -> NDArray[Any]:
-    """Return a column as an array, NaN where it has no value.
-
-    `to_numpy` imports pandas if there is one, which takes longer than a file of 10⁶ rows.
-    """
-    import numpy as np
-    import pyarrow as pa
-
-    if isinstance(column, pa.ChunkedArray):
-        column = column.combine_chunks()
-    if column.null_count:
-        return np.asarray(column.to_numpy(zero_copy_only=False))
-    return np.from_dlpack(column)
 
 
 def remarks_of(schema: Any) -> dict[str, str]:

@@ -47,6 +47,9 @@ READING_QUANTITIES = (
     "standard_error_nm",
 )
 """Optional columns of a file of readings."""
+_IN_FILES = {"angle_rad": "angle_deg"}
+_OF_FILES = {"angle_deg": "angle_rad"}
+"""Column that has another name in files than in torquebench, for its other unit."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
 _STEADY = "steady"
@@ -195,18 +198,7 @@ def calibration_of(
         side=side or noted.get("side", ""),
         transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
         counter_identity=counter_identity or noted.get("counter_identity", ""),
-        nominal_nm=quantity(table, columns, "nominal_nm"),
-        position_deg=quantity(table, columns, "position_deg"),
-        speed_rpm=quantity(table, columns, "speed_rpm"),
-        temperature_c=quantity(table, columns, "temperature_c"),
-        time_s=quantity(table, columns, "time_s"),
-        standard_error_nm=quantity(table, columns, "standard_error_nm"),
-        true_torque_nm=quantity(table, columns, "true_torque_nm"),
-        acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
-        angle_rad=quantity(table, columns, "angle_deg"),
-        zero_temperature_c=quantity(table, columns, "zero_temperature_c"),
-        zero_nm=quantity(table, columns, "zero_nm"),
-        standard_temperature_c=quantity(table, columns, "standard_temperature_c"),
+        **{name: quantity(table, columns, _IN_FILES.get(name, name)) for name in OPTIONAL_COLUMNS},
         simulated=is_simulated(noted),
         reference=reference_in(noted, scale, table.origin),
         measured_on=_measured_on(table),
@@ -301,21 +293,30 @@ def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
     table, columns = understood(table, ("reading_nm",), mapping)
     used = ("reading_nm", *READING_QUANTITIES)
     table.check_decimal_marks([columns[key][0] for key in used if key in columns])
-    reading = quantity(table, columns, "reading_nm")
-    assert reading is not None
-    check_direction(table, reading)
+    found = {key: quantity(table, columns, key) for key in used}
+    numbers = {key: values for key, values in found.items() if values is not None}
+    check_direction(table, numbers["reading_nm"])
+    return readings_of_columns(
+        table, numbers, branches(table), series(table), simulated=is_simulated(table.remarks)
+    )
+
+
+def readings_of_columns(
+    table: CsvTable,
+    numbers: Mapping[str, NDArray[np.float64]],
+    branch: NDArray[np.int8] | None,
+    series: NDArray[np.int64] | None = None,
+    *,
+    simulated: bool,
+) -> ReadingsTable:
+    """Return the readings in columns of numbers, which have the names of files."""
     return ReadingsTable(
         table=table,
-        reading_nm=reading,
-        branch=branches(table),
-        series=series(table),
-        speed_rpm=quantity(table, columns, "speed_rpm"),
-        temperature_c=quantity(table, columns, "temperature_c"),
-        standard_error_nm=quantity(table, columns, "standard_error_nm"),
-        time_s=quantity(table, columns, "time_s"),
-        acceleration_rad_s2=quantity(table, columns, "acceleration_rad_s2"),
-        angle_rad=quantity(table, columns, "angle_deg"),
-        simulated=is_simulated(table.remarks),
+        reading_nm=numbers["reading_nm"],
+        branch=branch,
+        series=series,
+        simulated=simulated,
+        **{_OF_FILES.get(name, name): numbers.get(name) for name in READING_QUANTITIES},
     )
 
 
