@@ -31,7 +31,7 @@ UNLOADED_SHARE = 0.001
 STREAM_S = 1.0
 """Rows of a rotating chain farther apart than this are steady points, not a record."""
 
-_REQUIRED = ("reading_nm", "standard_nm", "series", "branch")
+REQUIRED_COLUMNS = ("reading_nm", "standard_nm", "series", "branch")
 OPTIONAL_COLUMNS = (
     "nominal_nm",
     "position_deg",
@@ -148,7 +148,7 @@ class CalibrationData:
         n = int(np.size(self.reading_nm))
         if n == 0:
             raise InputError("a calibration without points", "at least one point")
-        for name in (*_REQUIRED, *OPTIONAL_COLUMNS):
+        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _column(name, value, n))
@@ -188,7 +188,7 @@ class CalibrationData:
 
         present = {
             name: value
-            for name in (*_REQUIRED, *OPTIONAL_COLUMNS)
+            for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
             if (value := getattr(self, name)) is not None
         }
         return pyarrow.table(present).__arrow_c_stream__(requested_schema)
@@ -329,7 +329,7 @@ class CalibrationData:
         where = np.asarray(index)
         changes = {
             name: value[where]
-            for name in (*_REQUIRED, *OPTIONAL_COLUMNS)
+            for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **changes)
@@ -347,7 +347,7 @@ class CalibrationData:
             "counter_identity": self.counter_identity,
         }
         digest = hashlib.sha256(json.dumps(meta, sort_keys=True).encode())
-        for name in (*_REQUIRED, *OPTIONAL_COLUMNS):
+        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
             value = getattr(self, name)
             if value is not None:
                 digest.update(name.encode())

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Literal
 
-__all__ = ["HARDWARE", "ITEMS", "LOADING", "SUB_SYSTEMS", "Answer", "Item", "Verdict"]
+__all__ = ["HARDWARE", "ITEMS", "LOADING", "SUB_SYSTEMS", "Answer", "Fulfilment", "Item"]
 
-Verdict = Literal["met", "not met", "partly", "shown", "not measured", "missing"]
+Fulfilment = Literal["met", "not met", "partly", "shown", "not measured", "missing"]
 
 
 @dataclass(frozen=True)
@@ -45,12 +45,12 @@ class Answer:
     Attributes
     ----------
     ours : str
-    verdict : Verdict
+    verdict : Fulfilment
     why : str
     """
 
     ours: str
-    verdict: Verdict
+    verdict: Fulfilment
     why: str = ""
 
 

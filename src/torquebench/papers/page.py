@@ -12,7 +12,7 @@ from torquebench.calibration import CalibrationData, repeatability
 from torquebench.compensation import PublishedNetworkModel
 from torquebench.figures import Curve
 from torquebench.papers.facts import MOUNTING
-from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS, Answer, Verdict
+from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS, Answer, Fulfilment
 from torquebench.papers.mechanics import (
     DESIGNS,
     Blocks,
@@ -832,7 +832,7 @@ def _standard_reducer(benches: Sequence[BenchResult]) -> tuple[Answer, Blocks]:
         rows = [[bench.tables.name, each.ours, each.verdict] for bench, (each, _) in found]
         blocks = [*blocks, Table(("bench", "error and repeatability", "0.1 %"), rows, words=True)]
         met = sum(each.verdict == "met" for _, (each, _) in found)
-        verdict: Verdict = "met" if met == len(found) else "partly" if met else "not met"
+        verdict: Fulfilment = "met" if met == len(found) else "partly" if met else "not met"
         ours = f"{answer.ours}; within 0.1 % on {met} of {len(found)} benches"
         return Answer(ours, verdict, answer.why), blocks
     return answer, blocks

@@ -8,19 +8,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import Any
 
+from torquebench.calibration.data import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+
 __all__ = ["RunFacts", "facts_of", "points_table"]
 
-_COLUMNS = (
-    "reading_nm",
-    "standard_nm",
-    "series",
-    "branch",
-    "nominal_nm",
-    "position_deg",
-    "speed_rpm",
-    "temperature_c",
-    "time_s",
-)
+_COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
 
 
 @dataclass(frozen=True)
