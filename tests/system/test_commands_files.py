@@ -60,6 +60,9 @@ def test_fit_apply_verify(tmp_path: Path) -> None:
         assert 0.1 < expanded < 4.0
 
     verified = run("verify", "model.json", "fresh.csv", cwd=tmp_path)
+    said = " ".join(verified.stdout.split())
+    assert "not in U, because no record exists: " in said
+    assert "drift since calibration" in said
     assert verified.returncode == 0, verified.stdout + verified.stderr
     assert "within the tolerance" in verified.stdout
     strict = run("verify", "model.json", "fresh.csv", "--tolerance", 0.0001, cwd=tmp_path)

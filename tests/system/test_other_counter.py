@@ -72,7 +72,11 @@ def test_measure_takes_the_option(tmp_path: Path) -> None:
     options = ("--accept-counter", OTHER, "--clock-tolerance-ppm", 50)
     taken = run("measure", "--count", 1, "--data", "data", *options, cwd=tmp_path)
     assert taken.returncode == 0, taken.stderr
-    assert f"made with {OTHER}: 50 ppm added" in " ".join(taken.stderr.split())
+    said = " ".join(taken.stderr.split())
+    assert f"made with {OTHER}: 50 ppm added" in said
+    assert "output: not in U, because no record exists:" in said
+    assert "reference standard" in said
+    assert "input: not in U" not in said  # it has no U
 
 
 def test_a_check_is_refused_before_anything_moves(station: Station) -> None:

@@ -244,6 +244,7 @@ class Verified(TypedDict):
     models: list[VerifiedModel]
     tolerance_percent_fs: float
     passed: bool
+    not_in_u: list[str]
     cells: NotRequired[list[Cell]]
     run: NotRequired[str]
     files: NotRequired[list[str]]
@@ -340,11 +341,15 @@ class Budgets(TypedDict):
 
 
 class MeasuredTorque(TypedDict):
-    """Torque of one side: `state` is compensated, raw, beyond range or the fault's name."""
+    """Torque of one side: `state` is compensated, raw, beyond range or the fault's name.
+
+    Beyond a range, `detail` names the effect that refuses, the value and the range.
+    """
 
     torque_nm: float | None
     expanded_uncertainty_nm: float | None
     state: str
+    detail: str
 
 
 class MeasuredLine(TypedDict):
@@ -363,6 +368,7 @@ class Measured(TypedDict):
 
     simulated: bool
     compensation: dict[str, str]
+    not_in_u: dict[str, list[str]]
     lines: int
 
 

@@ -22,9 +22,11 @@ from torquebench.cli.options import (
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
+    from torquebench.bench.active_chain import ActiveChain
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
     from torquebench.chain import Timebase
+    from torquebench.errors import InputError
     from torquebench.station import Station
 
 __all__ = ["compensated", "measure"]
@@ -54,6 +56,7 @@ def measure(
     note(f"opening {description.name}")
 
     from torquebench.bench.drivers.base import SIDES
+    from torquebench.chain import not_in_u
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
@@ -65,9 +68,18 @@ def measure(
             _take_zero(station)
         if station.description.simulated:
             note("simulated bench")
+        missing = {side: not_contained(station, side) for side in SIDES}
         for side, state in states.items():
             note(f"{side}: {state}")
-        answer(simulated=station.description.simulated, compensation=states, lines=0)
+            sentence = not_in_u(missing[side])
+            if sentence is not None:
+                note(f"{side}: {sentence}")
+        answer(
+            simulated=station.description.simulated,
+            compensation=states,
+            not_in_u=missing,
+            lines=0,
+        )
         try:
             _show(station, interval, count)
         except KeyboardInterrupt:
@@ -91,6 +103,12 @@ def compensated(station: Station, side: Side, accepted: Timebase | None = None) 
     return f"compensated by model-{active.model_id} ({active.kind}){made}"
 
 
+def not_contained(station: Station, side: Side) -> list[str]:
+    """Return the influences that U of a side doesn't contain; none where it states no U."""
+    active = station.acquisition.compensation(side)
+    return [] if active is None else list(active.chain.missing())
+
+
 def _take_zero(station: Station) -> None:
     from torquebench.procedures import zero_modules
 
@@ -100,11 +118,17 @@ def _take_zero(station: Station) -> None:
 def _show(station: Station, interval_s: float, count: int | None) -> None:
     viewer = station.acquisition.add_viewer()
     console = out()
-    shown = 0
+    shown, refusals = 0, ("", "")
     try:
         while count is None or shown < count:
             measured = measured_interval(station, _blocks(viewer, interval_s))
             line = measured.line()
+            before, refusals = refusals, (measured.input.detail, measured.output.detail)
+            for earlier, detail in zip(before, refusals, strict=True):
+                if detail and not earlier:
+                    if console.is_terminal and shown:
+                        console.print()
+                    note(detail)
             shown += 1
             answer(lines=shown)
             if is_json():
@@ -146,11 +170,14 @@ class MeasuredSide:
     torque_nm, expanded_uncertainty_nm : float or None
     state : str
         "compensated", "raw", "beyond range" or the fault's name.
+    detail : str
+        Beyond a range: the effect that refuses, the value and the range.
     """
 
     torque_nm: float | None
     expanded_uncertainty_nm: float | None
     state: str
+    detail: str = ""
 
     def text(self, whole: int, decimals: int) -> str:
         """Return torque ± U with digits for the side, or the state in as many columns."""
@@ -190,15 +217,17 @@ def measured_interval(station: Station, blocks: list[AcquiredBlock]) -> Measured
     newest = blocks[-1]
     return MeasuredInterval(
         newest.stop_s,
-        _torque("input", blocks),
-        _torque("output", blocks),
+        _torque("input", blocks, station.acquisition.compensation("input")),
+        _torque("output", blocks, station.acquisition.compensation("output")),
         newest.speed_rad_s.get("input", math.nan) * RPM_PER_RAD_S,
         newest.accelerations.get("input", UNKNOWN).rad_s2 * RPM_PER_RAD_S,
         newest.temperatures[station.description.input.temperature_probe],
     )
 
 
-def _torque(side: Side, blocks: list[AcquiredBlock]) -> MeasuredSide:
+def _torque(
+    side: Side, blocks: list[AcquiredBlock], active: ActiveChain | None = None
+) -> MeasuredSide:
     import numpy as np
 
     from torquebench.bench.drivers.base import torque_channel
@@ -212,8 +241,15 @@ def _torque(side: Side, blocks: list[AcquiredBlock]) -> MeasuredSide:
     if len(compensated) == len(blocks):
         mean = joined(compensated).mean()
         if not np.all(np.isfinite(mean.value_nm)):
-            return MeasuredSide(None, None, "beyond range")
+            refusal = None
+            if active is not None:
+                refusal = active.refusal(side, blocks[0].start_s, blocks[-1].stop_s)
+            return MeasuredSide(None, None, "beyond range", _range_of(refusal))
         value, expanded = float(mean.value_nm[0]), float(mean.expanded_uncertainty_nm[0])
         return MeasuredSide(value, expanded, "compensated")
     torque = np.concatenate([each.torque_nm for each in samples])
     return MeasuredSide(float(np.mean(torque)), None, "raw")
+
+
+def _range_of(refusal: InputError | None) -> str:
+    return "" if refusal is None else f"{refusal.found}, allowed {refusal.allowed}"

@@ -453,6 +453,7 @@ def verify(
             f"({found.pooled_percent_fs:.3g} % FS)"
         )
     say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
+    tell_missing(chain.missing())
     if chain.turns:
         out().print(cells_table(points, torque))
         from torquebench.calibration import cells
@@ -477,6 +478,7 @@ def verify(
         models=result.models,
         tolerance_percent_fs=tolerance,
         passed=passed,
+        not_in_u=list(chain.missing()),
     )
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")

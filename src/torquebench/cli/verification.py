@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.confirming import confirm_start
 from torquebench.cli.console import answer, out, say
 from torquebench.cli.failure import CHECK_FAILED
@@ -91,6 +92,8 @@ def verification(
             description, side, profile, models, seed, data, yes=yes, real_time=real_time
         )
     kept = _print(result, titles, tolerance)
+    missing = next(iter(chains.values())).missing()
+    tell_missing(missing)
     say(f"Run: {run_id}")
     answer(
         range_nm=result.range_nm,
@@ -100,6 +103,7 @@ def verification(
         models=result.models,
         tolerance_percent_fs=tolerance,
         passed=kept,
+        not_in_u=list(missing),
         run=run_id,
     )
     if report:
@@ -163,6 +167,7 @@ def _measured(
 ) -> tuple[CalibrationData, VerificationResult, str, dict[str, str], dict[str, MeasuringChain]]:
     import numpy as np
 
+    from torquebench.bench.stated_limits import with_stated_limits
     from torquebench.calibration import verify
     from torquebench.campaign.fitting import model_title
     from torquebench.campaign.measuring import measure_verification
@@ -177,7 +182,10 @@ def _measured(
         station = session.station
         entries = _entries(station, side, named)
         stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}
-        chains = {name: MeasuringChain.of(each) for name, each in stored.items()}
+        chains = {
+            name: with_stated_limits(MeasuringChain.of(each), station.description, side)
+            for name, each in stored.items()
+        }
         titles = {
             name: f"{name}: {model_title(each.model.kind, each.model.kind_parameters)}"
             for name, each in stored.items()

@@ -2,7 +2,12 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.chain import MeasuredTemperature, MeasuringChain
 from torquebench.cli.measure import measured_interval
+from torquebench.compensation import make_model
 from torquebench.station import Station
 
 
@@ -31,3 +36,17 @@ def test_a_lost_signal_is_named_and_no_number(tmp_path: Path) -> None:
     assert "out" in line
     assert "pulses" in line
     assert line.count("raw") == 1
+
+
+def test_a_refused_torque_names_the_effect_and_its_range(tmp_path: Path) -> None:
+    standard = np.linspace(-2000.0, 2000.0, 21)
+    model = make_model("polynomial-1", range_nm=2000.0).fit(standard[:, None], standard)
+    warm = MeasuredTemperature("runs", 45.0, 40.0, 50.0, (40.0, 50.0), (0.0, 0.0), (0.1, 0.1))
+    with Station.open(None, tmp_path) as station:
+        active = ActiveChain(MeasuringChain(model, (warm,)), "1", "polynomial-1")
+        station.acquisition.set_compensation("output", active)
+        measured = measured_interval(station, blocks_of(station, 3))
+    assert len(measured.line()) <= 80
+    assert (measured.output.state, measured.input.detail) == ("beyond range", "")
+    assert measured.output.detail.startswith("output module: temperature of zero and span, ")
+    assert measured.output.detail.endswith("allowed 40 to 50 °C")
