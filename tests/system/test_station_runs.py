@@ -16,7 +16,8 @@ from tests.watching import Watching
 from torquebench.bench import default_bench
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.bench.interlocks import standard_serial
-from torquebench.calibration import CalibrationData
+from torquebench.calibration import CalibrationData, load_profile
+from torquebench.campaign.checking import check_module
 from torquebench.chain import Readings, load_chain
 from torquebench.compensation import Provenance, StoredModel, make_model, save_model
 from torquebench.errors import (
@@ -324,6 +325,15 @@ def test_the_limits_of_the_bench_count_for_a_model_that_was_not_fitted_on_it(
     assert row["torque_uncertainty_nm"] > alone.standard_uncertainty_nm[0] + 0.05
     stated = {each.name for each in active.states() if each.uncertainty_nm}
     assert {"temperature of zero", "temperature of span", "zero drift", "counter"} <= stated
+
+
+def test_a_check_counts_the_same_limits_as_the_live_torque(station: Station) -> None:
+    calibrated(station, serial="SIM-T2000", counter=station.drivers.counter.clock_identity)
+    live = station.activate_compensation("output").chain
+    judged = check_module(station, "output", load_profile("check"), 5.0).judged
+    assert set(live.missing()) <= set(judged.missing)
+    assert "temperature of zero and span" not in judged.missing
+    assert (judged.torque.component("temperature of zero") > 0.0).all()
 
 
 def test_a_model_of_another_transducer_or_counter_never_compensates(station: Station) -> None:

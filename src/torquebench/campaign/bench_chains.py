@@ -11,11 +11,14 @@ import numpy as np
 
 from torquebench.bench.chain_effects import chain_effects, standard_effect
 from torquebench.bench.description import BenchDescription, stated_uncertainty
+from torquebench.bench.roles import Side
+from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData
-from torquebench.chain import Effect, Reference
+from torquebench.chain import Effect, MeasuringChain, Reference, load_chain
 from torquebench.message import Message
+from torquebench.records import ModelEntry
 
-__all__ = ["bench_effects", "recorded_effects", "referenced"]
+__all__ = ["bench_effects", "recorded_effects", "referenced", "used_chain"]
 
 
 def bench_effects(
@@ -44,6 +47,26 @@ def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tupl
     if "bench" in metadata:
         return bench_effects(BenchDescription.model_validate(metadata["bench"]), data)
     return (_recorded_standard(metadata["standard"], data),)
+
+
+def used_chain(entry: ModelEntry, metadata: Mapping[str, Any], side: str) -> MeasuringChain:
+    """Return a model's chain as it is used on the bench of a run, with the bench's limits.
+
+    Parameters
+    ----------
+    entry : ModelEntry
+    metadata : mapping
+        Of the run: the bench's description at the time.
+    side : {"input", "output"}
+
+    Raises
+    ------
+    RecordError
+        The model's file is missing or was changed.
+    """
+    bench = BenchDescription.model_validate(metadata["bench"])
+    measured: Side = "input" if side == "input" else "output"
+    return with_stated_limits(load_chain(entry.check_file()), bench, measured)
 
 
 def _recorded_standard(standard: Mapping[str, Any], data: CalibrationData) -> Reference:

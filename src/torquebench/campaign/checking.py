@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from torquebench.bench.description import stated_uncertainty
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
+from torquebench.campaign.bench_chains import used_chain
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
 from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import Component, MeasuringChain, Shared, Torque, load_chain
@@ -204,7 +205,7 @@ def finish_check(
 
     def register() -> CheckResult:
         entry = None if model_id is None else registry.model(int(model_id))
-        chain = None if entry is None else load_chain(entry.check_file())
+        chain = None if entry is None else used_chain(entry, known, data.side)
         standard = known["bench"]["verification_standard"]
         judged = judge_check(
             data,

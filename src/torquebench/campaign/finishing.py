@@ -14,7 +14,7 @@ from functools import partial
 from typing import Any
 
 from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
-from torquebench.campaign.bench_chains import recorded_effects
+from torquebench.campaign.bench_chains import recorded_effects, used_chain
 from torquebench.campaign.checking import finish_check
 from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models, model_in_use
 from torquebench.campaign.measuring import Measured
@@ -24,7 +24,6 @@ from torquebench.campaign.modules import (
     register_verification,
 )
 from torquebench.campaign.registering import registered_patiently
-from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -351,8 +350,11 @@ def _verification(registry: Registry, folder: RunFolder, progress: Progress) -> 
 
     def register() -> None:
         models = {name: registry.model(int(number)) for name, number in numbers.items()}
-        loaded = {name: load_chain(entry.check_file()) for name, entry in models.items()}
-        result = verify(measured.result.data, loaded)
+        data = measured.result.data
+        loaded = {
+            name: used_chain(entry, folder.metadata, data.side) for name, entry in models.items()
+        }
+        result = verify(data, loaded)
         register_verification(registry, models, result, measured.record)
 
     registered_patiently(registry, folder.run_id, register, progress)

@@ -15,6 +15,7 @@ from pydantic import Field
 
 from torquebench.bench.description import StandardDescription
 from torquebench.bench.roles import Side
+from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import (
     Profile,
     verify,
@@ -466,7 +467,10 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     entry = station.registry.calibration(request.calibration_id)
     side = _side_of(station, entry)
     models = models_of(station, entry)
-    loaded = {name: load_chain(model.check_file()) for name, model in models.items()}
+    loaded = {
+        name: with_stated_limits(load_chain(model.check_file()), station.description, side)
+        for name, model in models.items()
+    }
     seed = request.seed
     if seed is None:  # drawn anew for every verification, and stored with its points
         seed = int(np.random.default_rng().integers(2**32))

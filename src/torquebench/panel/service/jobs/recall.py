@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from torquebench.calibration import verify
+from torquebench.campaign.bench_chains import used_chain
 from torquebench.campaign.fitting import (
     CHOSEN_ELSEWHERE,
     FittedModel,
@@ -121,8 +122,13 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     if not verifications:
         return measured, None
     last = max((found for found, _ in verifications), key=lambda found: found.performed)
-    judged = {key: loaded[key] for found, key in verifications if found.run_id == last.run_id}
-    fresh = run_data(RunFolder(station.registry.run(str(last.run_id)).folder))
+    folder = RunFolder(station.registry.run(str(last.run_id)).folder)
+    fresh = run_data(folder)
+    judged = {
+        key: used_chain(entries[key], folder.metadata, fresh.side)
+        for found, key in verifications
+        if found.run_id == last.run_id
+    }
     verified = verification_result(
         station,
         entry,
