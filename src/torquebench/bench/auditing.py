@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from typing import Literal, Protocol
 
 from torquebench.bench.audit import AuditLog
@@ -174,15 +175,8 @@ class AuditedModes:
 
     def set_mode(self, side: Side, mode: Mode) -> None:
         """Change the mode of one side."""
-        _logged(
-            self._log,
-            "modes",
-            "set_mode",
-            lambda: self._modes.set_mode(side, mode),
-            "procedure",
-            side=side,
-            mode=mode,
-        )
+        give = partial(self._modes.set_mode, side, mode)
+        _logged(self._log, "modes", "set_mode", give, "procedure", side=side, mode=mode)
 
     def mode(self, side: Side) -> Mode:
         """Ask for the present mode of one side."""
@@ -198,14 +192,8 @@ class AuditedClamp:
 
     def set_clamped(self, clamped: bool) -> None:
         """Close or open the clamp."""
-        _logged(
-            self._log,
-            "clamp",
-            "set_clamped",
-            lambda: self._clamp.set_clamped(clamped),
-            "procedure",
-            clamped=clamped,
-        )
+        give = partial(self._clamp.set_clamped, clamped)
+        _logged(self._log, "clamp", "set_clamped", give, "procedure", clamped=clamped)
 
     def clamped(self) -> bool:
         """Ask whether the clamp is closed and under pressure."""
@@ -221,14 +209,8 @@ class AuditedRail:
 
     def move(self, position: RailPosition) -> None:
         """Move to "end" or "away"."""
-        _logged(
-            self._log,
-            "guide rail",
-            "move",
-            lambda: self._rail.move(position),
-            "procedure",
-            position=position,
-        )
+        give = partial(self._rail.move, position)
+        _logged(self._log, "guide rail", "move", give, "procedure", position=position)
 
     def position(self) -> RailPosition:
         """Ask where it is."""

@@ -319,10 +319,3 @@ class Viewer:
             if not self._blocks:
                 self._condition.wait(timeout_s)
             return self._blocks.popleft() if self._blocks else None
-
-    def drain(self) -> list[AcquiredBlock]:
-        """Return every block that is waiting, oldest first, without waiting."""
-        with self._condition:
-            blocks = list(self._blocks)
-            self._blocks.clear()
-            return blocks

@@ -196,27 +196,16 @@ def _scpi(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[st
 
     plant = simulators.plant
     if role == "reference":
-
-        def start_amplifier(faults: WireFaults, host: str, port: int) -> Served:
-            return scpi.ScpiSimulator(scpi.ScpiAmplifier(plant), faults, host, port)
-
-        address = simulators.serve_at(role, section["address"], start_amplifier, kind="scpi")
+        start = functools.partial(scpi.ScpiSimulator, scpi.ScpiAmplifier(plant))
+        address = simulators.serve_at(role, section["address"], start, kind="scpi")
         return section | {"address": address}
     channels: dict[str, str] = {}
     for number, (channel, address) in enumerate(section["channels"].items()):
         serial = plant.description.counter.serial + (f"-{number + 1}" if number else "")
         counter = scpi.ScpiFrequencyCounter(plant, channel, serial)
-
-        def start_counter(
-            faults: WireFaults,
-            host: str,
-            port: int,
-            counter: scpi.ScpiFrequencyCounter = counter,
-        ) -> Served:
-            return scpi.ScpiSimulator(counter, faults, host, port)
-
+        start = functools.partial(scpi.ScpiSimulator, counter)
         endpoint = role if number == 0 else f"{role}.{channel}"
-        channels[channel] = simulators.serve_at(endpoint, address, start_counter, kind="scpi")
+        channels[channel] = simulators.serve_at(endpoint, address, start, kind="scpi")
     return section | {"channels": channels}
 
 
@@ -262,10 +251,7 @@ def _daqmx(simulators: Simulators, role: str, section: dict[str, Any]) -> dict[s
         )
     wiring = {counter: channel for channel, counter in section["channels"].items()}
     wiring |= {counter: side for side, counter in section["encoders"].items()}
-
-    def start(faults: WireFaults, host: str, port: int) -> Served:
-        return DaqmxSimulator(simulators.plant, wiring, faults, host, port)
-
+    start = functools.partial(DaqmxSimulator, simulators.plant, wiring)
     return section | {"address": simulators.serve_at(role, section["address"], start, kind="grpc")}
 
 

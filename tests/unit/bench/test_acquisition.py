@@ -187,13 +187,13 @@ def test_a_slow_viewer_loses_blocks_and_nobody_else_does(bench: LowBench) -> Non
     viewer = bench.acquisition.add_viewer()
     bench.acquisition.set_journal(journal)
     bench.clock.wait(1.0)
-    quick = viewer.drain()
+    quick = list(iter(lambda: viewer.get(0.0), None))
     assert len(quick) == len(journal.blocks) == 20
     assert slow.dropped == 17
-    assert [block.index for block in slow.drain()] == [18, 19, 20]
+    assert [block.index for block in list(iter(lambda: slow.get(0.0), None))] == [18, 19, 20]
     bench.acquisition.remove_viewer(slow)
     bench.clock.wait(0.5)
-    assert slow.drain() == []
+    assert list(iter(lambda: slow.get(0.0), None)) == []
     assert bench.supervisor.alarm is None
 
 
@@ -208,7 +208,7 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     viewer = bench.acquisition.add_viewer()
     bench.load_output(200.0)
     bench.clock.wait(0.8)
-    block = viewer.drain()[-1]
+    block = list(iter(lambda: viewer.get(0.0), None))[-1]
     assert block.index == bench.acquisition.latest_block.index
     reading = block.channels["output_torque"].torque_nm
     compensated = block.compensated["output"]
@@ -219,11 +219,11 @@ def test_an_active_compensation_works_on_live_samples(bench: LowBench) -> None:
     assert (counted > 0.0).all()
     bench.command_torque(500.0, 1e5)
     bench.clock.wait(0.5)
-    beyond = viewer.drain()[-1].compensated["output"]
+    beyond = list(iter(lambda: viewer.get(0.0), None))[-1].compensated["output"]
     assert np.isnan(beyond.value_nm).all(), "beyond the calibrated range there is no number"
     bench.acquisition.set_compensation("output", None)
     bench.clock.wait(0.1)
-    assert not viewer.drain()[-1].compensated
+    assert not list(iter(lambda: viewer.get(0.0), None))[-1].compensated
 
 
 @pytest.mark.parametrize("held", [1, 7])
