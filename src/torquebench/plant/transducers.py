@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, date, datetime
-from typing import Any
+from typing import Any, TypeVar
 
 from sqlalchemy import bindparam, text
 
@@ -18,6 +18,8 @@ from torquebench.plant.folders import FolderStore
 from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
 
 __all__ = ["drift", "drift_of_kind", "due"]
+
+Entry = TypeVar("Entry", CalibrationEntry, Zeroing, CheckEntry)
 
 # Valid rows: of benches that weren't replaced, runs not withdrawn, nothing rejected.
 _COUNTS = """
@@ -165,6 +167,12 @@ def _transducers(connection: Any) -> list[Equipment]:
     ]
 
 
+def _entry(kind: type[Entry], row: Any, /, **others: Any) -> Entry:
+    """Return a row as its entry, like `records.database.entry_of` of a bench's own row."""
+    names = {each.name for each in fields(kind)} & row._mapping.keys() - others.keys()
+    return kind(**{name: row._mapping[name] for name in names}, **others)
+
+
 def _transducer(plant: Plant, serial: str) -> _Transducer:
     benches: dict[datetime, str] = {}
 
@@ -180,47 +188,23 @@ def _transducer(plant: Plant, serial: str) -> _Transducer:
                 ", ".join(each.serial for each in known[:12]) or "a registered transducer",
             )
         calibrated = [
-            CalibrationEntry(
+            _entry(
+                CalibrationEntry,
+                row,
                 calibration_id=row.id,
                 run_id=noted(row),
                 transducer_serial=serial,
                 counter_identity=row.counter or "",
-                performed=row.performed,
-                range_nm=row.range_nm,
-                points=row.points,
-                data_sha256=row.data_sha256,
-                profile_name=row.profile_name,
-                profile_sha256=row.profile_sha256,
-                simulated=row.simulated,
-                summary=row.summary,
                 valid_nm=(row.valid_low_nm, row.valid_high_nm),
-                due=row.due,
             )
             for row in connection.execute(text(_CALIBRATIONS), {"serial": serial})
         ]
         zeros = [
-            Zeroing(
-                transducer_serial=serial,
-                performed=row.performed,
-                zero_hz=row.zero_hz,
-                zero_nm=row.zero_nm,
-                temperature_c=row.temperature_c,
-                run_id=noted(row),
-                simulated=row.simulated,
-            )
+            _entry(Zeroing, row, transducer_serial=serial, run_id=noted(row))
             for row in connection.execute(text(_ZEROINGS), {"serial": serial})
         ]
         checked = [
-            CheckEntry(
-                transducer_serial=serial,
-                performed=row.performed,
-                verdict=row.verdict,
-                worst_percent_fs=row.worst_percent_fs,
-                tolerance_percent_fs=row.tolerance_percent_fs,
-                simulated=row.simulated,
-                run_id=noted(row),
-                summary=row.summary,
-            )
+            _entry(CheckEntry, row, transducer_serial=serial, run_id=noted(row))
             for row in connection.execute(text(_CHECKS), {"serial": serial})
         ]
     return _Transducer(calibrated, zeros, checked, known, benches)

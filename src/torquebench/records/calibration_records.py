@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
-from sqlalchemy.orm import aliased
+from sqlalchemy.orm import Session, aliased
 
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
@@ -214,12 +214,7 @@ class CalibrationRecords(Database):
             Where it isn't registered.
         """
         with self.session() as session:
-            row = session.get(ModelRow, model_id)
-            if row is None:
-                raise RecordError(
-                    Message("model {model_id} isn't registered", model_id), "a registered model"
-                )
-            return self._model_entry(row)
+            return self._model_entry(_model(session, model_id))
 
     def models(
         self, transducer_serial: str | None = None, *, limit: int | None = None
@@ -264,11 +259,7 @@ class CalibrationRecords(Database):
             Where such a model is taken without a name or a reason.
         """
         with self.writing() as session:
-            model = session.get(ModelRow, model_id)
-            if model is None:
-                raise RecordError(
-                    Message("model {model_id} isn't registered", model_id), "a registered model"
-                )
+            model = _model(session, model_id)
             contradictions = self._model_entry(model).contradictions
             if contradictions and not despite_contradictions:
                 raise RecordError(
@@ -397,11 +388,7 @@ class CalibrationRecords(Database):
             Where the model or the run isn't registered.
         """
         with self.writing() as session:
-            model = session.get(ModelRow, model_id)
-            if model is None:
-                raise RecordError(
-                    Message("model {model_id} isn't registered", model_id), "a registered model"
-                )
+            model = _model(session, model_id)
             session.add(
                 VerificationRow(
                     model=model,
@@ -497,6 +484,15 @@ def _calibration_entry(row: CalibrationRow) -> CalibrationEntry:
         standard_serial=row.standard.serial if row.standard else "",
         valid_nm=(row.valid_low_nm, row.valid_high_nm),
     )
+
+
+def _model(session: Session, model_id: int) -> ModelRow:
+    row = session.get(ModelRow, model_id)
+    if row is None:
+        raise RecordError(
+            Message("model {model_id} isn't registered", model_id), "a registered model"
+        )
+    return row
 
 
 def _run_id(row: RunRow | None) -> str | None:

@@ -209,17 +209,13 @@ class EquipmentRecords(Database):
             Where its run isn't registered.
         """
         with self.writing() as session:
-            session.add(
-                ZeroingRow(
-                    transducer=equipment_row(session, "transducer", zeroing.transducer_serial),
-                    run=None if zeroing.run_id is None else run_row(session, zeroing.run_id),
-                    performed=zeroing.performed,
-                    zero_hz=zeroing.zero_hz,
-                    zero_nm=zeroing.zero_nm,
-                    temperature_c=zeroing.temperature_c,
-                    simulated=zeroing.simulated,
-                )
+            row = row_of(
+                ZeroingRow,
+                zeroing,
+                transducer=equipment_row(session, "transducer", zeroing.transducer_serial),
+                run=None if zeroing.run_id is None else run_row(session, zeroing.run_id),
             )
+            session.add(row)
 
     def zeroings(self, transducer_serial: str) -> list[Zeroing]:
         """Return the zeros of a transducer, the oldest first."""

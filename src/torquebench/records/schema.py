@@ -99,15 +99,22 @@ class LinkRow(Base):
     __table_args__ = (Index("ix_chain_row", "table", "key", unique=True),)
 
 
+class NumberedRow(Base):
+    """A row with a number of its own."""
+
+    __abstract__ = True
+
+    id: Mapped[int] = mapped_column(primary_key=True, sort_order=-1)
+
+
 # Equipment
 
 
-class EquipmentRow(Base):
+class EquipmentRow(NumberedRow):
     """A transducer, standard, counter, drive or bench, by its kind and serial."""
 
     __tablename__ = "equipment"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     kind: Mapped[str]
     serial: Mapped[str]
     recorded: Mapped[datetime]
@@ -115,12 +122,11 @@ class EquipmentRow(Base):
     __table_args__ = (Index("ix_equipment_identity", "kind", "serial", unique=True),)
 
 
-class DescriptionRow(Base):
+class DescriptionRow(NumberedRow):
     """Data of a piece of equipment from a time on; the latest row is valid."""
 
     __tablename__ = "equipment_descriptions"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     manufacturer: Mapped[str]
     model: Mapped[str]
@@ -131,12 +137,11 @@ class DescriptionRow(Base):
     equipment: Mapped[EquipmentRow] = relationship()
 
 
-class ComponentRow(Base):
+class ComponentRow(NumberedRow):
     """A piece of equipment fitted into another one, or taken out of it."""
 
     __tablename__ = "components"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     whole_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     part_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     role: Mapped[str]
@@ -149,12 +154,11 @@ class ComponentRow(Base):
     part: Mapped[EquipmentRow] = relationship(foreign_keys=[part_key])
 
 
-class AdjustmentRow(Base):
+class AdjustmentRow(NumberedRow):
     """Work on a piece of equipment that may change its indication."""
 
     __tablename__ = "adjustments"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     what: Mapped[str]
     before: Mapped[dict[str, Any]]
@@ -167,12 +171,11 @@ class AdjustmentRow(Base):
     equipment: Mapped[EquipmentRow] = relationship()
 
 
-class ReportRow(Base):
+class ReportRow(NumberedRow):
     """The certificate of a standard by the laboratory that calibrated it."""
 
     __tablename__ = "reports"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     equipment_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     number: Mapped[str]
     laboratory: Mapped[str]
@@ -190,12 +193,11 @@ class ReportRow(Base):
     equipment: Mapped[EquipmentRow] = relationship()
 
 
-class ZeroingRow(Base):
+class ZeroingRow(NumberedRow):
     """The unloaded zero of a transducer, read and taken for 0 N·m."""
 
     __tablename__ = "zeroings"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
     run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
     performed: Mapped[datetime]
@@ -213,12 +215,11 @@ class ZeroingRow(Base):
 # Runs
 
 
-class RunRow(Base):
+class RunRow(NumberedRow):
     """One run of a procedure and its folder, as it began."""
 
     __tablename__ = "runs"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     run_id: Mapped[str] = mapped_column(unique=True)
     kind: Mapped[str]
     started: Mapped[datetime]
@@ -238,12 +239,11 @@ class RunRow(Base):
     )
 
 
-class RunEndRow(Base):
+class RunEndRow(NumberedRow):
     """How a run ended, and the hash of the manifest that seals its folder."""
 
     __tablename__ = "run_ends"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     run_key: Mapped[int] = mapped_column(ForeignKey("runs.id"), unique=True)
     finished: Mapped[datetime]
     status: Mapped[str]
@@ -253,12 +253,11 @@ class RunEndRow(Base):
     run: Mapped[RunRow] = relationship()
 
 
-class AuditEndRow(Base):
+class AuditEndRow(NumberedRow):
     """End of an audit log when its bench was closed: a removal before it is detected."""
 
     __tablename__ = "audit_ends"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     log: Mapped[str]
     line: Mapped[int]
     sha256: Mapped[str] = mapped_column(Sha256)
@@ -268,12 +267,11 @@ class AuditEndRow(Base):
 # Calibrations, models, verifications
 
 
-class CalibrationRow(Base):
+class CalibrationRow(NumberedRow):
     """One calibration of one chain: a transducer read by one counter."""
 
     __tablename__ = "calibrations"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
     transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
     counter_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
@@ -298,12 +296,11 @@ class CalibrationRow(Base):
     standard: Mapped[EquipmentRow | None] = relationship(foreign_keys=[standard_key])
 
 
-class ModelRow(Base):
+class ModelRow(NumberedRow):
     """One fitted compensation model and its file."""
 
     __tablename__ = "models"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     calibration_key: Mapped[int] = mapped_column(ForeignKey("calibrations.id"), index=True)
     kind: Mapped[str]
     file: Mapped[str]
@@ -316,12 +313,11 @@ class ModelRow(Base):
     calibration: Mapped[CalibrationRow] = relationship()
 
 
-class ActivationRow(Base):
+class ActivationRow(NumberedRow):
     """A model put into use, or taken out of use (no model), for a transducer and its counter."""
 
     __tablename__ = "activations"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
     counter_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
     model_key: Mapped[int | None] = mapped_column(ForeignKey("models.id"))
@@ -334,12 +330,11 @@ class ActivationRow(Base):
     __table_args__ = (Index("ix_activations_chain", "transducer_key", "counter_key", "id"),)
 
 
-class VerificationRow(Base):
+class VerificationRow(NumberedRow):
     """Result of a verification for one model."""
 
     __tablename__ = "verifications"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     model_key: Mapped[int] = mapped_column(ForeignKey("models.id"), index=True)
     run_key: Mapped[int | None] = mapped_column(ForeignKey("runs.id"))
     performed: Mapped[datetime]
@@ -352,12 +347,11 @@ class VerificationRow(Base):
     run: Mapped[RunRow | None] = relationship()
 
 
-class CheckRow(Base):
+class CheckRow(NumberedRow):
     """A quick check of a chain against the check standard, with its verdict."""
 
     __tablename__ = "checks"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     transducer_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"))
     standard_key: Mapped[int | None] = mapped_column(ForeignKey("equipment.id"))
     model_key: Mapped[int | None] = mapped_column(ForeignKey("models.id"))
@@ -380,12 +374,11 @@ class CheckRow(Base):
 # Certificates, reviews, amendments
 
 
-class CertificateRow(Base):
+class CertificateRow(NumberedRow):
     """A certificate that was issued, with the hashes of its files."""
 
     __tablename__ = "certificates"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     number: Mapped[str] = mapped_column(unique=True)
     calibration_key: Mapped[int] = mapped_column(ForeignKey("calibrations.id"), index=True)
     supersedes_key: Mapped[int | None] = mapped_column(ForeignKey("certificates.id"))
@@ -398,12 +391,11 @@ class CertificateRow(Base):
     supersedes: Mapped["CertificateRow | None"] = relationship(remote_side="CertificateRow.id")
 
 
-class ReviewRow(Base):
+class ReviewRow(NumberedRow):
     """A review of a record, and its result."""
 
     __tablename__ = "reviews"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     subject: Mapped[str]
     subject_key: Mapped[int]
     checked: Mapped[datetime]
@@ -414,12 +406,11 @@ class ReviewRow(Base):
     __table_args__ = (Index("ix_reviews_subject", "subject", "subject_key"),)
 
 
-class AmendmentRow(Base):
+class AmendmentRow(NumberedRow):
     """An amendment of a record; the record itself isn't changed."""
 
     __tablename__ = "amendments"
 
-    id: Mapped[int] = mapped_column(primary_key=True)
     subject: Mapped[str]
     subject_key: Mapped[int]
     amended: Mapped[datetime]
