@@ -168,7 +168,7 @@ def rotation(
     value = np.empty(4)
     for k in range(speed_rpm.size):
         speed, warm = speed_rpm[k], now_c[k]
-        place[k, 0] = (0.0 if math.isnan(speed) else speed) / places[0]
+        place[k, 0] = (0.0 if math.isnan(speed) else abs(speed)) / places[0]
         place[k, 1] = (places[2] if math.isnan(warm) else warm) / places[1]
         if noise.size:
             size = nodes[0][-1] if math.isnan(speed) else abs(speed)
