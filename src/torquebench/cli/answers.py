@@ -306,7 +306,11 @@ class DataSheetWritten(TypedDict):
 
 
 class BudgetLine(TypedDict):
-    """One quantity of a budget; `share` is of the variance, 0 to 1."""
+    """One quantity of a budget; `share` is of the variance, 0 to 1.
+
+    `shared` names what its errors are common to: "calibration", "mounting", "zeroing", "loading",
+    or "nothing".
+    """
 
     name: str
     unit: str
@@ -317,6 +321,7 @@ class BudgetLine(TypedDict):
     sensitivity: float
     contribution: float
     share: float
+    shared: str
 
 
 class BudgetedReading(TypedDict):
