@@ -5,7 +5,7 @@ from __future__ import annotations
 import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import UTC, datetime
 from typing import Any, Self
 
@@ -541,22 +541,7 @@ class Plant(PlantDatabase):
         return [said for url, manifest in rows for said in store.verify(url, manifest)]
 
 
-_LISTED = (
-    "bench_key",
-    "run_id",
-    "kind",
-    "started",
-    "status",
-    "simulated",
-    "operator",
-    "software_version",
-    "specimen_type",
-    "serial",
-    "batch",
-    "withdrawn",
-    "withdrawn_by",
-    "withdrawn_reason",
-)
+_LISTED = tuple(each.name for each in fields(PlantRun) if each.name in runs.columns)
 _FILTERS = tuple(name for name in _LISTED if not name.startswith(("withdrawn", "started")))
 
 

@@ -237,18 +237,9 @@ class EquipmentRecords(Database):
             ]
 
 
-_REPORT_FIELDS = (
-    "number",
-    "laboratory",
-    "performed",
-    "due",
-    "measured_by",
-    "checked_by",
-    "valid_low_nm",
-    "valid_high_nm",
-    "expanded_uncertainty_percent",
-    "file_sha256",
-)
+_REPORT_FIELDS = set(ReportRow.__table__.columns.keys()) - {
+    *("id", "equipment_key", "file", "recorded")  # the same certificate may lie elsewhere
+}
 
 
 def _latest_description(session: Session, row: EquipmentRow) -> DescriptionRow | None:

@@ -1,5 +1,6 @@
 """The registry's runs: one entry at the start, one at the end."""
 
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -8,7 +9,7 @@ from sqlalchemy import Select, func, select
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
-from torquebench.records.database import Database, run_row
+from torquebench.records.database import Database, row_of, run_row
 from torquebench.records.entries import RunSummary
 from torquebench.records.files import sha256_of_file
 from torquebench.records.schema import AmendmentRow, AuditEndRow, RunEndRow, RunRow
@@ -20,19 +21,6 @@ __all__ = ["RunRecords"]
 
 REBUILT = "registry"
 """Subject of the entries about runs that were entered again from their folders."""
-_BEGIN = (
-    "run_id",
-    "kind",
-    "started",
-    "simulated",
-    "software_version",
-    "side",
-    "operator",
-    "bench",
-    "profile_name",
-    "profile_sha256",
-)
-_END = ("finished", "status", "reason", "manifest_sha256")
 
 
 class RunRecords(Database):
@@ -51,13 +39,11 @@ class RunRecords(Database):
                 raise RecordError(
                     Message("run {run_id} is registered", summary.run_id), "a new identifier"
                 )
-            values = {name: getattr(summary, name) for name in _BEGIN}
-            row = RunRow(**values, folder=self.stored(summary.folder))
+            row = row_of(RunRow, summary, folder=self.stored(summary.folder))
             session.add(row)
             if summary.status != "running" and summary.finished is not None:
-                ended = {name: getattr(summary, name) for name in _END}
                 session.flush()
-                session.add(RunEndRow(run=row, **ended))
+                session.add(row_of(RunEndRow, summary, run=row))
 
     def finish_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
         """Enter how a sealed run ended, and the hash of its manifest.
@@ -198,8 +184,12 @@ class RunRecords(Database):
 
     @staticmethod
     def _runs_and_ends() -> Select[Any]:
-        columns = [getattr(RunRow, name) for name in (*_BEGIN, "folder")]
-        columns += [getattr(RunEndRow, name) for name in _END]
+        columns = [
+            getattr(row, each.name)
+            for row in (RunRow, RunEndRow)
+            for each in fields(RunSummary)
+            if each.name in row.__table__.columns
+        ]
         return select(*columns).outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
 
     def _run(self, row: Any) -> RunSummary:
