@@ -73,7 +73,7 @@ _ROUGH_LENGTH = 0.1
 _ROUGH_SHARE = 0.3
 _USUAL_NOISE = 2e-4
 _KEPT_CHANCE = 0.99
-_PLAIN_ODDS = 0.6
+_PLAIN_ODDS = 0.3
 """Prior odds of a plain form, all together, to a chain with effects."""
 _PLAIN_ZERO = 5.0
 """Factor on the scale of c₀ in plain forms, in which nothing else describes an offset."""
@@ -308,7 +308,7 @@ class Problem:
         noise = np.log(setting.noise / (self.prior_scale * _USUAL_NOISE))
         growth = _GROWTH_SHARE / len(GROWTHS) if setting.growth > 0.0 else 1.0 - _GROWTH_SHARE
         drift = 1.0
-        if self.drifts:
+        if self.drifts and self._log_plain is None:
             drift = NO_DRIFT_SHARE
             if setting.drift >= 0:
                 drift = self.drifts[setting.drift].share / len(DRIFT_AMPLITUDES)
