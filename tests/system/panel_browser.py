@@ -191,10 +191,10 @@ class Visitor:
         """Wait until the page says something."""
         self.wait(lambda: text in self.text, f"the page to say {text!r}", seconds)
 
-    def button(self, label: str) -> WebElement:
-        """Find a button or link by what it says."""
+    def button(self, label: str, within: str = "") -> WebElement:
+        """Find a button or link by what it says, inside of an element if its XPath is given."""
         xpath = "|".join(
-            f"//{tag}[not(@disabled)][contains(normalize-space(.), '{label}')]"
+            f"{within}//{tag}[not(@disabled)][contains(normalize-space(.), '{label}')]"
             for tag in ("button", "a", "summary", "label")
         )
 
@@ -205,11 +205,11 @@ class Visitor:
         found: WebElement = self.wait(shown, f"a button {label!r}")
         return found
 
-    def press(self, label: str) -> None:
+    def press(self, label: str, within: str = "") -> None:
         """Press a button that stands still and says that it is ready, as people do."""
 
         def press() -> bool:
-            button = self.button(label)
+            button = self.button(label, within)
             if not self.driver.execute_async_script(STILL, button):
                 return False
             button.click()

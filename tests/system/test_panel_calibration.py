@@ -205,7 +205,7 @@ def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
     ana.sees("Effects on the output torque")
     row = "table.compact tr[data-effect='hysteresis']"
     ana.wait(lambda: "Within its range" in ana.driver.find_element("css selector", row).text, row)
-    ana.press("Switch off")
+    ana.press("Switch off", within="//tr[@data-effect='hysteresis']")
     ana.wait(lambda: "Switched off" in ana.driver.find_element("css selector", row).text, row)
     reference = "table.compact tr[data-effect='reference standard'] td"
     added, u, *_ = ana.driver.find_elements("css selector", reference)
@@ -214,7 +214,7 @@ def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
     ana.open("/")
     ana.wait(lambda: "Switched off" in ana.driver.find_element("css selector", row).text, row)
     assert ana.axe() == []
-    ana.press("Switch on")
+    ana.press("Switch on", within="//tr[@data-effect='hysteresis']")
     ana.wait(lambda: "Within its range" in ana.driver.find_element("css selector", row).text, row)
     ben.open("/")
     ben.sees("Effects on the output torque")

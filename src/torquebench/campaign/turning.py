@@ -21,6 +21,7 @@ from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = ["TurningChain", "identify_turning", "joined_tables"]
 
+
 @dataclass(frozen=True)
 class TurningChain:
     """The identified effects, and the points corrected for them.
