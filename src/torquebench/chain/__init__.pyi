@@ -39,6 +39,7 @@ from .identification import (
 from .measuring_chain import (
     ChainStream as ChainStream,
     MeasuringChain as MeasuringChain,
+    RecordedStream as RecordedStream,
     effect_from as effect_from,
     load_chain as load_chain,
 )
@@ -47,9 +48,6 @@ from .parts import (
 )
 from .readings import (
     Readings as Readings,
-)
-from .recorded import (
-    RecordedStream as RecordedStream,
     rows_of as rows_of,
 )
 from .states import (

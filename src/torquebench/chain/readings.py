@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, replace
 from datetime import date
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["QUANTITIES", "FloatArray", "Known", "Readings", "known_or", "row_of"]
+__all__ = ["QUANTITIES", "FloatArray", "Known", "Readings", "known_or", "row_of", "rows_of"]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
@@ -114,3 +115,14 @@ def row_of(value: Known, count: int, otherwise: float = np.nan) -> FloatArray:
     row = np.empty(count)
     row.fill(otherwise if value is None or value != value else value)
     return row
+
+
+def rows_of(readings: Readings, rows: slice) -> Readings:
+    """Return some of the readings."""
+
+    def chosen(value: Any) -> Any:
+        return value[rows] if isinstance(value, np.ndarray) and value.ndim else value
+
+    return replace(
+        readings, **{each.name: chosen(getattr(readings, each.name)) for each in fields(Readings)}
+    )
