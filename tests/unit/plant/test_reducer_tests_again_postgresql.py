@@ -202,4 +202,4 @@ def test_what_the_chains_and_the_bench_contribute_is_recorded(
         ]
     assert recorded["starting"].known.twist is None
     loaded = recorded["hysteresis"].recording.loops[0].recording
-    assert (loaded.output_uncertainty_nm > 0.0).all()
+    assert (loaded.output_parts.standard_uncertainty_nm > 0.0).all()

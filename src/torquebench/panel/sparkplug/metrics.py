@@ -92,7 +92,8 @@ _NODE_METRICS = (
     MetricSpec(
         "Bench/Efficiency",
         _NUMBER,
-        "power out over power in; null if not meaningful",
+        "power out over power in, of compensated torques; null without a model on both sides "
+        "or if not meaningful",
         _UNIT["efficiency"],
         "efficiency_percent",
     ),
