@@ -245,7 +245,7 @@ def approximate(
     Each interval's polynomial meets the curve at its Chebyshev-Lobatto points, ends included, so
     that it is continuous. The deviation is then taken at five (linear) or nine (cubic) points of
     every interval of every branch, ends and middle included, at a step at 0 from both sides, and
-    the largest one is increased by the largest second difference between the points. That covers
+    the largest one is increased by half the largest second difference of them. That covers
     kinks, as of an uncertainty that is tabulated, and a square root at an interval's edge, as
     caused by loops and reversals. That is a proof for curves with no other feature narrower than
     the points' distance, which nothing here can exclude; the intervals are narrowed, near zero and
@@ -459,4 +459,4 @@ class _Pieces:
         bend = np.max(np.abs(np.diff(deviation, 2, axis=1)), axis=1)
         size = np.abs(deviation)
         place = self.points[np.arange(len(size)), np.argmax(size, axis=1)]
-        return np.max(size, axis=1) + bend, place
+        return np.max(size, axis=1) + 0.5 * bend, place
