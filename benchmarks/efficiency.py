@@ -30,7 +30,7 @@ from rich.console import Console
 from benchmarks.compensation import show
 from benchmarks.reducers import calibrated, described, truths
 from benchmarks.section import BENCHMARKS, write_section
-from torquebench.bench.drivers.simulated import SimulatedOptions
+from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES
 from torquebench.calibration import load_profile
 from torquebench.campaign.reducers.settings import ReducerTestSettings

@@ -18,7 +18,7 @@ from torquebench.bench.drivers.base import (
     Side,
     Temperature,
 )
-from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.bench.drivers.simulated.driver import SimulatedBench
 from torquebench.errors import BenchError
 from torquebench.units import RAD_S_PER_RPM
 

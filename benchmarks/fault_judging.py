@@ -14,7 +14,7 @@ from typing import Any, Literal
 import numpy as np
 
 from benchmarks.fault_procedures import REDUCER
-from torquebench.bench.audit import AUDIT_FILE, read_audit
+from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
 from torquebench.campaign.reducers.results import ReducerTestQuantity, ReducerTestRecord

@@ -38,12 +38,12 @@ from benchmarks.fault_judging import Outcome, Status
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import Side
-from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.bench.drivers.simulated.driver import SimulatedBench
 from torquebench.campaign.fitting import feature_columns
 from torquebench.compensation import features, load_model
 from torquebench.errors import TorquebenchError
 from torquebench.records import Registry, RunFolder, RunWriter
-from torquebench.records.database import REGISTRY_FILE
+from torquebench.records.registry.database import REGISTRY_FILE
 
 __all__ = ["PHASE_FAULTS", "PHASE_KINDS", "PhaseKind", "numbered_phase", "one_phase_fault"]
 

@@ -27,7 +27,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 from torquebench.bench.description import BenchDescription, default_bench
-from torquebench.bench.drivers.simulated import SimulatedOptions
+from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.finishing import finish_calibration, registers_calibration

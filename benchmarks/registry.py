@@ -12,7 +12,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from torquebench.records import Registry, check_records
-from torquebench.records.schema import RunEndRow, RunRow
+from torquebench.records.registry.schema import RunEndRow, RunRow
 
 BATCH = 5000
 REPEATS = 20

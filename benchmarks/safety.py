@@ -40,7 +40,7 @@ from bluesky.utils import Msg
 
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.description import BenchDescription, default_bench
-from torquebench.bench.drivers.simulated import SimulatedBench, SimulatedDrive
+from torquebench.bench.drivers.simulated.driver import SimulatedBench, SimulatedDrive
 from torquebench.bench.safety.priority import Priority, available_priority
 from torquebench.errors import TorquebenchError
 from torquebench.station import Station

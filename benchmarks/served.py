@@ -10,7 +10,7 @@ from multiprocessing.connection import Connection
 from typing import Any
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.simulation_control import SimulationControl
+from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.simulators import MisbehaviourKind, Simulators
 
 __all__ = ["Served", "moves", "powered", "served"]

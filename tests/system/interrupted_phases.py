@@ -41,9 +41,9 @@ from torquebench.records import (
     RunFolder,
     RunState,
     RunWriter,
-    raw_stream,
     unfinished_runs,
 )
+from torquebench.records.streams import raw_stream
 from torquebench.reports.certificate import Issue, build_record, issue_certificate
 from torquebench.reports.certificate import issuing as certificates
 from torquebench.station import Station, entering, recover_unfinished

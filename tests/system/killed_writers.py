@@ -16,7 +16,8 @@ from pathlib import Path
 
 import numpy as np
 
-from torquebench.records import RunFolder, arrow_stream
+from torquebench.records import RunFolder
+from torquebench.records.streams import arrow_stream
 from torquebench.signals import EdgeBlock
 
 BLOCK_TICKS = 100_000

@@ -16,7 +16,7 @@ import bluesky.plan_stubs as bps
 from tests.system.command_line import started
 
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
-from torquebench.bench.drivers.simulation_control import SimulationControl
+from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.station import Station
 from torquebench.validation import validated
 

@@ -32,7 +32,7 @@ SELDOM = (
     "opcua",
     "panel.opcua",
     "records.export_mdf4",
-    "records.migrations",
+    "records.registry.migrations",
     "simulators",
 )
 """Modules that a command imports itself: few do, and some bring threads, which no fork takes."""

@@ -10,9 +10,9 @@ import pytest
 from bluesky.utils import Msg
 from tests.system.networked import canopen, described, modbus
 
-from torquebench.bench.audit import AUDIT_FOLDER, read_audit
+from torquebench.bench.audit.entries import AUDIT_FOLDER, read_audit
 from torquebench.bench.description import BenchDescription, default_bench
-from torquebench.bench.drivers.simulated import SimulatedDrive
+from torquebench.bench.drivers.simulated.driver import SimulatedDrive
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError
 from torquebench.simulators import Simulators

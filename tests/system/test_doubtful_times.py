@@ -10,7 +10,7 @@ import pytest
 from tests.system.command_line import laboratory, run
 
 from torquebench.records import Registry, Report, RunFolder, RunSummary
-from torquebench.records.time_check import expired_standard, times_of_run
+from torquebench.records.runs.time_check import expired_standard, times_of_run
 
 
 def words(text: str) -> str:
@@ -77,7 +77,7 @@ AHEAD = """
 import sys
 from datetime import datetime, timedelta
 from pathlib import Path
-import torquebench.records.database as database
+import torquebench.records.registry.database as database
 class Ahead(datetime):
     @classmethod
     def now(cls, tz=None):

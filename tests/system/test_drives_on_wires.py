@@ -25,8 +25,8 @@ from tests.watching import Watching
 from torquebench.bench.drivers.base import DriveState
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.bench.drivers.links import drive_timeout
-from torquebench.bench.drivers.scpi_link import ScpiLink
-from torquebench.cli.doctor_bench import instruments
+from torquebench.bench.drivers.scpi.link import ScpiLink
+from torquebench.cli.doctor.bench import instruments
 from torquebench.errors import BenchError, InputError
 from torquebench.simulators import Simulators
 from torquebench.station import Station

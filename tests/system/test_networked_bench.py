@@ -23,11 +23,11 @@ from tests.system.networked import (
 )
 from tests.system.test_station_runs import staircase
 
+from torquebench.bench.certificates.encoder import encoder_certificates
 from torquebench.bench.description import load_bench
-from torquebench.bench.drivers.simulated import open_simulated
-from torquebench.bench.drivers.simulation_control import SimulationControl
-from torquebench.bench.encoder_certificate import encoder_certificates
-from torquebench.cli.doctor_bench import drives, instruments
+from torquebench.bench.drivers.simulated.control import SimulationControl
+from torquebench.bench.drivers.simulated.driver import open_simulated
+from torquebench.cli.doctor.bench import drives, instruments
 from torquebench.errors import BenchError, InputError, TorquebenchError
 from torquebench.simulators import KINDS, Simulators
 from torquebench.station import Station
@@ -93,8 +93,8 @@ def test_a_drive_of_a_client_that_was_killed_stops_by_itself() -> None:
             "import json, sys, time\n"
             "from torquebench.bench.description import default_bench\n"
             "from torquebench.bench.drivers.daqmx import DaqmxCounter, DaqmxOptions\n"
-            "from torquebench.bench.drivers.modbus_link import ModbusLink, ModbusOptions\n"
-            "from torquebench.bench.drivers.modbus import ModbusDrive\n"
+            "from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions\n"
+            "from torquebench.bench.drivers.modbus.driver import ModbusDrive\n"
             "options = DaqmxOptions.model_validate_json(sys.argv[2])\n"
             "counter = DaqmxCounter(options, default_bench())\n"
             "counter.read_block(0.1)\n"

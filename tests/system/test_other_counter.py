@@ -8,7 +8,7 @@ import pytest
 from tests.system.command_line import run
 from tests.system.test_station_runs import calibrated, staircase
 
-from torquebench.bench.audit import read_audit
+from torquebench.bench.audit.entries import read_audit
 from torquebench.calibration import load_profile
 from torquebench.campaign.checking import check_module
 from torquebench.chain import Timebase

@@ -13,8 +13,8 @@ from tests.system.command_line import started
 from tests.system.networked import described, simulating
 from tests.system.test_station_runs import set_up
 
-from torquebench.bench.audit import AUDIT_FOLDER, read_audit
-from torquebench.bench.drivers.simulation_control import SimulationControl
+from torquebench.bench.audit.entries import AUDIT_FOLDER, read_audit
+from torquebench.bench.drivers.simulated.control import SimulationControl
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import BenchError, InterlockError, TorquebenchError
 from torquebench.simulators import Simulators

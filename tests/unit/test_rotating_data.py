@@ -9,7 +9,7 @@ from benchmarks import rotating_data
 
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv, read_empty_run
-from torquebench.records.csv_text import read_csv
+from torquebench.records.tables.csv_text import read_csv
 
 
 def test_the_data_set_is_written_with_its_truth_and_judged(

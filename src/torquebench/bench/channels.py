@@ -10,7 +10,7 @@ from math import isnan
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.certificate import ReferenceCertificate, read_certificate
+from torquebench.bench.certificates.torque import ReferenceCertificate, read_certificate
 from torquebench.bench.description import BenchDescription, TransducerDescription
 from torquebench.bench.drivers.base import DriverSet, ReferenceSamples
 from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, torque_channel

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
-from torquebench.bench.certificate import ReferenceCertificate, read_certificate
+from torquebench.bench.certificates.torque import ReferenceCertificate, read_certificate
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.message import Message

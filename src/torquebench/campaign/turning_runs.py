@@ -23,8 +23,8 @@ from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, Serie
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records.csv_text import read_csv
-from torquebench.records.tables import read_calibration_csv, write_calibration_csv
+from torquebench.records.tables.csv_text import read_csv
+from torquebench.records.tables.readings import read_calibration_csv, write_calibration_csv
 from torquebench.station import Station
 
 __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]

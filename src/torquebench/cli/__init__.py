@@ -11,7 +11,6 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli import records
 from torquebench.cli.failure import guarded
 from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
 from torquebench.cli.output_options import (
@@ -19,6 +18,7 @@ from torquebench.cli.output_options import (
     add_output_options,
     leave_out_types_of_flags,
 )
+from torquebench.cli.records import commands as records
 
 __all__ = ["app", "main"]
 
@@ -42,17 +42,20 @@ def _add_commands(wanted: str) -> None:
     if wanted == "records":
         app.add_typer(records.app)
         return
-    from torquebench.cli import demo, evaluate, mechanics, plant_questions, reducer_test, teds
+    from torquebench.cli import demo, mechanics, teds
     from torquebench.cli.calibrate import calibrate
     from torquebench.cli.certificate import certificate
     from torquebench.cli.check_standard import check
-    from torquebench.cli.compensation_files import budget, export
-    from torquebench.cli.doctor import doctor
+    from torquebench.cli.doctor.command import doctor
+    from torquebench.cli.evaluate import commands as evaluate
     from torquebench.cli.in_place import in_place
     from torquebench.cli.measure import measure
-    from torquebench.cli.models import apply, fit, verify
+    from torquebench.cli.models.commands import apply, fit, verify
+    from torquebench.cli.models.files import budget, export
     from torquebench.cli.panel import panel
     from torquebench.cli.papers import papers
+    from torquebench.cli.plant import questions as plant_questions
+    from torquebench.cli.reducers import commands as reducer_test
     from torquebench.cli.simulate import simulate
     from torquebench.cli.turn import turn
     from torquebench.cli.verification import verification

@@ -7,8 +7,8 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -49,7 +49,7 @@ def audit(
     Each line is bound to bench, run and operator. The files are JSON lines: audit/audit.jsonl in
     the data directory, and audit.jsonl in each run's folder.
     """
-    from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER, read_audit
+    from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, read_audit
 
     folder = data_directory(data)
     path = _folder_of(folder, run) / AUDIT_FILE if run is not None else folder / AUDIT_FOLDER

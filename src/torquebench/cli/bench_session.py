@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.campaign.measuring import OnPause, RunAbortedError
-from torquebench.cli.compiling import telling_compilation
-from torquebench.cli.console import note, stderr_console
-from torquebench.cli.interrupts import BenchInterrupts
-from torquebench.cli.presence import attending
-from torquebench.cli.progress import TerminalProgress
-from torquebench.cli.prompts import answering
+from torquebench.cli.models.compiling import telling_compilation
 from torquebench.cli.recovered import tell_recovered, tell_warnings
+from torquebench.cli.terminal.console import note, stderr_console
+from torquebench.cli.terminal.interrupts import BenchInterrupts
+from torquebench.cli.terminal.presence import attending
+from torquebench.cli.terminal.progress import TerminalProgress
+from torquebench.cli.terminal.prompts import answering
 from torquebench.station import Station
 
 if TYPE_CHECKING:

@@ -9,9 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torquebench.cli.calibrating import run_calibrations
-from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, out, say
-from torquebench.cli.model_parameters import ParameterOption, model_parameters
+from torquebench.cli.models.parameters import ParameterOption, model_parameters
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -23,6 +21,8 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.reports import check_reports
 from torquebench.cli.resume import resume_run
+from torquebench.cli.terminal.confirming import confirm_start
+from torquebench.cli.terminal.console import answer, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from torquebench.cli.console import (
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.reports import write_reports
+from torquebench.cli.terminal.console import (
     answer,
     out,
     say,
     warn,
     write_contradictions,
 )
-from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.reports import write_reports
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -47,8 +47,8 @@ def run_calibrations(
     from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.compiling import second_process
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
+    from torquebench.cli.models.compiling import second_process
     from torquebench.compensation import RECOMMENDED
 
     contradicting = False

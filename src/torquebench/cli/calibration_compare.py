@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.options import (
     CSV_ENDINGS,
     DEFAULT_DATA,
@@ -18,6 +17,7 @@ from torquebench.cli.options import (
     data_directory,
 )
 from torquebench.cli.reports import check_reports, report_option, write_reports
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import answer, note, say, say_file, warn
 from torquebench.cli.export import find_run
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
+from torquebench.cli.terminal.console import answer, note, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -120,7 +120,7 @@ def certificate(
 
 def _tell_doubts(registry: Registry, record: CertificateRecord) -> None:
     """Warn of a standard that had expired, and of a clock that dates the certificate wrongly."""
-    from torquebench.records.time_check import clock_behind, expired_on
+    from torquebench.records.runs.time_check import clock_behind, expired_on
 
     reference, behind = record.reference, clock_behind(registry)
     if expired_on(record.calibrated_to, reference.due):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from torquebench.cli.console import say
+from torquebench.cli.terminal.console import say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.chain_words import tell_missing
-from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -19,6 +17,8 @@ from torquebench.cli.options import (
     YesOption,
     bench_description,
 )
+from torquebench.cli.terminal.confirming import confirm_start
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
 
 if TYPE_CHECKING:
     from torquebench.campaign.checking import CheckResult

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, note, out, say, say_file
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -20,6 +19,7 @@ from torquebench.cli.options import (
     bench_description,
 )
 from torquebench.cli.simulate import described, simulators_running
+from torquebench.cli.terminal.console import answer, note, out, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -130,7 +130,7 @@ def _measured(
     """Run the demo; return its result and the report, which a second process draws."""
     from torquebench.campaign.demo import run_demo
     from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.compiling import second_process
+    from torquebench.cli.models.compiling import second_process
     from torquebench.reports.demo_report import demo_page
     from torquebench.reports.module_report import module_sections
 
@@ -153,7 +153,7 @@ def _measured(
 
 
 def _write_report(path: Path, page: Page) -> None:
-    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.terminal.progress import TerminalProgress
 
     with TerminalProgress() as progress:
         progress.start("Writing the report", 1)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from torquebench.cli.console import warn
+from torquebench.cli.terminal.console import warn
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -38,7 +38,7 @@ def expired_standards(
     registry: Registry, description: BenchDescription, *standards: str
 ) -> Iterator[str]:
     """Yield warnings about standards of a bench without a valid certificate."""
-    from torquebench.records.time_check import expired_standard
+    from torquebench.records.runs.time_check import expired_standard
 
     for what in standards:
         standard = (

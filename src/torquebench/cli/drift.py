@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.text import Text
 
-from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import answer, narrow_table, out, say, warn
 from torquebench.cli.options import (
     DEFAULT_DATA,
     DataOption,
@@ -22,6 +21,7 @@ from torquebench.cli.options import (
     moment_in_utc,
     performed_at,
 )
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 

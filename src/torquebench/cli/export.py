@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, say, warn
-from torquebench.cli.console import out as results
 from torquebench.cli.options import (
     DEFAULT_DATA,
     DataOption,
     check_output_folder,
     data_directory,
 )
+from torquebench.cli.terminal.console import answer, say, warn
+from torquebench.cli.terminal.console import out as results
 from torquebench.errors import InputError
 from torquebench.message import Message
 

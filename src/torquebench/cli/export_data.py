@@ -8,9 +8,9 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import answer, say, say_file
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
+from torquebench.cli.terminal.console import answer, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -52,7 +52,7 @@ def export_data(
 ) -> None:
     """Write a run's samples or edges as CSV, Parquet, HDF5, TDMS or MDF4, with units."""
     from torquebench.records import Registry, RunFolder
-    from torquebench.records.stream_export import export_streams
+    from torquebench.records.export.streams import export_streams
 
     chosen = _format(out, file_format)
     check_output(out)
@@ -72,7 +72,7 @@ def _format(out: Path, wanted: Format | None) -> Format:
     InputError
         Where the ending names another one.
     """
-    from torquebench.records.table_formats import format_of
+    from torquebench.records.tables.formats import format_of
 
     named = format_of(out) if out.suffix else ""
     if (named and named != (wanted or named)) or named not in ("", *Format):

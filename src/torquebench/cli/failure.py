@@ -63,7 +63,7 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     int
         The exit code of the process.
     """
-    from torquebench.cli.console import write_answer
+    from torquebench.cli.terminal.console import write_answer
 
     code = _coded(run, debug)
     write_answer(code)
@@ -71,7 +71,7 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
 
 
 def _coded(run: Callable[[], int | None], debug: Callable[[], bool]) -> int:
-    from torquebench.cli.console import stderr_console, write_error
+    from torquebench.cli.terminal.console import stderr_console, write_error
 
     try:
         return run() or OK

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, say
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.terminal.console import answer, say
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
     """Finish a run and print the result of it."""
     from torquebench.campaign.finishing import finish_run
     from torquebench.cli.calibrating import report_calibration
-    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.terminal.progress import TerminalProgress
 
     with TerminalProgress() as progress:
         finished = finish_run(registry, run, progress)

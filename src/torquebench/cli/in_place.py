@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import (
     BenchOption,
     Module,
@@ -18,6 +16,8 @@ from torquebench.cli.options import (
     bench_description,
 )
 from torquebench.cli.reports import check_reports, report_option, write_reports
+from torquebench.cli.terminal.confirming import confirm_start
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, answer_line, is_json, note, out
 from torquebench.cli.options import (
     CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
@@ -19,6 +18,7 @@ from torquebench.cli.options import (
     accepted_counter,
     bench_description,
 )
+from torquebench.cli.terminal.console import answer, answer_line, is_json, note, out
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.console import answer, narrow_table, out, say
 from torquebench.cli.options import HELP_MARKUP
 from torquebench.cli.reports import check_reports, report_option, write_reports
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import warn
+from torquebench.cli.terminal.console import warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 from torquebench.atomic_write import is_standard_output
-from torquebench.cli.console import claim_file, leave_standard_output
+from torquebench.cli.terminal.console import claim_file, leave_standard_output
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -163,7 +163,7 @@ def data_directory(path: Path) -> Path:
         Where there is none.
     """
     if not has_registry(path):
-        from torquebench.records.database import WAY_BACK, lost_registry
+        from torquebench.records.registry.database import WAY_BACK, lost_registry
 
         if lost := lost_registry(path):
             raise InputError(
@@ -204,7 +204,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         or its name promises another format.
     """
     if endings:
-        from torquebench.records.table_formats import ENDINGS
+        from torquebench.records.tables.formats import ENDINGS
 
         known = {*ENDINGS, ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(endings)
         if path.suffix.lower() in known:
@@ -325,7 +325,7 @@ def stated_reference(
     """Return U of a standard over the torque, as `ReferenceOption` states it; None without."""
     if stated is None:
         return None
-    from torquebench.bench.certificate import read_uncertainty
+    from torquebench.bench.certificates.torque import read_uncertainty
     from torquebench.uncertainty import CertifiedUncertainty
 
     try:

@@ -11,7 +11,7 @@ from typing import Annotated, Any, get_args, get_origin
 import typer
 
 from torquebench.cli.answers import ANSWERS
-from torquebench.cli.console import begin_output
+from torquebench.cli.terminal.console import begin_output
 
 __all__ = ["HELP_OPTIONS", "add_output_options", "leave_out_types_of_flags"]
 

@@ -9,8 +9,8 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.console import note, say, warn
 from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, bench_description
+from torquebench.cli.terminal.console import note, say, warn
 
 __all__ = ["panel"]
 

@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import answer, narrow_table, note, out, say
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     RealTimeOption,
@@ -18,6 +17,7 @@ from torquebench.cli.options import (
     check_output_folder,
 )
 from torquebench.cli.reports import check_reports, write_reports
+from torquebench.cli.terminal.console import answer, narrow_table, note, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -176,7 +176,7 @@ def _measured(
 
 def _confirm(description: BenchDescription, yes: bool) -> None:
     from torquebench.calibration import load_profile
-    from torquebench.cli.confirming import confirm_start
+    from torquebench.cli.terminal.confirming import confirm_start
 
     confirm_start(description, "both modules", load_profile("rapid-in-situ"), yes)
 
@@ -202,7 +202,7 @@ def _on_bench(
 
 
 def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
-    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.papers.page import papers_page
     from torquebench.papers.run import page_study, results_of
 

@@ -6,11 +6,11 @@ import contextlib
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from torquebench.cli.console import warn
+from torquebench.cli.terminal.console import warn
 
 if TYPE_CHECKING:
     from torquebench.bench.safety import StandingAlarm
-    from torquebench.cli.progress import TerminalProgress
+    from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.records import UnfinishedRun
     from torquebench.station import Station
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import say_file
 from torquebench.cli.options import check_output
+from torquebench.cli.terminal.console import say_file
 
 if TYPE_CHECKING:
     from torquebench.reports.page import Page

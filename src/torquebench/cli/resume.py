@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torquebench.cli.console import note, warn
 from torquebench.cli.options import data_directory
+from torquebench.cli.terminal.console import note, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -47,7 +47,7 @@ def resume_run(
     """
     from torquebench.bench.description import load_bench
     from torquebench.cli.calibrating import run_calibrations
-    from torquebench.cli.confirming import confirm_start
+    from torquebench.cli.terminal.confirming import confirm_start
     from torquebench.procedures.staircase import describe_step
 
     interrupted = _read(name, data)

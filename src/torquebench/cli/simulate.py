@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.console import narrow_table, note, out, say
+from torquebench.cli.terminal.console import narrow_table, note, out, say
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 
@@ -168,7 +168,7 @@ def simulators_running(description: BenchDescription, bench: Path | None) -> Ite
 
 def _status(control: str) -> dict[str, Any] | None:
     """Return the status of running simulators, None if there are none."""
-    from torquebench.bench.drivers.simulation_control import SimulationControl
+    from torquebench.bench.drivers.simulated.control import SimulationControl
 
     channel = SimulationControl(control, timeout_s=2.0)
     try:

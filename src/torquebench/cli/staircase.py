@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from rich.console import RenderableType
 from rich.text import Text
 
-from torquebench.cli.console import narrow_table
+from torquebench.cli.terminal.console import narrow_table
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription

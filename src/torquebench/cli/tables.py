@@ -159,7 +159,7 @@ def comparison_table(comparison: Comparison, taken: str) -> Table:
     taken : str
         Name of the candidate that is marked.
     """
-    from torquebench.cli.console import narrow_table
+    from torquebench.cli.terminal.console import narrow_table
 
     table = narrow_table(
         caption=f"errors at steps left out ({comparison.folds} folds, {comparison.points} points, "
@@ -187,7 +187,7 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
     """Yield the no-load friction of a sweep: mean over repeats and branches at each speed."""
     import numpy as np
 
-    from torquebench.cli.console import narrow_table
+    from torquebench.cli.terminal.console import narrow_table
 
     words = "compensated" if sweep.compensated else "not compensated"
     marked = " - simulated" if simulated else ""
@@ -217,7 +217,7 @@ def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
     """Return what was identified of a chain that turns: largest value and U of each part."""
-    from torquebench.cli.console import narrow_table
+    from torquebench.cli.terminal.console import narrow_table
 
     table = narrow_table("identified, largest where it was measured, % FS")
     table.add_column("effect", no_wrap=True)
@@ -233,7 +233,7 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
 def cells_table(points: CalibrationData, torque: Torque) -> RenderableType:
     """Return errors and coverage of U in cells of speed, temperature and torque."""
     from torquebench.calibration import cell_rows
-    from torquebench.cli.console import narrow_table
+    from torquebench.cli.terminal.console import narrow_table
 
     table = narrow_table("error in % FS and coverage of U (k = 2), by speed, temperature, torque")
     for heading in ("1/min", "°C", "% of range", "points", "RMS", "worst", "covered"):

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.cli.options import HELP_MARKUP, check_output
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -7,14 +7,6 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.confirming import confirm_turn
-from torquebench.cli.console import (
-    answer,
-    narrow_table,
-    out,
-    say,
-    say_file,
-)
 from torquebench.cli.options import (
     CSV_ENDINGS,
     DEFAULT_DATA,
@@ -26,6 +18,14 @@ from torquebench.cli.options import (
     YesOption,
     bench_description,
     check_output,
+)
+from torquebench.cli.terminal.confirming import confirm_turn
+from torquebench.cli.terminal.console import (
+    answer,
+    narrow_table,
+    out,
+    say,
+    say_file,
 )
 
 if TYPE_CHECKING:

@@ -8,10 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.chain_words import tell_missing
-from torquebench.cli.confirming import confirm_start
-from torquebench.cli.console import answer, out, say
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.models import write_verification
+from torquebench.cli.models.commands import write_verification
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -24,6 +22,8 @@ from torquebench.cli.options import (
     data_directory,
 )
 from torquebench.cli.reports import ReportOption, check_reports
+from torquebench.cli.terminal.confirming import confirm_start
+from torquebench.cli.terminal.console import answer, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 

@@ -23,7 +23,7 @@ from .design import (
 from .discrepancy import (
     DiscrepancyUncertainty as DiscrepancyUncertainty,
 )
-from .export import (
+from .export.formats import (
     EXPORTS as EXPORTS,
     export_table as export_table,
 )

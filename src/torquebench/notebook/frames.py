@@ -16,10 +16,10 @@ from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import read_calibration_csv
-from torquebench.records.csv_text import read_csv
-from torquebench.records.table_files import cells_of, read_arrow
-from torquebench.records.table_formats import is_csv
-from torquebench.records.tables import calibration_of
+from torquebench.records.tables.csv_text import read_csv
+from torquebench.records.tables.files import cells_of, read_arrow
+from torquebench.records.tables.formats import is_csv
+from torquebench.records.tables.readings import calibration_of
 
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
 

@@ -37,7 +37,7 @@ from torquebench.reports.calibration_report import error_curves, loading_figures
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
-from torquebench.reports.standard_reducer_report import (
+from torquebench.reports.reducers.standard import (
     friction_check_figure,
     friction_check_table,
 )

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.channels import certificates
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.bench.mounting_record import MountingRecord
@@ -29,9 +29,9 @@ from torquebench.message import Message
 from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
 from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records.table_files import read_table
-from torquebench.records.table_formats import ENDINGS, READ
-from torquebench.records.tables import read_calibration_csv, write_calibration_csv
+from torquebench.records.tables.files import read_table
+from torquebench.records.tables.formats import ENDINGS, READ
+from torquebench.records.tables.readings import read_calibration_csv, write_calibration_csv
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
 

@@ -28,7 +28,7 @@ from torquebench.plant.tables import (
     settings,
 )
 from torquebench.records.chain import ChainHead, Link, broken_links
-from torquebench.records.database import database_failures, engine_of, url_with_driver
+from torquebench.records.registry.database import database_failures, engine_of, url_with_driver
 
 __all__ = ["BenchState", "Plant", "PlantDatabase", "PlantRun"]
 

@@ -20,8 +20,8 @@ from urllib.parse import urlsplit
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.records.edge_archive import EDGE_ARCHIVE
-from torquebench.records.run_folder import MANIFEST
+from torquebench.records.edges.archive import EDGE_ARCHIVE
+from torquebench.records.runs.folder import MANIFEST
 
 __all__ = ["FolderStore", "PushedFolder"]
 

@@ -25,8 +25,7 @@ from torquebench.plant.folders import FolderStore
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.chain import ChainHead
-from torquebench.records.run_states import DISCARDED
-from torquebench.records.schema import (
+from torquebench.records.registry.schema import (
     ActivationRow,
     CalibrationRow,
     LinkRow,
@@ -34,6 +33,7 @@ from torquebench.records.schema import (
     RunEndRow,
     RunRow,
 )
+from torquebench.records.runs.states import DISCARDED
 
 __all__ = ["LINK_FILE", "BenchLink", "Forwarded", "forward", "note_withdrawal"]
 

@@ -13,7 +13,7 @@ from typing import Any
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.plant.folders import FolderStore
-from torquebench.records.run_folder import MANIFEST
+from torquebench.records.runs.folder import MANIFEST
 from torquebench.uncertainty import Verdict
 
 __all__ = ["BUDGETS_ONLY", "Reevaluated", "RunTask", "SealedFolder", "reevaluate_run"]

@@ -28,7 +28,7 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import JSON, Date, TypeEngine
 
-from torquebench.records.schema import Base, LinkRow, RunEndRow, RunRow, UtcDateTime
+from torquebench.records.registry.schema import Base, LinkRow, RunEndRow, RunRow, UtcDateTime
 
 __all__ = [
     "PLANT_SCHEMA",

@@ -1,15 +1,15 @@
 from .chain import (
     ChainHead as ChainHead,
 )
-from .csv_text import (
+from .tables.csv_text import (
     decode_csv as decode_csv,
 )
-from .database import (
+from .registry.database import (
     REGISTRY_FILE as REGISTRY_FILE,
     REGISTRY_URL as REGISTRY_URL,
     UnavailableError as UnavailableError,
 )
-from .entries import (
+from .registry.entries import (
     Activation as Activation,
     Adjustment as Adjustment,
     Amendment as Amendment,
@@ -38,29 +38,29 @@ from .integrity import (
     check_records as check_records,
     folder_changes as folder_changes,
 )
-from .raw_stream import (
+from .streams.raw_stream import (
     RawReading as RawReading,
 )
-from .sealed_recording import (
+from .runs.sealed_recording import (
     RECORDING as RECORDING,
     from_plain as from_plain,
     recording_content as recording_content,
     recording_file as recording_file,
 )
-from .registry import (
+from .registry.registry import (
     Registry as Registry,
 )
-from .run_folder import (
+from .runs.folder import (
     MANIFEST as MANIFEST,
     Recovery as Recovery,
     RunFolder as RunFolder,
     RunWriter as RunWriter,
     new_run_id as new_run_id,
 )
-from .run_lock import (
+from .runs.lock import (
     RunLock as RunLock,
 )
-from .tables import (
+from .tables.readings import (
     ReadingsTable as ReadingsTable,
     calibration_csv as calibration_csv,
     parse_calibration_csv as parse_calibration_csv,
@@ -70,7 +70,7 @@ from .tables import (
     write_calibration_csv as write_calibration_csv,
     write_torque_csv as write_torque_csv,
 )
-from .unfinished import (
+from .runs.unfinished import (
     REGISTERS as REGISTERS,
     RunState as RunState,
     UnfinishedRun as UnfinishedRun,

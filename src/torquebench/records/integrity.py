@@ -12,12 +12,10 @@ from sqlalchemy.orm import Session
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
-from torquebench.records.database import Database, content_of
-from torquebench.records.entries import archived_at
 from torquebench.records.files import sha256_of_file
-from torquebench.records.run_folder import MANIFEST, RunFolder
-from torquebench.records.run_records import RunRecords
-from torquebench.records.schema import (
+from torquebench.records.registry.database import Database, content_of
+from torquebench.records.registry.entries import archived_at
+from torquebench.records.registry.schema import (
     Base,
     CalibrationRow,
     CertificateRow,
@@ -27,6 +25,8 @@ from torquebench.records.schema import (
     RunEndRow,
     RunRow,
 )
+from torquebench.records.runs.entries import RunRecords
+from torquebench.records.runs.folder import MANIFEST, RunFolder
 
 __all__ = [
     "Finding",

@@ -40,7 +40,7 @@ from torquebench.reducers import (
     TransmissionErrorResult,
 )
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
-from torquebench.reports.reducer_report import tables_of
+from torquebench.reports.reducers.report import tables_of
 from torquebench.uncertainty import stated
 from torquebench.units import ARCMIN
 

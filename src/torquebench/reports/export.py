@@ -28,8 +28,8 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.records.column_words import column_words, short_names
 from torquebench.records.reference_remarks import reference_remarks
+from torquebench.records.tables.column_words import column_words, short_names
 from torquebench.reports.certificate import (
     Issue,
     build_record,

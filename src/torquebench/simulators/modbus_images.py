@@ -7,9 +7,9 @@ import time
 from abc import ABC
 from collections.abc import Mapping
 
-from torquebench.bench.drivers import modbus_map as registers
 from torquebench.bench.drivers.base import Mode, Side
-from torquebench.bench.drivers.modbus_map import (
+from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.modbus.register_map import (
     Coil,
     Contact,
     DriveCommand,
@@ -47,8 +47,8 @@ class Image(ABC):  # noqa: B024 - no instrument has every table
         self.plant = plant
         self.faults = faults
         texts = ["simulated", model, serial, "1.0"]
-        words = [word for text in texts for word in registers.from_text(text)]
-        self.plate = {registers.IDENTITY + place: word for place, word in enumerate(words)}
+        words = [word for text in texts for word in register_map.from_text(text)]
+        self.plate = {register_map.IDENTITY + place: word for place, word in enumerate(words)}
 
     def inputs(self) -> dict[int, int]:
         """Return input registers."""
@@ -128,11 +128,13 @@ class DriveImage(Image):
         words = {
             DriveReport.STATUS: [int(status), 1 if state.fault else 0],
             DriveReport.MODE: [self._holding[DriveCommand.MODE]],
-            DriveReport.TORQUE: registers.from_float(0.0 if lying else torque),
-            DriveReport.SPEED: registers.from_float(0.0 if lying else speed),
-            DriveReport.MAXIMUM_TORQUE: registers.from_float(self._maximum[0]),
-            DriveReport.MAXIMUM_SPEED: registers.from_float(self._maximum[1]),
-            DriveReport.POSITION: registers.from_integer(_wrapped(self.plant.counts(self._side))),
+            DriveReport.TORQUE: register_map.from_float(0.0 if lying else torque),
+            DriveReport.SPEED: register_map.from_float(0.0 if lying else speed),
+            DriveReport.MAXIMUM_TORQUE: register_map.from_float(self._maximum[0]),
+            DriveReport.MAXIMUM_SPEED: register_map.from_float(self._maximum[1]),
+            DriveReport.POSITION: register_map.from_integer(
+                _wrapped(self.plant.counts(self._side))
+            ),
         }
         reserved = dict.fromkeys(range(DriveReport.POSITION), 0)
         return reserved | _placed({int(place): block for place, block in words.items()})
@@ -166,7 +168,7 @@ class DriveImage(Image):
             written = {place, place + 1} & set(touched)
             if not written:
                 continue
-            value = registers.float_of(holding[place : place + 2])
+            value = register_map.float_of(holding[place : place + 2])
             if len(written) < 2 or not lowest <= value <= highest:
                 raise ValueError(place.name)
 
@@ -209,7 +211,7 @@ class DriveImage(Image):
                 self._drive.command_speed(scale * speed_rad_s, rate)
 
     def _number(self, place: DriveCommand) -> float:
-        return registers.float_of(self._holding[place : place + 2])
+        return register_map.float_of(self._holding[place : place + 2])
 
 
 def _wrapped(counts: int) -> int:
@@ -227,7 +229,7 @@ class ProbesImage(Image):
         """Return hundredths of a degree."""
         present = self.plant.bench.temperatures()
         lie_k, scale = LIE_K if self.faults.lying else 0.0, self.faults.scale
-        broken = registers.PROBE_BROKEN % 65536
+        broken = register_map.PROBE_BROKEN % 65536
         stated = dict.fromkeys(range(max(self._probes.values()) + 1), broken)
         return stated | {
             place: round(100.0 * (scale * present[name] + lie_k)) % 65536
@@ -249,7 +251,10 @@ class AnglesImage(Image):
         age_s = self.faults.age_s()
         counts = {side: round(factor * self.plant.counts(side, age_s)) for side in SIDES}
         return _placed(
-            {self._places[side]: registers.from_integer(_wrapped(counts[side])) for side in SIDES}
+            {
+                self._places[side]: register_map.from_integer(_wrapped(counts[side]))
+                for side in SIDES
+            }
         )
 
 
@@ -268,11 +273,11 @@ class ReadoutImage(Image):
         for number, side in enumerate(SIDES):
             count, torques = self.plant.torques(side)
             torques = torques[: len(torques) - late]
-            held = torques[-registers.READOUT_SAMPLES :]
-            header = [*registers.from_integer(max(0, count - late)), round(period_s * 1e6)]
-            samples = [word for torque in held for word in registers.from_float(factor * torque)]
-            unused = [0] * (2 * registers.READOUT_SAMPLES - len(samples))
-            words[number * registers.READOUT_STRIDE] = [*header, len(held), *samples, *unused]
+            held = torques[-register_map.READOUT_SAMPLES :]
+            header = [*register_map.from_integer(max(0, count - late)), round(period_s * 1e6)]
+            samples = [word for torque in held for word in register_map.from_float(factor * torque)]
+            unused = [0] * (2 * register_map.READOUT_SAMPLES - len(samples))
+            words[number * register_map.READOUT_STRIDE] = [*header, len(held), *samples, *unused]
         return _placed(words)
 
 

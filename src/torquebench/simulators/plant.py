@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import CHANNELS, CounterBlock, Side
 from torquebench.bench.drivers.instruments import SimulationOptions
-from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.bench.drivers.simulated.driver import SimulatedBench
 from torquebench.bench.roles import SIDES
 from torquebench.signals import EdgeBlock
 

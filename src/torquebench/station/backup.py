@@ -19,16 +19,16 @@ from pathlib import Path
 
 from torquebench import __version__
 from torquebench.atomic_write import atomic_path, atomic_write, private_folder
-from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
-from torquebench.bench.audit_chain import audit_end, check_audit, files_aside
+from torquebench.bench.audit.chain import audit_end, check_audit, files_aside
+from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import ChainHead, Registry, RunFolder, anchor_of, sha256_of_file
-from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
-from torquebench.records.database_check import damage_of_file
 from torquebench.records.files import read_json
 from torquebench.records.read_only import sqlite_reader
+from torquebench.records.registry.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
+from torquebench.records.registry.database_check import damage_of_file
 from torquebench.station.bench_lock import LOCK_FILE, BenchLock
 from torquebench.station.data_check import run_folders
 

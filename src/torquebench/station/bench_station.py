@@ -14,8 +14,8 @@ from typing import Any, Literal, Self
 
 from torquebench.bench.acquisition import Acquisition
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
-from torquebench.bench.auditing import audited
+from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
+from torquebench.bench.audit.writing import audited
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription, default_bench, load_bench
 from torquebench.bench.devices import BenchDevices
@@ -33,7 +33,7 @@ from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder
-from torquebench.records.time_check import clock_behind
+from torquebench.records.runs.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for

@@ -8,21 +8,26 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
-from torquebench.bench.audit_chain import AuditEnd, audit_end, check_audit
+from torquebench.bench.audit.chain import AuditEnd, audit_end, check_audit
+from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import Finding, IntegrityReport, Registry, RunFolder, check_records
 from torquebench.records.chain import START, ChainHead
-from torquebench.records.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK, lost_registry
-from torquebench.records.database_check import (
+from torquebench.records.registry.database import (
+    REGISTRY_FILE,
+    REGISTRY_URL,
+    WAY_BACK,
+    lost_registry,
+)
+from torquebench.records.registry.database_check import (
     damage_of_file,
     index_damage_only,
     schema_changes,
 )
-from torquebench.records.run_lock import RunLock
-from torquebench.records.time_check import time_remarks
-from torquebench.records.unfinished import unentered_folders
+from torquebench.records.runs.lock import RunLock
+from torquebench.records.runs.time_check import time_remarks
+from torquebench.records.runs.unfinished import unentered_folders
 
 if TYPE_CHECKING:
     from collections.abc import Iterable

@@ -29,15 +29,15 @@ from torquebench.records import (
     RunFolder,
     sha256_of_file,
 )
-from torquebench.records.database import REGISTRY_FILE
-from torquebench.records.database_check import (
+from torquebench.records.files import read_json
+from torquebench.records.registry.database import REGISTRY_FILE
+from torquebench.records.registry.database_check import (
     damage_of_file,
     index_damage_only,
     mend_schema,
     schema_changes,
 )
-from torquebench.records.files import read_json
-from torquebench.records.run_lock import RunLock
+from torquebench.records.runs.lock import RunLock
 from torquebench.station.backup import require_file_registry
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.data_check import run_folders

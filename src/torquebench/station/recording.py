@@ -7,7 +7,7 @@ from math import ceil
 from pathlib import Path
 from typing import Any, Literal
 
-from torquebench.bench.audit import AuditLog
+from torquebench.bench.audit.entries import AuditLog
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError

@@ -14,7 +14,7 @@ from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.drivers.simulated import SimulatedBench
+from torquebench.bench.drivers.simulated.driver import SimulatedBench
 from torquebench.bench.interlocks import PresentState
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.state import CommandState

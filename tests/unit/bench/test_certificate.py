@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.bench import default_bench
-from torquebench.bench.certificate import (
+from torquebench.bench.certificates.torque import (
     ReferenceCertificate,
     read_certificate,
     read_uncertainty,

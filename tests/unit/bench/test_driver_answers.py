@@ -14,10 +14,10 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from torquebench.bench.drivers import modbus_map as registers
-from torquebench.bench.drivers.modbus import ModbusDrive
-from torquebench.bench.drivers.modbus_modules import ModbusReadout
-from torquebench.bench.drivers.scpi_link import NO_NUMBER, ScpiLink, numbers
+from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.modbus.driver import ModbusDrive
+from torquebench.bench.drivers.modbus.modules import ModbusReadout
+from torquebench.bench.drivers.scpi.link import NO_NUMBER, ScpiLink, numbers
 from torquebench.errors import BenchError
 
 NRF = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -102,7 +102,7 @@ def test_whatever_a_modbus_drive_states_is_finite_or_an_error(words: list[int]) 
         assert value is None or math.isfinite(value)
 
 
-@given(st.lists(WORD, min_size=4, max_size=4 + 2 * registers.READOUT_SAMPLES))
+@given(st.lists(WORD, min_size=4, max_size=4 + 2 * register_map.READOUT_SAMPLES))
 def test_whatever_a_modbus_amplifier_states_has_a_time_for_each_sample(words: list[int]) -> None:
     readout = ModbusReadout(link_with(words))
     try:
@@ -117,7 +117,7 @@ def test_whatever_a_modbus_amplifier_states_has_a_time_for_each_sample(words: li
 
 @given(st.lists(WORD, min_size=8, max_size=8))
 def test_whatever_a_name_plate_holds_is_text(words: list[int]) -> None:
-    assert isinstance(registers.text_of(words), str)
+    assert isinstance(register_map.text_of(words), str)
 
 
 @pytest.mark.parametrize("answer", ["1_000", "0x10", "１２", "1,,2", "1;2", " "])

@@ -7,17 +7,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from tests.system.networked import described
 
-from torquebench.bench.drivers import modbus_map, open_drivers
+from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.bench.drivers.links import Link, WireError, split_address
+from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.plugins import (
     DriverPlugin,
     InstrumentRequest,
     find_plugin,
     protocols,
 )
-from torquebench.bench.drivers.scpi_link import numbers
+from torquebench.bench.drivers.scpi.link import numbers
 from torquebench.errors import BenchError, InputError
 
 CLAMP = object()
@@ -188,19 +189,19 @@ def test_addresses_that_are_none_are_refused(address: str) -> None:
 
 @given(st.floats(width=32, allow_nan=False))
 def test_floats_pass_through_registers(value: float) -> None:
-    words = modbus_map.from_float(value)
+    words = register_map.from_float(value)
     assert all(0 <= word < 65536 for word in words)
-    assert modbus_map.float_of(words) == value
+    assert register_map.float_of(words) == value
 
 
 @given(st.integers(-(2**31), 2**31 - 1))
 def test_integers_pass_through_registers(value: int) -> None:
-    assert modbus_map.integer_of(modbus_map.from_integer(value)) == value
+    assert register_map.integer_of(register_map.from_integer(value)) == value
 
 
 @given(st.text(alphabet=st.characters(min_codepoint=32, max_codepoint=126), max_size=16))
 def test_texts_pass_through_registers(text: str) -> None:
-    assert modbus_map.text_of(modbus_map.from_text(text)) == text
+    assert register_map.text_of(register_map.from_text(text)) == text
 
 
 @given(st.text(max_size=30))

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.bench.description import default_bench
-from torquebench.bench.drivers.simulated import open_simulated
-from torquebench.bench.encoder_certificate import (
+from torquebench.bench.certificates.encoder import (
     EncoderCertificate,
     encoder_certificates,
     read_encoder_certificate,
 )
+from torquebench.bench.description import default_bench
+from torquebench.bench.drivers.simulated.driver import open_simulated
 from torquebench.errors import InputError
 
 ARCSEC = np.pi / 648000

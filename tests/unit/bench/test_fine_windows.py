@@ -8,7 +8,7 @@ import pytest
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.channels import open_channel
 from torquebench.bench.description import default_bench
-from torquebench.bench.drivers.simulated import open_simulated
+from torquebench.bench.drivers.simulated.driver import open_simulated
 from torquebench.bench.evaluating import BlockEvaluator
 from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.chain import MeasuringChain, Ripple

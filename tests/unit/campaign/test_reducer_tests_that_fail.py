@@ -9,7 +9,7 @@ import pytest
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import default_bench
-from torquebench.bench.drivers.simulated import SimulatedOptions
+from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.campaign.reducers import tests as reducer_tests
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.preparation import Known
@@ -27,7 +27,7 @@ from torquebench.procedures.reducers.setup import WarmUp
 from torquebench.records import RECORDING, RunFolder
 from torquebench.reducers import load_reducer
 from torquebench.reports.page_pdf import page_pdf
-from torquebench.reports.reducer_report import reducer_page
+from torquebench.reports.reducers.report import reducer_page
 from torquebench.station import Station
 
 REDUCER = load_reducer("rv-40e")

@@ -13,7 +13,7 @@ from torquebench.procedures.reducers.loop import HysteresisSettings, even_positi
 from torquebench.records import RunFolder
 from torquebench.reducers import load_reducer
 from torquebench.reports.page import render_page
-from torquebench.reports.reducer_report import reducer_page
+from torquebench.reports.reducers.report import reducer_page
 from torquebench.station import Station
 from torquebench.uncertainty import Verdict
 

@@ -16,7 +16,7 @@ from torquebench.chain import MeasuringChain, Readings, RecordedStream, joined, 
 from torquebench.compensation import Provenance, StoredModel, make_model, save_model
 from torquebench.errors import InputError
 from torquebench.records import read_readings_csv
-from torquebench.records.tables import calibration_csv
+from torquebench.records.tables.readings import calibration_csv
 
 
 @pytest.fixture(scope="module")

@@ -10,8 +10,8 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from torquebench.cli.interrupts import BenchInterrupts
-from torquebench.cli.progress import TerminalProgress
+from torquebench.cli.terminal.interrupts import BenchInterrupts
+from torquebench.cli.terminal.progress import TerminalProgress
 from torquebench.station import Station
 
 

@@ -11,7 +11,7 @@ from torquebench.bench.active_chain import ActiveChain, StreamReadings
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.demo import DemoSettings
 from torquebench.campaign.fitting import ModelChoice, fit_models
-from torquebench.cli.compiling import compile_fits, second_process
+from torquebench.cli.models.compiling import compile_fits, second_process
 
 
 class Compiled(event.Listener):

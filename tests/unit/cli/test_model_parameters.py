@@ -2,7 +2,7 @@
 
 import pytest
 
-from torquebench.cli.model_parameters import model_parameters
+from torquebench.cli.models.parameters import model_parameters
 from torquebench.errors import InputError
 
 

@@ -7,9 +7,16 @@ import typer
 
 from torquebench.cli import app
 from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
-from torquebench.cli.console import answer, begin_output, leave_standard_output, note, say, warn
 from torquebench.cli.failure import guarded
 from torquebench.cli.output_options import HELP_OPTIONS, leave_out_types_of_flags
+from torquebench.cli.terminal.console import (
+    answer,
+    begin_output,
+    leave_standard_output,
+    note,
+    say,
+    warn,
+)
 from torquebench.errors import InputError
 
 

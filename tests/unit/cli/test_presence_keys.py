@@ -10,8 +10,8 @@ from typing import Any
 
 import pytest
 
-from torquebench.cli.presence import attending
-from torquebench.cli.progress import TerminalProgress
+from torquebench.cli.terminal.presence import attending
+from torquebench.cli.terminal.progress import TerminalProgress
 from torquebench.errors import InputError, InterlockError
 
 

@@ -7,8 +7,8 @@ import time
 import pytest
 
 from torquebench.bench.prompts import PromptQueue
-from torquebench.cli.progress import TerminalProgress
-from torquebench.cli.prompts import answering
+from torquebench.cli.terminal.progress import TerminalProgress
+from torquebench.cli.terminal.prompts import answering
 from torquebench.errors import InterlockError
 
 NOBODY_ANSWERS_S = 30.0

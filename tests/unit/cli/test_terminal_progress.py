@@ -5,7 +5,7 @@ import io
 from numba import njit
 from rich.console import Console
 
-from torquebench.cli.progress import TerminalProgress
+from torquebench.cli.terminal.progress import TerminalProgress
 
 
 def test_plain_where_nobody_looks() -> None:

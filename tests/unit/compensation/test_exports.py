@@ -10,7 +10,7 @@ import onnxruntime
 import pytest
 
 from torquebench.compensation import Provenance, features, make_model
-from torquebench.compensation.export import export_table
+from torquebench.compensation.export.formats import export_table
 from torquebench.compensation.table import compile_table
 from torquebench.errors import InputError
 

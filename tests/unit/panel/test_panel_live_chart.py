@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from pydantic import ValidationError
 
 from torquebench.errors import InputError
-from torquebench.panel.pages.live_chart import FLOORS
+from torquebench.panel.pages.live.chart import FLOORS
 from torquebench.panel.service import (
     DEFAULT_LAYOUT,
     SIGNALS,

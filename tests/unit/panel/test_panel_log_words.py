@@ -13,7 +13,7 @@ from torquebench.panel.pages.settings.log import details_said
 from torquebench.panel.service.bench_service import JOB_KINDS
 from torquebench.panel.text import LANGUAGES, Text, words
 from torquebench.panel.text.core import translated
-from torquebench.records.column_words import column_unit
+from torquebench.records.tables.column_words import column_unit
 
 SERVICE = Path(torquebench.panel.service.__file__).parent
 NOTED = re.compile(r'(?:\b|_)note\(\s*(?:connection,\s*)?[\w.\[\]:]+,\s*f?"([^"]+)"')

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from nptdms import ChannelObject, RootObject, TdmsWriter
 
-from torquebench.bench.certificate import ReferenceCertificate
+from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.papers.tables import (

@@ -16,7 +16,7 @@ from torquebench.plant import FolderStore, Plant, forward
 from torquebench.plant.forwarding import BenchLink
 from torquebench.progress import NoProgress
 from torquebench.records import Registry, RunFolder, UnavailableError
-from torquebench.records.schema import Base
+from torquebench.records.registry.schema import Base
 from torquebench.station.entering import enter_run
 
 

@@ -8,7 +8,7 @@ import pytest
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv, read_readings_csv
-from torquebench.records.arrow_table import ArrowReadings
+from torquebench.records.streams.arrow_table import ArrowReadings
 
 
 def read(folder: Path, content: str, *mapping: str, encoding: str = "utf-8") -> CalibrationData:

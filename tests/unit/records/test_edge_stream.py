@@ -15,9 +15,9 @@ from hypothesis.extra import numpy as hnp
 
 from torquebench.errors import RecordError
 from torquebench.records import RunFolder
-from torquebench.records.edge_archive import read_edges, seal_edges
-from torquebench.records.edge_codec import EncodedEdges, decode_edges, encode_edges
-from torquebench.records.edge_stream import EdgeStream, damage_to, stream_edges
+from torquebench.records.edges.archive import read_edges, seal_edges
+from torquebench.records.edges.codec import EncodedEdges, decode_edges, encode_edges
+from torquebench.records.edges.stream import EdgeStream, damage_to, stream_edges
 from torquebench.records.files import EDGE_STREAM
 from torquebench.signals import EdgeBlock
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from torquebench.errors import RecordError
 from torquebench.records import RunFolder
-from torquebench.records.event_lines import checked_line, read_lines
+from torquebench.records.runs.event_lines import checked_line, read_lines
 
 POINTS = 12
 

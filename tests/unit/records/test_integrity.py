@@ -23,8 +23,8 @@ from torquebench.records import (
     check_records,
     sha256_of_file,
 )
-from torquebench.records.database_check import schema_changes
-from torquebench.records.schema import Base, LinkRow, RunRow
+from torquebench.records.registry.database_check import schema_changes
+from torquebench.records.registry.schema import Base, LinkRow, RunRow
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 

@@ -10,8 +10,9 @@ import pytest
 from tests.watching import Watching
 
 from torquebench.errors import InputError
-from torquebench.records import ReadingsTable, readings_stream
-from torquebench.records.readings_stream import compensate_file
+from torquebench.records import ReadingsTable
+from torquebench.records.streams import readings_stream
+from torquebench.records.streams.readings_stream import compensate_file
 
 
 @pytest.fixture(autouse=True, params=[64, 1 << 23])

@@ -13,7 +13,7 @@ from torquebench.calibration import CalibrationData, Contradiction, verify
 from torquebench.errors import ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.records import Equipment, Registry, RunFolder, RunSummary, UnavailableError
-from torquebench.records.database import database_failures, engine_of
+from torquebench.records.registry.database import database_failures, engine_of
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from torquebench.errors import InputError, RecordError
 from torquebench.records import RunFolder, new_run_id
-from torquebench.records.raw_stream import RawStream, read_raw
+from torquebench.records.streams.raw_stream import RawStream, read_raw
 
 
 @pytest.fixture

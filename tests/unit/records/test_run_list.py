@@ -10,7 +10,7 @@ import pytest
 import torquebench
 from torquebench import records
 from torquebench.records import Registry, RunSummary
-from torquebench.records.run_list import newest_runs
+from torquebench.records.runs.listing import newest_runs
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 

@@ -7,11 +7,11 @@ from sqlalchemy import event, inspect, text
 
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry
-from torquebench.records.database import REGISTRY_URL
-from torquebench.records.migrating import SCHEMA_VERSION
-from torquebench.records.migrations import versions
-from torquebench.records.run_records import RunRecords
-from torquebench.records.schema import Base, RunEndRow, RunRow
+from torquebench.records.registry.database import REGISTRY_URL
+from torquebench.records.registry.migrating import SCHEMA_VERSION
+from torquebench.records.registry.migrations import versions
+from torquebench.records.registry.schema import Base, RunEndRow, RunRow
+from torquebench.records.runs.entries import RunRecords
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 

@@ -13,7 +13,7 @@ from nptdms import TdmsFile
 
 from torquebench.errors import InputError
 from torquebench.records import RunFolder
-from torquebench.records.stream_export import STREAM_FORMATS, export_streams
+from torquebench.records.export.streams import STREAM_FORMATS, export_streams
 from torquebench.signals import EdgeBlock
 
 ROWS = 30

@@ -20,9 +20,9 @@ from tests.watching import Watching
 
 from torquebench.errors import InputError
 from torquebench.records import read_calibration_csv
-from torquebench.records.arrow_table import ArrowReadings
-from torquebench.records.readings_stream import compensate_file
-from torquebench.records.table_files import open_table, read_table
+from torquebench.records.streams.arrow_table import ArrowReadings
+from torquebench.records.streams.readings_stream import compensate_file
+from torquebench.records.tables.files import open_table, read_table
 
 Columns = dict[str, tuple[str, list[Any]]]
 
@@ -127,7 +127,7 @@ def test_units_come_from_headers_or_properties_and_channels_go_by_name(
 def test_readings_of_any_format_are_compensated_in_batches(
     tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("torquebench.records.readings_stream._BLOCK_ROWS", 100)
+    monkeypatch.setattr("torquebench.records.streams.readings_stream._BLOCK_ROWS", 100)
     reading = np.round(np.sin(np.arange(1234.0)), 4)
     source, target = tmp_path / f"readings.{ending}", tmp_path / "torque.csv"
     WRITERS[ending](

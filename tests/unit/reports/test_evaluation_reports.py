@@ -8,7 +8,7 @@ import pytest
 from rich.console import Console
 
 from torquebench.calibration import summarise_errors
-from torquebench.cli.reducer_test_tables import print_by_speed
+from torquebench.cli.reducers.evaluating import print_by_speed
 from torquebench.cli.tables import error_blocks, friction_blocks
 from torquebench.procedures import FrictionSweep
 from torquebench.reducers import (
@@ -23,7 +23,7 @@ from torquebench.reducers import (
 from torquebench.reports.evaluation_report import evaluation_page, open_loop_page
 from torquebench.reports.page import Page, Section, Table, render_page
 from torquebench.reports.page_pdf import write_report
-from torquebench.reports.reducer_report import Row, tables_of
+from torquebench.reports.reducers.report import Row, tables_of
 
 SETTINGS = LoopSettings(rated_torque_nm=400.0)
 

@@ -19,7 +19,7 @@ from torquebench.reducers import CertifiedFriction, check_friction
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table, render_page, write_page
 from torquebench.reports.page_pdf import page_pdf
-from torquebench.reports.standard_reducer_report import friction_check_figure
+from torquebench.reports.reducers.standard import friction_check_figure
 
 
 def _figures() -> dict[str, str]:

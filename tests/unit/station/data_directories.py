@@ -3,7 +3,7 @@
 from datetime import UTC, date, datetime
 from pathlib import Path
 
-from torquebench.bench.audit import AUDIT_FOLDER, AuditLog
+from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
 from torquebench.calibration import CalibrationData
 from torquebench.records import Equipment, Registry, Report, RunFolder, RunSummary
 

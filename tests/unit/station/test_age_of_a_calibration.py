@@ -16,7 +16,7 @@ from torquebench.chain import Drift, MeasuringChain, Readings, load_chain
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError
 from torquebench.records import Registry, parse_calibration_csv, read_readings_csv
-from torquebench.records.tables import calibration_csv
+from torquebench.records.tables.readings import calibration_csv
 from torquebench.station.matching import compensation_for
 
 DRIFT = Drift("data sheet", 0.05, 8766.0)

@@ -10,10 +10,10 @@ from pathlib import Path
 import pytest
 from tests.unit.station.data_directories import filled_directory
 
-from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER
+from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Equipment, Registry, RunFolder
-from torquebench.records.database import REGISTRY_FILE
+from torquebench.records.registry.database import REGISTRY_FILE
 from torquebench.station import recover_unfinished
 from torquebench.station.backup import back_up, restore
 from torquebench.station.data_check import check_data_directory
@@ -66,7 +66,7 @@ import sys
 from pathlib import Path
 from datetime import UTC, datetime
 import numpy as np
-from torquebench.bench.audit import AuditLog
+from torquebench.bench.audit.entries import AuditLog
 from torquebench.records import Registry, RunFolder, RunSummary
 data = Path(sys.argv[1])
 log = AuditLog(data / "audit", bench="b", largest_bytes=20000)

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 from tests.unit.station.data_directories import filled_directory
 
-from torquebench.bench.audit import AUDIT_FILE, AUDIT_FOLDER, AuditLog
+from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, AuditLog
 from torquebench.errors import RecordError
 from torquebench.records import Registry, Report, RunFolder, RunSummary
-from torquebench.records.database import REGISTRY_FILE
-from torquebench.records.time_check import clock_behind
+from torquebench.records.registry.database import REGISTRY_FILE
+from torquebench.records.runs.time_check import clock_behind
 from torquebench.station.data_check import check_data_directory
 
 
@@ -235,7 +235,7 @@ CLOCK = """
 import sys
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
-import torquebench.records.database as database
+import torquebench.records.registry.database as database
 class Behind(datetime):
     @classmethod
     def now(cls, tz=None):

@@ -19,7 +19,7 @@ __all__ = ["DRIVERS", "open_drivers"]
 
 
 def _simulated(description: BenchDescription) -> DriverSet:
-    from torquebench.bench.drivers.simulated import open_simulated  # imports the twin
+    from torquebench.bench.drivers.simulated.driver import open_simulated  # imports the twin
 
     return open_simulated(description)
 

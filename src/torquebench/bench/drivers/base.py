@@ -16,8 +16,8 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.certificate import ReferenceCertificate
-from torquebench.bench.encoder_certificate import EncoderCertificate
+from torquebench.bench.certificates.encoder import EncoderCertificate
+from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.roles import (
     CHANNELS,
     MODES,

@@ -26,7 +26,7 @@ from torquebench.bench.drivers.angles import with_angles
 from torquebench.bench.drivers.base import Drive, DriverSet
 from torquebench.bench.drivers.links import Address
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
-from torquebench.bench.drivers.simulation_control import (
+from torquebench.bench.drivers.simulated.control import (
     SimulatedOperator,
     SimulatedTruth,
     SimulationControl,

@@ -43,8 +43,8 @@ Role = Literal[
 ]
 
 _BUILT_IN = {
-    "modbus": "torquebench.bench.drivers.modbus",
-    "scpi": "torquebench.bench.drivers.scpi",
+    "modbus": "torquebench.bench.drivers.modbus.driver",
+    "scpi": "torquebench.bench.drivers.scpi.driver",
     "canopen": "torquebench.bench.drivers.cia402",
     "nidaqmx": "torquebench.bench.drivers.daqmx",
     "opendaq": "torquebench.bench.drivers.open_daq",

@@ -33,7 +33,7 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.fields import Moment
 from torquebench.records import CertificateEntry
-from torquebench.records.stream_export import Stream, StreamFormat, stream_ending
+from torquebench.records.export.streams import Stream, StreamFormat, stream_ending
 
 __all__ = ["router", "settings_router"]
 

@@ -14,7 +14,7 @@ from torquebench.panel.components.controls import button, link_button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, icon, on_press, repeat, words
 from torquebench.panel.components.messages import Messages
-from torquebench.panel.pages.job_strip import JobStrip
+from torquebench.panel.pages.jobs.strip import JobStrip
 from torquebench.panel.pages.menu import Menu
 from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import Visitor

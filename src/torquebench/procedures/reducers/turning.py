@@ -8,9 +8,9 @@ from dataclasses import asdict, dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.certificates.encoder import EncoderCertificate, encoder_certificates
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import AngleSamples, Side
-from torquebench.bench.encoder_certificate import EncoderCertificate, encoder_certificates
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits

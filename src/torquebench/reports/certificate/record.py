@@ -10,7 +10,7 @@ from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
-from torquebench.records.entries import sha256_of_record
+from torquebench.records.registry.entries import sha256_of_record
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
 __all__ = [

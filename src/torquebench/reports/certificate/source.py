@@ -28,7 +28,7 @@ from torquebench.records import (
     calibration_changes,
     folder_changes,
 )
-from torquebench.records.time_check import times_of_run
+from torquebench.records.runs.time_check import times_of_run
 from torquebench.reports.certificate.record import Reference
 from torquebench.reports.certificate.static import resolution_of
 

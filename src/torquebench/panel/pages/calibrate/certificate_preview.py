@@ -12,7 +12,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.calibrate.page import CalibratePage
-from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.jobs.panel import problem_note
 
 __all__ = ["CertificatePreview"]
 

@@ -15,7 +15,7 @@ from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, panel, tag, words
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.calibrate.resume import interrupted_note
-from torquebench.panel.pages.job_preview import Preview
+from torquebench.panel.pages.jobs.preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.records.table_import import profile_titles
 from torquebench.panel.pages.settings.editor import shown

@@ -15,7 +15,7 @@ from torquebench.panel.pages.calibrate.workflow import (
     Step,
     find_workflow,
 )
-from torquebench.panel.pages.job_panel import JobPanel
+from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.quick import quick_buttons
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView

@@ -1,7 +1,7 @@
 """Titles of a run's recorded columns and streams, as the other pages word them."""
 
 from torquebench.panel.text import Text
-from torquebench.records.column_words import column_unit
+from torquebench.records.tables.column_words import column_unit
 
 __all__ = ["column_title", "column_unit_shown", "column_with_unit", "stream_title"]
 

@@ -26,7 +26,7 @@ from torquebench.panel.pages.records.table_import import all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView, RunDetail, RunTable
 from torquebench.panel.text import Text
-from torquebench.records.stream_export import STREAM_FORMATS, StreamFormat, stream_ending
+from torquebench.records.export.streams import STREAM_FORMATS, StreamFormat, stream_ending
 from torquebench.units import minus_signs
 
 __all__ = ["RunPanel", "doubt_notes", "run_title"]

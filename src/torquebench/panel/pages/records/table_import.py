@@ -15,11 +15,11 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.elements import box, note, pairs, panel, table, words
-from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE, states_reference
-from torquebench.records.table_formats import ENDINGS
+from torquebench.records.tables.formats import ENDINGS
 from torquebench.reports.certificate.labels import labels_of
 
 __all__ = ["TableEntry", "all_profile_titles", "profile_titles"]

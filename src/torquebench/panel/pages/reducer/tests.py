@@ -9,8 +9,8 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, empty, panel, words
 from torquebench.panel.pages.frame import frame
-from torquebench.panel.pages.job_panel import JobPanel
-from torquebench.panel.pages.job_preview import Preview
+from torquebench.panel.pages.jobs.panel import JobPanel
+from torquebench.panel.pages.jobs.preview import Preview
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.reducer.results import comparison, outcomes

@@ -12,7 +12,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, words
-from torquebench.panel.pages.job_panel import problem_note
+from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.settings.names import group_title, setting_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, Difference, SettingsItem

@@ -79,7 +79,7 @@ from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
 from torquebench.progress import SHARES
 from torquebench.records import REGISTERS, CalibrationEntry, RunFolder
-from torquebench.records.time_check import expired_standard
+from torquebench.records.runs.time_check import expired_standard
 from torquebench.reports.certificate import run_profile
 from torquebench.station import Station
 

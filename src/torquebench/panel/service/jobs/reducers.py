@@ -35,7 +35,7 @@ from torquebench.panel.service.records.queries import report_path
 from torquebench.procedures import friction_sweep, rehearse
 from torquebench.reducers import HysteresisResult
 from torquebench.reports.page_pdf import page_pdf
-from torquebench.reports.reducer_report import reducer_page
+from torquebench.reports.reducers.report import reducer_page
 from torquebench.units import ARCMIN
 
 __all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]

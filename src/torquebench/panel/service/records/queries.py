@@ -39,13 +39,13 @@ from torquebench.records import (
     folder_changes,
     sha256_of_file,
 )
-from torquebench.records.column_words import short_names
-from torquebench.records.stream_export import Stream, StreamFormat, export_streams, stream_ending
-from torquebench.records.time_check import (
+from torquebench.records.export.streams import Stream, StreamFormat, export_streams, stream_ending
+from torquebench.records.runs.time_check import (
     clock_behind,
     doubts_of_calibrations,
     doubts_of_runs,
 )
+from torquebench.records.tables.column_words import short_names
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 

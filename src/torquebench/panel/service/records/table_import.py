@@ -37,10 +37,10 @@ from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
-from torquebench.records.csv_text import remarks_in
 from torquebench.records.reference_remarks import UNCERTAINTY
-from torquebench.records.table_files import table_text
-from torquebench.records.table_formats import is_csv
+from torquebench.records.tables.csv_text import remarks_in
+from torquebench.records.tables.files import table_text
+from torquebench.records.tables.formats import is_csv
 from torquebench.reports.certificate import person_among
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import ConflictError, refuse_future, validated

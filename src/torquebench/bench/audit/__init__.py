@@ -1,0 +1,1 @@
+"""Entries of what people and software did, chained by hashes."""

@@ -1,0 +1,1 @@
+"""Certificates of equipment as the description of a bench states them."""

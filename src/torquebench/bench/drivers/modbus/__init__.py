@@ -1,0 +1,1 @@
+"""Modbus: link, register map, and the modules of a bench."""

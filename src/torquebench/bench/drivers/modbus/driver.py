@@ -1,0 +1,246 @@
+"""Drives, probes, read-outs, mode conversion and clamp over Modbus TCP (pymodbus).
+
+The register map is in `register_map` and in docs/reference/device-protocols.md.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+
+from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.links import SwitchingTime, drive_timeout
+from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
+from torquebench.bench.drivers.modbus.modules import (
+    AnglesOptions,
+    DigitalOptions,
+    ModbusAngles,
+    ModbusClamp,
+    ModbusModes,
+    ModbusRail,
+    ModbusReadout,
+    ModbusSupply,
+    ModbusTemperature,
+    TemperatureOptions,
+)
+from torquebench.bench.drivers.modbus.register_map import (
+    DriveCommand,
+    DriveControl,
+    DriveMode,
+    DriveReport,
+    DriveStatus,
+)
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
+from torquebench.bench.roles import SIDES
+from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.message import Message
+
+__all__ = ["PLUGIN", "ModbusDrive"]
+
+REPORT_LENGTH = 14
+POLL_S = 0.01
+
+
+class DriveOptions(ModbusOptions):
+    """Timeout of getting ready."""
+
+    switching_s: SwitchingTime = 5.0
+
+
+class ModbusDrive:
+    """A servo drive on Modbus TCP with torque and speed control, ramps and watchdog.
+
+    Parameters
+    ----------
+    link : ModbusLink
+    side : {"input", "output"}
+    watchdog_s : float
+        Unfed for so long the drive ramps to zero and disables by itself, s.
+    switching_s : float
+        Timeout of getting ready, s.
+    """
+
+    def __init__(
+        self, link: ModbusLink, side: Side, watchdog_s: float, switching_s: float = 5.0
+    ) -> None:
+        self._switching_s = switching_s
+        self._link = link
+        self._side = side
+        self._watchdog_ms = round(watchdog_s * 1e3)
+        self._fed = 0
+        words = link.input_registers(DriveReport.MAXIMUM_TORQUE, 4)
+        self._maximum = register_map.float_of(words[:2]), register_map.float_of(words[2:])
+
+    def identity(self) -> Identity:
+        """Read the identity of the drive."""
+        return self._link.identity(f"{self._side}.drive")
+
+    def enable(self) -> None:
+        """Reset a fault, arm the watchdog, power the motor at zero torque and speed."""
+        self._link.write(DriveCommand.WATCHDOG, [self._next_feed(), self._watchdog_ms])
+        self._link.write(DriveCommand.CONTROL, [DriveControl.RESET, DriveMode.NONE])
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, DriveMode.NONE])
+        deadline = time.monotonic() + self._switching_s
+        while not (state := self.state()).enabled:
+            if state.fault or time.monotonic() > deadline:
+                raise BenchError(
+                    Message(
+                        "{name} stays off: {fault}",
+                        self._link.name,
+                        state.fault or "no reason given",
+                    ),
+                    Message("an enabled drive within {switching_s:g} s", self._switching_s),
+                    "read the drive's fault code and the safety circuit",
+                )
+            self.feed_watchdog()
+            time.sleep(POLL_S)
+
+    def disable(self) -> None:
+        """Take the power off the motor."""
+        self._link.write(DriveCommand.CONTROL, [0, DriveMode.NONE])
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque at a limited rate and keep it."""
+        self._command(DriveMode.TORQUE, torque_nm, ramp_nm_per_s, self._maximum[0], "N·m")
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed at a limited rate and keep it."""
+        self._command(DriveMode.SPEED, speed_rad_s, ramp_rad_per_s2, self._maximum[1], "rad/s")
+
+    def _command(
+        self, mode: DriveMode, value: float, rate: float, maximum: float, unit: str
+    ) -> None:
+        if not abs(value) <= maximum * (1.0 + 1e-6):
+            raise LimitError(
+                Message("{value:g} {unit} requested from {name}", value, unit, self._link.name),
+                Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
+                "stay within the drive's limits",
+            )
+        if not (rate > 0.0 and math.isfinite(rate)):
+            raise InputError(Message("rate {rate:g} {unit}/s", rate, unit), "a rate above 0")
+        place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
+        numbers = [*register_map.from_float(value), *register_map.from_float(rate)]
+        self._link.write(place, numbers)
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE, mode])
+        if not self.state().enabled:
+            raise BenchError(
+                Message("{name} is off", self._link.name),
+                "commands to an enabled drive",
+                "enable it first",
+            )
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Have the drive bring torque and speed to zero by itself."""
+        self._link.write(DriveCommand.ZERO_RAMP, register_map.from_float(duration_s))
+        self._link.write(DriveCommand.CONTROL, [DriveControl.ENABLE | DriveControl.ZERO])
+
+    def feed_watchdog(self) -> None:
+        """Tell the drive that the supervisor lives."""
+        self._link.write(DriveCommand.WATCHDOG, [self._next_feed()])
+
+    def _next_feed(self) -> int:
+        self._fed = (self._fed + 1) % 65536
+        return self._fed
+
+    def state(self) -> DriveState:
+        """Ask for the active set points and the fault state."""
+        words = self._link.input_registers(0, REPORT_LENGTH)
+        status = words[DriveReport.STATUS]
+        fault = ""
+        if status & DriveStatus.WATCHDOG:
+            fault = Message("watchdog not fed for {watchdog_ms:g} s", self._watchdog_ms / 1000.0)
+        elif status & DriveStatus.FAULT:
+            fault = Message("fault code {words}", words[DriveReport.FAULT])
+        torque = register_map.float_of(words[DriveReport.TORQUE : DriveReport.TORQUE + 2])
+        speed = register_map.float_of(words[DriveReport.SPEED : DriveReport.SPEED + 2])
+        if not (math.isfinite(torque) and math.isfinite(speed)):
+            raise BenchError(
+                Message(
+                    "{name} reports {torque:g} N·m and {speed:g} rad/s",
+                    self._link.name,
+                    torque,
+                    speed,
+                ),
+                "finite set points",
+                "check the drive and its register map",
+            )
+        return DriveState(bool(status & DriveStatus.ENABLED), torque, speed, fault)
+
+    def close(self) -> None:
+        """Release the drive. A second call does nothing."""
+        self._link.close()
+
+
+def _link(request: InstrumentRequest, options: ModbusOptions) -> ModbusLink:
+    return ModbusLink(request.section.removeprefix("driver.").replace("_", " "), options)
+
+
+def _drive(request: InstrumentRequest) -> ModbusDrive:
+    assert request.side is not None
+    options: DriveOptions = request.read(DriveOptions)
+    watchdog_s = request.description.module(request.side).drive.watchdog_s
+    described_s = options.timeout_s if "timeout_s" in options.model_fields_set else None
+    timeout_s = drive_timeout(described_s, watchdog_s, request.section)
+    link = _link(request, options.model_copy(update={"timeout_s": timeout_s}))
+    with link.kept():
+        return ModbusDrive(link, request.side, watchdog_s, options.switching_s)
+
+
+def _temperature(request: InstrumentRequest) -> ModbusTemperature:
+    options: TemperatureOptions = request.read(TemperatureOptions)
+    missing = set(request.description.temperatures) - set(options.probes)
+    if missing:
+        raise InputError(
+            Message("{section}.probes without {missing}", request.section, sorted(missing)[0]),
+            "every probe of the list `temperatures`",
+            "add its register",
+        )
+    return ModbusTemperature(_link(request, options), options)
+
+
+def _readout(request: InstrumentRequest) -> ModbusReadout:
+    return ModbusReadout(_link(request, request.read(ModbusOptions)))
+
+
+def _modes(request: InstrumentRequest) -> ModbusModes:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusModes(_link(request, options), options.travel_s)
+
+
+def _clamp(request: InstrumentRequest) -> ModbusClamp:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusClamp(_link(request, options), options.travel_s)
+
+
+def _rail(request: InstrumentRequest) -> ModbusRail:
+    options: DigitalOptions = request.read(DigitalOptions)
+    return ModbusRail(_link(request, options), options.travel_s)
+
+
+def _supply(request: InstrumentRequest) -> ModbusSupply:
+    return ModbusSupply(_link(request, request.read(ModbusOptions)))
+
+
+def _angles(request: InstrumentRequest) -> ModbusAngles:
+    options: AnglesOptions = request.read(AnglesOptions)
+    described = request.description
+    per_revolution = {side: described.module(side).encoder.counts_per_revolution for side in SIDES}
+    with _link(request, options).kept() as link:
+        return ModbusAngles(link, options, per_revolution)
+
+
+PLUGIN = DriverPlugin(
+    "modbus",
+    {
+        "drive": _drive,
+        "temperature": _temperature,
+        "reference": _readout,
+        "modes": _modes,
+        "clamp": _clamp,
+        "rail": _rail,
+        "supply": _supply,
+        "angles": _angles,
+    },
+)
+"""Plug-in for `protocol = "modbus"`."""

@@ -1,0 +1,166 @@
+"""A Modbus TCP connection to one unit (pymodbus), and the keys of its address."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from typing import Annotated, Any
+
+from pydantic import Field
+
+from torquebench.bench.drivers.base import Identity
+from torquebench.bench.drivers.links import Address, Link, TimeOut, WireError, split_address
+from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.plugins import Options, require_library
+from torquebench.errors import BenchError
+from torquebench.message import Message
+
+__all__ = ["ModbusLink", "ModbusOptions"]
+
+BUSY = 6
+"""Exception "server device busy": the same request is asked again."""
+BUSY_S = 0.01
+
+
+class _BusyError(Exception):
+    """The instrument is busy."""
+
+
+Unit = Annotated[int, Field(ge=0, le=255)]
+Base = Annotated[int, Field(ge=0, le=60000)]
+
+
+class ModbusOptions(Options):
+    """Location of an instrument: address, unit identifier, first register."""
+
+    address: Address
+    unit: Unit = 1
+    base: Base = 0
+    timeout_s: TimeOut = 0.5
+
+
+class ModbusLink(Link[Any]):
+    """One Modbus TCP connection to one unit.
+
+    Parameters
+    ----------
+    name : str
+    options : ModbusOptions
+    """
+
+    def __init__(self, name: str, options: ModbusOptions) -> None:
+        super().__init__(name, options.address, options.timeout_s)
+        self._unit = options.unit
+        self._base = options.base
+        self._library = require_library("pymodbus.client", "modbus")
+        self._failures = require_library("pymodbus.exceptions", "modbus").ModbusException
+
+    def _open(self) -> Any:
+        host, port = split_address(self.address)
+        client = self._library.ModbusTcpClient(
+            host, port=port, timeout=self.timeout_s, retries=0, name=self.name
+        )
+        if not client.connect():
+            raise WireError("no connection")
+        return client
+
+    def _close(self, connection: Any) -> None:
+        connection.close()
+
+    def _exchange(self, ask: Callable[[Any], Any]) -> Any:
+        def question(client: Any) -> Any:
+            try:
+                answer = ask(client)
+            except self._failures as error:
+                silent = "No response received" in str(error)
+                text = (
+                    Message("no answer in {timeout_s:g} s", self.timeout_s)
+                    if silent
+                    else _short(error)
+                )
+                raise WireError(text) from error
+            except (IndexError, ValueError, AttributeError, TypeError) as error:
+                raise WireError(Message("garbled answer ({error})", error)) from error
+            if answer.isError() and answer.exception_code == BUSY:
+                raise _BusyError
+            if answer.isError():
+                raise BenchError(
+                    Message(
+                        "{name} at {address} refuses: exception {exception_code}",
+                        self.name,
+                        self.address,
+                        answer.exception_code,
+                    ),
+                    "a register and a value that the instrument supports",
+                    "compare its register map with docs/reference/device-protocols.md",
+                )
+            return answer
+
+        deadline = time.monotonic() + self.timeout_s
+        while True:
+            try:
+                return self.call(question)
+            except _BusyError as busy:
+                if time.monotonic() > deadline:
+                    raise BenchError(
+                        Message(
+                            "{name} at {address} is busy (exception {busy})",
+                            self.name,
+                            self.address,
+                            BUSY,
+                        ),
+                        Message("an answer within {timeout_s:g} s", self.timeout_s),
+                        "find out which other program uses it",
+                    ) from busy
+                time.sleep(BUSY_S)
+
+    def input_registers(self, first: int, count: int) -> list[int]:
+        """Read input registers (function 4)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_input_registers(place, count=count, device_id=unit)
+        ).registers
+        return self._complete(found, count)
+
+    def write(self, first: int, values: list[int]) -> None:
+        """Write holding registers (function 16), all at once."""
+        place, unit = self._base + first, self._unit
+        self._exchange(lambda client: client.write_registers(place, values, device_id=unit))
+
+    def contacts(self, first: int, count: int) -> list[bool]:
+        """Read discrete inputs (function 2)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_discrete_inputs(place, count=count, device_id=unit)
+        ).bits
+        return [bool(bit) for bit in self._complete(found, count)]
+
+    def switch(self, first: int, values: list[bool]) -> None:
+        """Write coils (function 15), all at once."""
+        place, unit = self._base + first, self._unit
+        self._exchange(lambda client: client.write_coils(place, values, device_id=unit))
+
+    def _complete(self, found: list[int], count: int) -> list[int]:
+        if len(found) < count:
+            raise BenchError(
+                Message(
+                    "{name} at {address} sends {count} values", self.name, self.address, len(found)
+                ),
+                Message("the {wanted} that were requested", count),
+                "check the instrument's register map",
+            )
+        return found[:count]
+
+    def identity(self, role: str) -> Identity:
+        """Read the name plate."""
+        words = self.input_registers(
+            register_map.IDENTITY - self._base, register_map.IDENTITY_LENGTH
+        )
+        texts = [register_map.text_of(words[k : k + 8]) for k in range(0, len(words), 8)]
+        manufacturer, model, serial, firmware = texts
+        return Identity(role, manufacturer, model, serial, firmware, {"address": self.address})
+
+
+def _short(error: Exception) -> str:
+    text = str(error).partition("] ")[2] or str(error)
+    return text if len(text) < 120 else text[:117] + "…"

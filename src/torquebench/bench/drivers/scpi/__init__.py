@@ -1,0 +1,1 @@
+"""SCPI over TCP: link and instruments."""

@@ -1,0 +1,228 @@
+"""SCPI instruments: frequency counters that measure without gaps, and a calibrator's read-out."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field
+
+from torquebench.bench.description import CounterDescription
+from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples, Side
+from torquebench.bench.drivers.counters import DescribedCounter, counted
+from torquebench.bench.drivers.links import TimeOut
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
+from torquebench.bench.drivers.sample_clock import SampleClock
+from torquebench.bench.drivers.scpi.link import ScpiAddress, ScpiLink, ScpiOptions, numbers
+from torquebench.bench.roles import CHANNELS, SIDES
+from torquebench.errors import BenchError, InputError
+from torquebench.message import Message
+from torquebench.signals import FrequencySamples
+
+__all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
+
+SETUP = (
+    "ABOR",
+    "CONF:FREQ",
+    "SENS:FREQ:MODE CONT",
+    "SENS:FREQ:GATE:SOUR TIME",
+    "SENS:FREQ:GATE:TIME {gate_s:.9g}",
+    "SENS:ROSC:SOUR {clock}",
+    "SAMP:COUN 1000000",
+    "TRIG:COUN 1000000",
+    "INIT",
+)
+"""Commands for gap-free frequencies of the Keysight 53230A; `setup` replaces them."""
+
+
+class CounterOptions(Options):
+    """One counter a channel, all with one reference clock.
+
+    `fetch` takes `{count}` readings out of the counter and waits for them.
+    """
+
+    channels: Mapping[
+        Literal["input_torque", "output_torque", "input_reference", "output_reference"],
+        ScpiAddress,
+    ] = Field(min_length=2)
+    reference_clock: Literal["INT", "EXT"] = "EXT"
+    setup: tuple[str, ...] = SETUP
+    fetch: str = "DATA:REM? {count},WAIT"
+    single_shot_s: Annotated[float, Field(gt=0.0, le=1e-6, description="s")] = 1e-9
+    timeout_s: TimeOut = 1.0
+
+
+class ScpiCounter(DescribedCounter):
+    """Frequency counters that deliver one frequency a gate time without gaps between them.
+
+    They send no edges, so lost and doubled pulses show as a step of the frequency only. An answer
+    that is lost takes readings with it: the stream then has a gap, which is an error.
+
+    Parameters
+    ----------
+    options : CounterOptions
+    counting : CounterDescription
+        Its windows are the gate time.
+    """
+
+    def __init__(self, options: CounterOptions, counting: CounterDescription) -> None:
+        super().__init__(counting, options.channels)
+        self._options = options
+        self._links = {
+            str(name): ScpiLink(f"counter of {name}", address, options.timeout_s, attempts=1)
+            for name, address in options.channels.items()
+        }
+        self._running: frozenset[str] = frozenset()
+        self._windows = 0
+        try:
+            self._serial = self.identity().serial
+        except BaseException:
+            self.close()
+            raise
+        self._relative_uncertainty = math.sqrt(2.0) * options.single_shot_s / counting.window_s
+
+    @property
+    def shortest_read_s(self) -> float:
+        """A block is requested at once: every question costs a turn on the wire."""
+        return self._counting.block_s
+
+    def identity(self) -> Identity:
+        """Read the identity of the first counter, for all."""
+        first, *others = [link.identity("counter") for link in self._links.values()]
+        details = dict(first.details) | {
+            f"serial of {name}": other.serial
+            for name, other in zip(list(self._links)[1:], others, strict=True)
+        }
+        return Identity(
+            "counter", first.manufacturer, first.model, first.serial, first.firmware, details
+        )
+
+    def select(self, channels: frozenset[str]) -> None:
+        """Start the counters of these channels, stop the others."""
+        self._check_served(channels)
+        for name in sorted(channels - self._running):
+            self._start(self._links[name])
+        for name in sorted(self._running - channels):
+            self._links[name].command("ABOR")
+        self._running = channels
+
+    def _start(self, link: ScpiLink) -> None:
+        clock = self._options.reference_clock
+        for line in self._options.setup:
+            link.command(line.format(gate_s=self._counting.window_s, clock=clock))
+        used = link.query("SENS:ROSC:SOUR?")
+        if used.upper()[:3] != clock:
+            raise BenchError(
+                Message("{name} uses its reference clock {used!r}", link.name, used),
+                repr(clock),
+                "connect the common reference clock",
+            )
+
+    def read_block(self, duration_s: float) -> CounterBlock:
+        """Return the next windows of every running channel."""
+        gate_s = self._counting.window_s
+        count = round(duration_s / gate_s)
+        if count < 1 or abs(count * gate_s - duration_s) > 1e-6:
+            raise InputError(
+                Message("a block of {duration_s:g} s", duration_s),
+                Message("a multiple of the gate time {gate_s:g} s", gate_s),
+            )
+        start_s = self._windows * gate_s
+        time_s = start_s + gate_s * (np.arange(count, dtype=np.float64) + 0.5)
+        frequencies = {
+            name: self._counted(time_s, self._fetch(name, count)) for name in sorted(self._running)
+        }
+        self._windows += count
+        return CounterBlock(start_s, self._windows * gate_s, {}, {}, frequencies)
+
+    def _fetch(self, name: str, count: int) -> NDArray[np.float64]:
+        link = self._links[name]
+        longer_s = count * self._counting.window_s
+        answer = link.query(self._options.fetch.format(count=count), longer_s=longer_s)
+        values = numbers(answer, link.name)
+        if len(values) != count:
+            raise BenchError(
+                Message("{name} sends {count} readings", link.name, len(values)),
+                Message("the {wanted} that were requested", count),
+                "check that it measures continuously and that no other program reads it",
+            )
+        return np.array(values)
+
+    def _counted(
+        self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
+    ) -> FrequencySamples:
+        uncertainty_hz = frequency_hz * self._relative_uncertainty
+        return counted(time_s, frequency_hz, self._counting.window_s, uncertainty_hz)
+
+    def close(self) -> None:
+        """Release every counter. A second call does nothing."""
+        for link in self._links.values():
+            link.close()
+
+
+class ReadoutOptions(ScpiOptions):
+    """A calibrator's amplifier: how its samples since the last question are requested.
+
+    `scale` is N·m a unit of the answer.
+    """
+
+    fetch: str = "FETC:ARR? (@{channel})"
+    input: Annotated[int, Field(ge=1, le=99)] = 1
+    output: Annotated[int, Field(ge=1, le=99)] = 2
+    period_s: Annotated[float, Field(gt=0.0, le=1.0, description="s")] = 0.01
+    scale: Annotated[float, Field(gt=0.0, le=1e6, description="N·m a unit")] = 1.0
+
+
+class ScpiReadout:
+    """A calibrator's amplifier on SCPI that hands out every sample once.
+
+    Its newest sample is taken to be as old as the answer; see `SampleClock`.
+    """
+
+    def __init__(self, link: ScpiLink, options: ReadoutOptions) -> None:
+        self._link = link
+        self._options = options
+        self._channels: dict[Side, int] = {"input": options.input, "output": options.output}
+        self._clocks = {side: SampleClock(options.period_s) for side in SIDES}
+        for side in SIDES:  # earlier measurements are discarded
+            self._fetch(side)
+
+    def identity(self) -> Identity:
+        """Read the identity of the amplifier."""
+        return self._link.identity("reference")
+
+    @property
+    def period_s(self) -> float:
+        """As described."""
+        return self._options.period_s
+
+    def _fetch(self, side: Side) -> NDArray[np.float64]:
+        line = self._options.fetch.format(channel=self._channels[side])
+        return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
+
+    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
+        """Return the samples since the last call; NaN where it has no signal."""
+        return self._clocks[side].take(self._options.scale * self._fetch(side), until_s, timed_s)
+
+    def close(self) -> None:
+        """Release the amplifier. A second call does nothing."""
+        self._link.close()
+
+
+def _counter(request: InstrumentRequest) -> ScpiCounter:
+    options: CounterOptions = request.read(CounterOptions)
+    assert set(options.channels) <= set(CHANNELS)
+    return ScpiCounter(options, request.description.counter)
+
+
+def _readout(request: InstrumentRequest) -> ScpiReadout:
+    options: ReadoutOptions = request.read(ReadoutOptions)
+    with ScpiLink("reference", options.address, options.timeout_s).kept() as link:
+        return ScpiReadout(link, options)
+
+
+PLUGIN = DriverPlugin("scpi", {"counter": _counter, "reference": _readout})
+"""Plug-in for `protocol = "scpi"`."""

@@ -1,0 +1,1 @@
+"""The simulated bench: the one driver that knows the twin."""

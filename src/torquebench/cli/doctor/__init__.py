@@ -1,0 +1,1 @@
+"""`torquebench doctor`: the installation and, with a description, the bench."""

@@ -1,0 +1,392 @@
+"""Checks of `torquebench doctor` on a configured bench, instrument by instrument."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from torquebench.errors import ModelMismatchError, TorquebenchError
+from torquebench.units import RPM_PER_RAD_S
+
+if TYPE_CHECKING:
+    from torquebench.bench.audit.entries import AuditLog
+    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.drivers.base import Drive, DriverSet, Side
+    from torquebench.station import Station
+
+__all__ = ["Finding", "clock", "drives", "instruments", "signals"]
+
+SETTLING_S = 0.3
+STANDARD_S = 1.0
+WATCHDOG_MARGIN_S = 0.5
+ZERO_TOLERANCE = 0.05
+"""Largest deviation of an unloaded transducer's output from its zero, as a share of that."""
+ROOM_C = (-10.0, 60.0)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was checked.
+
+    Parameters
+    ----------
+    what : str
+    state : {"ok", "note", "problem"}
+        A note requires no action.
+    found : str
+    remedy : str
+        Remedy, if any.
+    """
+
+    what: str
+    state: Literal["ok", "note", "problem"]
+    found: str
+    remedy: str = ""
+
+
+def _problem(what: str, error: TorquebenchError) -> Finding:
+    remedy = "; ".join(part for part in (error.allowed, error.remedy) if part)
+    return Finding(what, "problem", error.found, remedy)
+
+
+# -- reachable, identified --------------------------------------------------------------------
+
+
+def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Connect to each instrument and read its identity; a failure doesn't affect the others."""
+    if description.bench.driver != "instruments":
+        with _opened(description, data) as drivers:
+            for identity in drivers.identities():
+                yield _identified(description, identity.role, identity)
+        return
+    from torquebench.bench.drivers.instruments import ROLES
+
+    yield from _simulators(description)
+    with _owned(description, data):
+        for role in ROLES:
+            if description.driver.get(role) is not None:
+                yield _instrument(description, role)
+
+
+@contextlib.contextmanager
+def _owned(description: BenchDescription, data: Path) -> Iterator[None]:
+    """Lock the bench for this process, so that no run is disturbed."""
+    from torquebench.station.bench_lock import BenchLock
+
+    with tempfile.TemporaryDirectory() as scratch:
+        lock = BenchLock(description, data if data.is_dir() else Path(scratch))
+        try:
+            yield
+        finally:
+            lock.release()
+
+
+@contextlib.contextmanager
+def _opened(
+    description: BenchDescription, data: Path, log: AuditLog | None = None
+) -> Iterator[DriverSet]:
+    """Open the instruments without a station; commands to them are in the audit log."""
+    from torquebench.bench.audit.writing import audited
+    from torquebench.bench.drivers import open_drivers
+
+    with _owned(description, data), contextlib.ExitStack() as closing:
+        drivers = open_drivers(description)
+        closing.callback(drivers.close)
+        if log is not None:
+            ramp_s = description.safety.ramp_to_zero_s
+            drivers = audited(drivers, log, "doctor", lambda: None, ramp_s)
+        yield drivers
+
+
+def _simulators(description: BenchDescription) -> Iterator[Finding]:
+    if "simulation" in description.driver:
+        yield Finding("simulators", "note", "every instrument of this bench is simulated")
+
+
+def _instrument(description: BenchDescription, role: str) -> Finding:
+    from torquebench.bench.drivers.base import Drive, Identified
+    from torquebench.bench.drivers.instruments import open_role
+
+    name = role.replace("_", " ")
+    try:
+        instrument = open_role(description, role)
+    except TorquebenchError as error:
+        return _problem(name, error)
+    try:
+        if isinstance(instrument, Identified):
+            found = _identified(description, name, instrument.identity())
+            if not isinstance(instrument, Drive) or found.state == "problem":
+                return found
+            return _with_status(found, instrument)
+        counts = instrument.counts()
+        return Finding(name, "ok", ", ".join(f"{side} {count}" for side, count in counts.items()))
+    except TorquebenchError as error:
+        return _problem(name, error)
+    finally:
+        instrument.close()
+
+
+def _with_status(found: Finding, drive: Drive) -> Finding:
+    """Add a drive's status to its identity: a drive whose status can't be read isn't usable."""
+    state = drive.state()
+    if state.enabled:
+        return Finding(
+            found.what, "problem", f"{found.found}; it has power", "find out who has switched it on"
+        )
+    return Finding(found.what, "ok", f"{found.found}; off{f', {state.fault}' * bool(state.fault)}")
+
+
+def _identified(description: BenchDescription, name: str, identity: Any) -> Finding:
+    found = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
+    described = description.serials.get(identity.role)
+    if described not in (None, identity.serial):
+        return Finding(
+            name,
+            "problem",
+            f"{found}; described is {described}",
+            "connect the described instrument or correct the bench description",
+        )
+    return Finding(name, "ok", found)
+
+
+# -- clock, signals ---------------------------------------------------------------------------
+
+
+def clock(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Compare the counter's clock with the description."""
+    with _opened(description, data) as drivers:
+        counter = drivers.counter
+        present, timebase_hz = counter.clock_identity, counter.timebase_hz
+    described = description.counter.identity
+    if present != described:
+        yield Finding(
+            "clock", "problem", f"{present}; described is {described}", "correct counter.serial"
+        )
+    else:
+        yield Finding("clock", "ok", f"{present}, {timebase_hz / 1e6:g} MHz")
+
+
+def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Open the bench without moving it and check whether its signals are plausible."""
+    from torquebench.cli.options import has_registry
+    from torquebench.station import Station
+
+    with tempfile.TemporaryDirectory() as scratch:
+        known = has_registry(data)
+        with Station.open(description, data if known else Path(scratch)) as station:
+            station.clock.wait(SETTLING_S)
+            yield from _pulses(station)
+            yield from _encoders(station)
+            yield from _temperatures(station)
+            yield from _standard(station)
+            yield from _fixture(station)
+            yield from _compensations(station)
+
+
+def _pulses(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+
+    for side in SIDES:
+        what = f"{side} pulses"
+        try:
+            latest = station.acquisition.latest(torque_channel(side))
+        except TorquebenchError as error:
+            yield Finding(what, "problem", error.found, error.remedy)
+            continue
+        zero_hz = station.description.module(side).transducer.option_khz * 1e3
+        found = f"{latest.frequency_hz:.2f} Hz"
+        if abs(latest.frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
+            yield Finding(
+                what,
+                "problem",
+                f"{found}, far from {zero_hz:g} Hz unloaded",
+                "unload the side, or check option_khz and whether the cables are swapped",
+            )
+        else:
+            yield Finding(what, "ok", found)
+
+
+def _encoders(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES
+
+    for side in SIDES:
+        what = f"{side} encoder"
+        try:
+            rpm = station.acquisition.speed_rad_s(side) * RPM_PER_RAD_S
+            degrees = math.degrees(station.acquisition.angle_rad(side))
+        except TorquebenchError as error:
+            yield _problem(what, error)
+            continue
+        limit = station.description.safety.standstill_rpm
+        if abs(rpm) > limit:
+            yield Finding(what, "problem", f"turns with {rpm:.2f} rpm", "bring the side to rest")
+        else:
+            yield Finding(what, "ok", f"{degrees:.3f}°, at rest")
+
+
+def _temperatures(station: Station) -> Iterator[Finding]:
+    present = station.acquisition.latest_block.temperatures
+    missing = [probe for probe in station.description.temperatures if probe not in present]
+    strange = {
+        probe: value for probe, value in present.items() if not ROOM_C[0] <= value <= ROOM_C[1]
+    }
+    if missing:
+        text = ", ".join(missing)
+        yield Finding("probes", "problem", f"no value of {text}", "check the probes' connections")
+    elif strange:
+        probe, value = next(iter(strange.items()))
+        yield Finding(
+            "probes", "problem", f"{probe} {value:.1f} °C", "check the probe and its wires"
+        )
+    else:
+        shown = ", ".join(f"{probe} {value:.1f} °C" for probe, value in present.items())
+        yield Finding("probes", "ok", shown)
+
+
+def _standard(station: Station) -> Iterator[Finding]:
+    """Check whether a standard that states torque keeps stating it."""
+    import numpy as np
+
+    from torquebench.bench.drivers.base import SIDES
+
+    reference = station.drivers.reference
+    if reference is None:
+        return
+    block_s = station.description.counter.block_s
+    for side in SIDES:
+        what = f"{side} standard"
+        try:
+            read = []
+            # its clock estimate settles with repeated answers
+            for _ in range(round(STANDARD_S / block_s)):
+                station.clock.wait(block_s)
+                now_s = station.clock.now()
+                read.append(reference.read(side, now_s, now_s).torque_nm)
+            torque = np.concatenate(read)
+        except TorquebenchError as error:
+            yield _problem(what, error)
+            continue
+        if torque.size == 0:
+            remedy = "let its amplifier measure continuously, and check the channel's number"
+            yield Finding(what, "problem", f"no sample in {STANDARD_S:g} s", remedy)
+        elif np.isnan(torque).all():
+            yield Finding(what, "note", "states no torque", "mount it to see its signal")
+        elif torque.size > 1 and np.ptp(torque[np.isfinite(torque)]) == 0.0:
+            found = f"repeats {torque[0]:g} N·m"
+            yield Finding(what, "problem", found, "restart its amplifier")
+        else:
+            yield Finding(what, "ok", f"{torque.size} samples, {np.nanmean(torque):.3f} N·m")
+
+
+def _fixture(station: Station) -> Iterator[Finding]:
+    """State modes and clamp as their contacts do, for comparison with the bench."""
+    from torquebench.bench.drivers.base import SIDES
+
+    drivers = station.drivers
+    try:
+        modes = ", ".join(f"{side} {drivers.modes.mode(side)}" for side in SIDES)
+        yield Finding("modes", "ok", f"{modes}: compare this with the bench")
+        clamped = "closed" if drivers.clamp.clamped() else "open"
+        yield Finding("clamp", "ok", f"{clamped}: compare this with the bench")
+    except TorquebenchError as error:
+        yield _problem("contacts", error)
+
+
+def _compensations(station: Station) -> Iterator[Finding]:
+    from torquebench.bench.drivers.base import SIDES
+
+    for side in SIDES:
+        try:
+            active = station.activate_compensation(side)
+        except TorquebenchError as error:
+            remedy = error.remedy or f"torquebench calibrate {side}"
+            if isinstance(error, ModelMismatchError) and "counter" in error.allowed:
+                remedy = f"made with {error.allowed}; {remedy}, or `measure --accept-counter`"
+            yield Finding(f"{side} model", "note", error.found, remedy)
+            continue
+        yield Finding(f"{side} model", "ok", f"model-{active.model_id} ({active.kind})")
+
+
+# -- drives -----------------------------------------------------------------------------------
+
+
+def drives(description: BenchDescription, data: Path) -> Iterator[Finding]:
+    """Power each drive at zero torque and check that it stops on command, and without feeding.
+
+    Every command and finding goes into the audit log of the data directory.
+    """
+    from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
+    from torquebench.bench.drivers.base import SIDES, torque_channel
+    from torquebench.campaign.measuring import operator_name
+
+    log = AuditLog(data / AUDIT_FOLDER, bench=description.name)
+    log.bind(operator=operator_name())
+    with contextlib.closing(log), _opened(description, data, log) as drivers:
+        drivers.counter.select(frozenset(torque_channel(side) for side in SIDES))
+        for side in SIDES:
+            for finding in _tested(drivers, description, side):
+                log.write("doctor", what=finding.what, state=finding.state, found=finding.found)
+                yield finding
+
+
+def _tested(drivers: DriverSet, description: BenchDescription, side: Side) -> Iterator[Finding]:
+    try:
+        yield _stop(drivers, description, side)
+        yield _watchdog(drivers, description, side)
+    except TorquebenchError as error:
+        yield _problem(f"{side} drive", error)
+    finally:
+        _off(drivers.drives[side])
+
+
+def _off(drive: Drive) -> None:
+    try:
+        drive.disable()
+    except TorquebenchError:
+        return
+
+
+def _pass(drivers: DriverSet, description: BenchDescription, duration_s: float) -> None:
+    """Let bench time pass: reading a counter's block takes the time that it covers."""
+    block_s = description.counter.block_s
+    for _ in range(math.ceil(duration_s / block_s)):
+        drivers.counter.read_block(block_s)
+
+
+def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
+    what, drive = f"{side} stop", drivers.drives[side]
+    drive.enable()
+    drive.feed_watchdog()
+    if not drive.state().enabled:
+        return Finding(what, "problem", "it stays off", "check the safety circuit and its supply")
+    drive.ramp_to_zero(description.safety.ramp_to_zero_s)
+    started = time.perf_counter()
+    drive.disable()
+    took_ms = (time.perf_counter() - started) * 1e3
+    if drive.state().enabled:
+        return Finding(
+            what, "problem", "it stays on when disabled", "don't use the bench: repair the drive"
+        )
+    return Finding(what, "ok", f"disabled, answered in {took_ms:.1f} ms")
+
+
+def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
+    what, drive = f"{side} watchdog", drivers.drives[side]
+    limit_s = description.module(side).drive.watchdog_s
+    drive.enable()
+    _pass(drivers, description, limit_s + WATCHDOG_MARGIN_S)
+    state = drive.state()
+    if state.enabled:
+        return Finding(
+            what,
+            "problem",
+            f"still on {limit_s + WATCHDOG_MARGIN_S:g} s after it was last fed",
+            "don't use the bench: set up the drive's own watchdog, it is the last line of defence",
+        )
+    return Finding(what, "ok", f"it stopped by itself: {state.fault or 'disabled'}")

@@ -1,0 +1,461 @@
+"""`torquebench evaluate`: results from tables of other benches."""
+
+from __future__ import annotations
+
+from datetime import date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+from rich.text import Text
+
+from torquebench.cli.evaluate.dynamics import dynamics
+from torquebench.cli.evaluate.lubrication import lubrication
+from torquebench.cli.evaluate.reducer import (
+    breakaway,
+    efficiency,
+    friction,
+    hysteresis,
+    no_load,
+    transmission_error,
+)
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    HELP_MARKUP,
+    ColumnOption,
+    DataOption,
+    RangeOption,
+    check_kept,
+    check_output,
+    day_or_time,
+    moment_in_utc,
+    performed_at,
+    stated_reference,
+)
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.errors import InputError
+from torquebench.message import Message
+
+if TYPE_CHECKING:
+    from torquebench.calibration import (
+        CalibrationData,
+        CalibrationResults,
+        Deviation,
+        DirectionResults,
+        EvaluablePoints,
+        Profile,
+        ReferenceStandard,
+        StaticEvaluation,
+    )
+    from torquebench.campaign.external_calibration import ExternalCalibration
+    from torquebench.uncertainty import CertifiedUncertainty
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="evaluate",
+    help="Evaluate tables that were measured on any bench.",
+    rich_markup_mode=HELP_MARKUP,
+    no_args_is_help=True,
+)
+
+
+@app.callback()
+def _tables() -> None:
+    """Evaluate tables that were measured on another bench."""
+
+
+@app.command("static")
+def static(
+    data: Annotated[
+        Path, typer.Argument(help="A table (CSV, Excel, TDMS, …) with reading_nm and standard_nm.")
+    ],
+    resolution: Annotated[float, typer.Option(min=0, help="Resolution of the indication, N·m.")],
+    reference_uncertainty: Annotated[
+        str | None,
+        typer.Option(
+            metavar="U|FILE",
+            help="U (k = 2) of the standard: in % as `0.02 of torque` or `0.02 of range`, or the "
+            "CSV file of its certificate with torque_nm and expanded_uncertainty_nm; that of the "
+            "table's comments by default.",
+        ),
+    ] = None,
+    profile: Annotated[
+        str, typer.Option(help="The profile that was followed: a name, or the path of a .toml.")
+    ] = "staircase",
+    range_nm: RangeOption = None,
+    column: ColumnOption = None,
+    model: Annotated[
+        Path | None, typer.Option(help="A model file: results after its compensation too.")
+    ] = None,
+    performed: Annotated[
+        date | None,
+        typer.Option(
+            parser=day_or_time,
+            metavar="DAY",
+            help="Day of the measurement, as 2026-01-31, or its time; now by default.",
+        ),
+    ] = None,
+    reference_due: Annotated[
+        datetime | None,
+        typer.Option(
+            parser=moment_in_utc, metavar="DAY", help="Last day of the standard's certificate."
+        ),
+    ] = None,
+    reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = "",
+    reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = "",
+    reference_certificate: Annotated[
+        str, typer.Option(help="Number of the standard's certificate.")
+    ] = "",
+    reference_laboratory: Annotated[
+        str, typer.Option(help="Laboratory that has calibrated the standard.")
+    ] = "",
+    register: Annotated[
+        bool,
+        typer.Option("--register", help="Register it, so that a certificate can be issued."),
+    ] = False,
+    transducer: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
+    manufacturer: Annotated[str, typer.Option(help="Manufacturer of the transducer.")] = "",
+    transducer_model: Annotated[str, typer.Option(help="Type of the transducer.")] = "",
+    indicator: Annotated[
+        str, typer.Option(help="Counter or amplifier that the transducer was read with.")
+    ] = "",
+    place: Annotated[str, typer.Option(help="Bench or laboratory where it was measured.")] = "",
+    measured_by: Annotated[
+        str, typer.Option(help="Who measured it: one of the people in laboratory.toml.")
+    ] = "",
+    result: Annotated[
+        Path | None, typer.Option("--out", help="A JSON file with every number.")
+    ] = None,
+    report: ReportOption = None,
+    records: DataOption = DEFAULT_DATA,
+) -> None:
+    """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
+
+    The table is compared with the profile; each deviation is named with its clause. A table without
+    all series or steps of the profile is evaluated by its own steps. Exit code 1 if the profile
+    refuses a certificate because of a deviation. With --register, table, equipment and conditions
+    are registered in any case.
+    """
+    from torquebench.calibration import (
+        CalibrationRecord,
+        ReferenceStandard,
+        assign_nominal,
+        check_steps,
+        evaluable_points,
+        find_deviations,
+        load_profile,
+    )
+    from torquebench.records import read_calibration_csv
+
+    chosen = load_profile(profile)
+    check_steps(chosen)
+    check_reports(report)
+    if result is not None:
+        check_output(result, data, endings=(".json",))
+    if register:
+        check_kept(data)
+        measured_by = _person(records, measured_by)
+    moment = performed_at(performed)
+    read = read_calibration_csv(
+        data,
+        range_nm=range_nm,
+        transducer_serial=transducer,
+        counter_identity=indicator,
+        remark=warn,
+        mapping=column or (),
+    )
+    points = assign_nominal(read, chosen)
+    due = None if reference_due is None else reference_due.date()
+    standard = ReferenceStandard(reference_serial, reference_certificate, due)
+    deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
+    _print_heading(points, chosen)
+    _print_deviations(deviations)
+    evaluable = evaluable_points(read, points, chosen, deviations)
+    stated = _reference(reference_uncertainty, points, data.name)
+    circumstances = None
+    if register:
+        circumstances = _circumstances(
+            points,
+            moment,
+            standard,
+            resolution,
+            stated,
+            measured_by=measured_by,
+            place=place,
+            manufacturer=manufacturer,
+            model=transducer_model,
+            reference_model=reference_model,
+            laboratory=reference_laboratory,
+        )
+    found = _evaluate(evaluable, resolution, stated, model)
+    if report:
+        from torquebench.reports.evaluation_report import static_page
+
+        shown = points if evaluable.data is None else evaluable.data
+        torque = None if model is None else _compensated(model, shown)
+        page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable)
+        write_reports(page, report)
+    content = {
+        "profile": {"name": chosen.name, "sha256": chosen.sha256},
+        "data_sha256": points.sha256(),
+        "deviations": list(deviations),
+        "steps_of_profile": evaluable.of_profile,
+        "left_out": list(evaluable.remarks),
+        "results": found,
+    }
+    answer(points=len(points), range_nm=points.range_nm, **content)
+    if result is not None:
+        from torquebench.atomic_write import atomic_write
+        from torquebench.records import json_text
+
+        atomic_write(result, json_text(content, indent=2) + "\n")
+        say_file("Every number", result)
+    if circumstances is not None:
+        _register(records, data, points, chosen, circumstances, model)
+    if any(each.consequence == "refuse" for each in deviations):
+        warn("the profile refuses a certificate for this calibration")
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _person(folder: Path, name: str) -> str:
+    """Return the laboratory's spelling of who measured, before any work is done."""
+    if not name:
+        return ""
+    from torquebench.reports.certificate import kept_letterhead, person_among
+
+    return person_among(name, kept_letterhead(folder).people)
+
+
+def _circumstances(
+    points: CalibrationData,
+    performed: datetime,
+    standard: ReferenceStandard,
+    resolution_nm: float,
+    uncertainty: CertifiedUncertainty | float,
+    *,
+    measured_by: str,
+    place: str,
+    manufacturer: str,
+    model: str,
+    reference_model: str,
+    laboratory: str,
+) -> ExternalCalibration:
+    """Return what is registered with a table, before it is evaluated."""
+    from torquebench.campaign.external_calibration import (
+        ExternalCalibration,
+        check_circumstances,
+    )
+    from torquebench.records import Equipment, Report
+
+    circumstances = ExternalCalibration(
+        performed=performed,
+        measured_by=measured_by,
+        place=place,
+        transducer=Equipment(
+            "transducer", points.transducer_serial, manufacturer, model, points.range_nm
+        ),
+        indicator=points.counter_identity,
+        reference=Report(
+            "calibrator",
+            standard.serial,
+            standard.certificate_number,
+            laboratory=laboratory,
+            due=standard.due,
+        ),
+        reference_model=reference_model,
+        resolution_nm=resolution_nm,
+        reference_uncertainty=uncertainty,
+    )
+    check_circumstances(circumstances)
+    return circumstances
+
+
+def _reference(
+    stated: str | None, points: CalibrationData, source: str
+) -> CertifiedUncertainty | float:
+    """Return the standard's U (k = 2): % of the torque, or over the torque."""
+    from torquebench.campaign.chains import remark_another_standard
+
+    if stated is None:
+        if points.reference is None:
+            raise InputError(
+                Message("{source} without U of the standard", source),
+                "a table with a comment reference_uncertainty, or the option",
+                "give --reference-uncertainty",
+            )
+        return points.reference.certified
+    from torquebench.uncertainty import CertifiedUncertainty
+
+    given = _given(stated, points)
+    certified = CertifiedUncertainty.of_torque(1e-2 * given) if isinstance(given, float) else given
+    remark_another_standard(points, certified, source, warn)
+    return given
+
+
+def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float:
+    """Return U as the option states it."""
+    number, _, of = stated.strip().partition(" of ")
+    try:
+        percent = float(number.rstrip("% "))
+    except ValueError:
+        of = ""
+    if of != "torque":
+        option = "--reference-uncertainty"
+        certified = stated_reference(stated, points.range_nm, points.side, option=option)
+        assert certified is not None
+        return certified
+    if not 0.0 <= percent <= 10.0:
+        raise InputError(
+            Message("--reference-uncertainty {stated}", stated), "0 to 10 % of the torque"
+        )
+    return percent
+
+
+def _evaluate(
+    points: EvaluablePoints,
+    resolution_nm: float,
+    reference: CertifiedUncertainty | float,
+    model: Path | None,
+) -> CalibrationResults | None:
+    """Evaluate and print; the resolution is in N·m, a reference's U as a number in % of torque."""
+    from torquebench.calibration import calibration_results
+    from torquebench.reports.evaluation_report import own_steps_words
+    from torquebench.uncertainty import CertifiedUncertainty
+
+    for remark in points.remarks:
+        warn(remark)
+    if points.data is None:
+        return None
+    for words in own_steps_words(points):
+        say(f"evaluated by {words}")
+    if isinstance(reference, float):
+        reference = CertifiedUncertainty.of_torque(1e-2 * reference)
+    results = calibration_results(
+        points.data,
+        resolution_nm=resolution_nm,
+        reference=reference,
+        torque_nm=None if model is None else _compensated(model, points.data),
+    )
+    _print_results(results)
+    return results
+
+
+def _register(
+    folder: Path,
+    table: Path,
+    points: CalibrationData,
+    profile: Profile,
+    circumstances: ExternalCalibration,
+    model: Path | None,
+) -> None:
+    from torquebench.campaign.external_calibration import register_table
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.records import Registry
+
+    with Registry.open(folder) as registry:
+        entered = register_table(
+            registry, table, points, profile, circumstances, operator=operator_name(), model=model
+        )
+    say(f"Entered as calibration-{entered.calibration.calibration_id}.")
+    if entered.model is not None:
+        say(f"Compensation: model-{entered.model.model_id}.")
+    say(f"Run: {entered.run_id}")
+    answer(
+        calibration=f"calibration-{entered.calibration.calibration_id}",
+        model=None if entered.model is None else f"model-{entered.model.model_id}",
+        run=entered.run_id,
+    )
+
+
+def _compensated(file: Path, points: CalibrationData) -> Any:
+    from torquebench.chain import load_chain
+
+    return load_chain(file).torque(points.readings()).value_nm
+
+
+def _print_heading(points: CalibrationData, profile: Profile) -> None:
+    simulated = " - simulated" if points.simulated else ""
+    chain = f", transducer {points.transducer_serial}" if points.transducer_serial else ""
+    say(f"[bold]{len(points)} points, {points.range_nm:g} N·m{escape(chain)}{simulated}[/bold]")
+    checked = "" if profile.verified else ", not checked against a licensed text"
+    say(f"profile {escape(profile.name)} (SHA-256 {profile.sha256[:12]}…{checked})")
+
+
+def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
+    if not deviations:
+        say("kept: no deviation from the profile")
+        return
+    table = narrow_table("Deviations from the profile, and their consequence for the certificate")
+    table.show_header = False
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    for each in deviations:
+        refused = each.consequence == "refuse"
+        table.add_row("[red]refused[/red]" if refused else "stated", escape(each.found))
+        table.add_row("", f"allowed: {escape(each.allowed)}", style="dim")
+        table.add_row("", f"clause {escape(each.clause)}", style="dim")
+    out().print(table)
+
+
+def _print_results(results: CalibrationResults) -> None:
+    from torquebench.reports.evaluation_report import QUANTITIES
+
+    for direction in results.directions:
+        _print_direction(direction)
+    say(QUANTITIES)
+    for title, zero in (("before", results.zero_before), ("after", results.zero_after)):
+        if zero is not None:
+            say(
+                f"zero hysteresis {title} compensation: {zero.worst_nm:.4g} N·m at worst "
+                f"({zero.worst_percent_fs:.3g} % FS) over {zero.cycles} cycles"
+            )
+
+
+def _print_direction(direction: DirectionResults) -> None:
+    sides = [("before", direction.before)]
+    if direction.after is not None:
+        sides.append(("after", direction.after))
+    for title, side in sides:
+        heading = f"{direction.name}, {title} compensation, % of reading"
+        out().print(Text(heading, style="bold"))
+        out().print(_quantities(side.evaluation))
+        found = side.classification
+        if found is None:
+            say(f"no class: {side.unclassified}")
+        elif found.whole_range is not None:
+            say(f"class {found.whole_range:g} over the whole range")
+        else:
+            starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
+            words = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts)
+            say(f"class {words}" if words else "within no class")
+
+
+def _quantities(evaluation: StaticEvaluation) -> Any:
+    """Return the table of all quantities, one line a step."""
+    from torquebench.reports.evaluation_report import residual_zero, static_quantities
+
+    table = narrow_table()
+    header, rows = static_quantities(evaluation)
+    for name in header:
+        table.add_column(name, justify="right")
+    for row in rows:
+        table.add_row(*row)
+    table.caption = residual_zero(evaluation)
+    return table
+
+
+for command in (
+    dynamics,
+    lubrication,
+    hysteresis,
+    friction,
+    no_load,
+    breakaway,
+    transmission_error,
+    efficiency,
+):
+    app.command()(command)

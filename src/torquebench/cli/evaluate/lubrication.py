@@ -1,0 +1,48 @@
+"""`torquebench evaluate lubrication`: the drag's factor by the present lubricant."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from torquebench.cli.options import ColumnOption, check_output
+from torquebench.cli.terminal.console import answer, say, say_file
+
+__all__ = ["lubrication"]
+
+
+def lubrication(
+    run: Annotated[Path, typer.Argument(help="Table of an empty run with the present lubricant.")],
+    model: Annotated[Path, typer.Option(help="The chain, fitted with empty runs.")],
+    result: Annotated[Path, typer.Option("--out", help="The chain's new file.")],
+    lubricant: Annotated[
+        str, typer.Option(help="Type, amount and hours of the lubricant, for the record.")
+    ] = "",
+    column: ColumnOption = None,
+) -> None:
+    """Find the factor on the bearings' drag by the present lubricant.
+
+    The empty run goes over the working speeds in both directions. The new file is the same chain
+    with that factor; its U contains how far single speeds deviate from it. A run that doesn't show
+    the factor is refused.
+    """
+    check_output(result, run, model, endings=(".json",))
+    from torquebench.chain import MeasuringChain, identify_lubrication
+    from torquebench.compensation import load_model, save_model
+    from torquebench.records import read_empty_run
+
+    stored = load_model(model)
+    chain = MeasuringChain.of(stored)
+    found = identify_lubrication(chain.stored, read_empty_run(run, column or ()), lubricant)
+    renewed = chain.with_effects([found])
+    save_model(
+        result,
+        replace(stored, provenance=replace(stored.provenance, effects=renewed.specification())),
+    )
+    value, u = found.lubrication, 2.0 * found.lubrication_uncertainty
+    say(f"Drag of the bearings: {value:.3g} times that of the chain's empty runs, U = {u:.2g}")
+    answer(factor={"value": value, "expanded_uncertainty": u, "unit": ""}, record=found.record)
+    say_file("Chain", result)

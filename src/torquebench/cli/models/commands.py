@@ -1,0 +1,559 @@
+"""`torquebench fit`, `apply` and `verify`: fit, apply and verify compensation models."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.chain_words import tell_missing
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.models.parameters import ParameterOption, model_parameters
+from torquebench.cli.options import (
+    ColumnOption,
+    RangeOption,
+    ReferenceOption,
+    WithoutOption,
+    check_output,
+    stated_reference,
+)
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
+from torquebench.cli.terminal.console import answer, out, say, say_file, warn, write_contradictions
+from torquebench.errors import InputError, ModelMismatchError
+from torquebench.message import Message
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from torquebench.calibration import CalibrationData
+    from torquebench.campaign.results import FitResult
+    from torquebench.chain import Effect, MeasuringChain, Readings, Torque
+    from torquebench.compensation import StoredModel
+    from torquebench.records import ReadingsTable
+
+__all__ = ["apply", "fit", "verify", "write_verification"]
+
+ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
+SOURCES_TOLERANCE_PERCENT_FS = 0.1
+DEFAULT_KIND = "hybrid"
+
+
+class Outliers(StrEnum):
+    """What happens to an outlier."""
+
+    DOWNWEIGHT = "downweight"
+    REFUSE = "refuse"
+    KEEP = "keep"
+
+
+def fit(
+    data: Annotated[
+        list[Path],
+        typer.Argument(
+            help="Tables (CSV, Excel, TDMS, …) with reading_nm and standard_nm: one calibration, "
+            "or several of one chain at other temperatures and speeds."
+        ),
+    ],
+    range_nm: RangeOption = None,
+    model: Annotated[
+        str | None,
+        typer.Option(help="Kind of model; `hybrid` by default."),
+    ] = None,
+    parameter: ParameterOption = None,
+    compare: Annotated[
+        bool,
+        typer.Option("--compare", help="Compare all kinds of model; that takes a while."),
+    ] = False,
+    result: Annotated[Path, typer.Option("--out", help="The model file to write.")] = Path(
+        "model.json"
+    ),
+    report: ReportOption = None,
+    one_direction: Annotated[
+        bool,
+        typer.Option("--one-direction", help="The chain is loaded in one direction only."),
+    ] = False,
+    outliers: Annotated[
+        Outliers, typer.Option(help="Treatment of outliers, which are always named.")
+    ] = Outliers.DOWNWEIGHT,
+    empty: Annotated[
+        list[Path] | None,
+        typer.Option(
+            help="A table of an empty run: time_s, reading_nm, speed_rpm, temperature_c. "
+            "May be repeated, for runs at other temperatures."
+        ),
+    ] = None,
+    dynamics: Annotated[
+        Path | None, typer.Option(help="A file of `evaluate dynamics`, as an effect of the chain.")
+    ] = None,
+    without: WithoutOption = None,
+    column: ColumnOption = None,
+    serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
+    counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
+    reference: ReferenceOption = None,
+    profile: Annotated[
+        str, typer.Option(help="Profile with the limits of the plausibility checks.")
+    ] = "rapid-in-situ",
+    accept: Annotated[
+        str,
+        typer.Option(
+            metavar="REASON", help="Why a calibration that contradicts itself is used; with --by."
+        ),
+    ] = "",
+    by: Annotated[str, typer.Option(metavar="NAME", help="Who decides so.")] = "",
+) -> None:
+    """Fit a compensation model to a calibration.
+
+    The default model averages over all effects that the chain may have, including a plain straight
+    line or quadratic. With --empty, temperature, rotation and inertia are identified, too, from
+    runs with nothing mounted and from points at other temperatures and speeds. --compare compares
+    it with all other kinds by cross-validation over steps; --model selects another kind. The
+    options that state uncertainties enter U of every torque; `budget` lists what is missing. U of
+    the standard is that of the tables' comments, as `turn` and `export` write it, unless
+    --reference states another.
+    --dynamics makes the inverse filter part of the chain, in files and live. If the points
+    contradict each other, the exit code is 1 and the model file is marked.
+    """
+    from torquebench.calibration import load_profile
+    from torquebench.compensation import check_kind
+    from torquebench.records import read_calibration_csv, read_empty_run
+    from torquebench.records.tables.readings import maps_one
+
+    inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
+    check_output(result, *inputs, endings=(".json",))
+    check_reports(report)
+    if model is not None:
+        check_kind(model)
+    parameters = model_parameters(model or DEFAULT_KIND, parameter)
+    if bool(accept.strip()) != bool(by.strip()):
+        raise InputError(
+            "a decision without a name" if accept.strip() else "a name without a decision",
+            "both: the name of the person who uses the model, and the reason",
+            "give --accept REASON --by NAME",
+        )
+    limits = load_profile(profile).plausibility
+    others = [*data, *(empty or ())]
+    tables = {
+        file.name: read_calibration_csv(
+            file,
+            range_nm=range_nm,
+            both_directions=not one_direction and len(data) == 1,
+            transducer_serial=serial,
+            counter_identity=counter,
+            remark=warn,
+            mapping=maps_one(column or (), file, [each for each in others if each != file]),
+        )
+        for file in data
+    }
+    runs = [read_empty_run(file, column or ()) for file in empty or ()]
+
+    from torquebench.campaign.chains import mounting_effect, reference_effect
+    from torquebench.campaign.fitting import fit_table, store_model, table_metrics
+    from torquebench.campaign.turning import identify_turning, joined_tables
+    from torquebench.chain import SwitchedOff
+    from torquebench.cli.tables import effects_table
+    from torquebench.cli.terminal.progress import TerminalProgress
+    from torquebench.compensation import RECOMMENDED
+
+    points = joined_tables(tables, warn)
+    certified = stated_reference(reference, points.range_nm, points.side)
+    standard = reference_effect(points, certified, ", ".join(tables), warn)
+    off: tuple[Effect, ...] = ()
+    if without:
+        off = (SwitchedOff.of("stated with the fit", *without),)
+    if dynamics is not None:
+        from torquebench.campaign.dynamics import load_dynamics
+
+        off = (load_dynamics(dynamics), *off)
+    with TerminalProgress() as progress:
+        turning = identify_turning(points, runs, progress)
+        fitted = fit_table(
+            turning.points,
+            ", ".join(file.name for file in data),
+            model or RECOMMENDED,
+            progress,
+            outliers.value,
+            compared=compare,
+            limits=limits,
+            parameters=parameters,
+        )
+    for remark in (*turning.remarks, *fitted.remarks):
+        warn(remark)
+    _print_fit(fitted)
+    if turning.effects:
+        out().print(effects_table(turning.effects, points.range_nm))
+    store_model(
+        result,
+        fitted.model,
+        points,
+        table_metrics(fitted),
+        (
+            *turning.effects,
+            *standard,
+            *mounting_effect(turning.points),
+            *off,
+        ),
+        fitted.contradictions,
+        accepted=f"{by.strip()}: {accept.strip()}" if by and fitted.contradictions else "",
+    )
+    say_file("Model", result)
+    if report:  # imported only now: drawing takes a third of the time
+        from torquebench.reports.fit_report import fit_page
+        from torquebench.reports.turning_report import identified_section
+
+        page = fit_page(fitted)
+        if turning.effects:
+            section = identified_section(turning.effects, turning.remarks, points.range_nm)
+            page = replace(page, sections=[*page.sections, section])
+        write_reports(page, report)
+    if fitted.contradictions:
+        write_contradictions(
+            fitted.contradictions,
+            f"accepted by {by}: {accept}"
+            if by
+            else "find the cause and measure again, or override this with a name and a reason: "
+            "--accept REASON --by NAME",
+        )
+        if not by:
+            raise typer.Exit(CHECK_FAILED)
+
+
+def _print_fit(fitted: FitResult) -> None:
+    """Print the comparison, if any, and the errors before and after."""
+    from torquebench.cli.tables import comparison_table, error_blocks
+
+    data, comparison, noise = fitted.data, fitted.comparison, fitted.noise
+    simulated = " - simulated" if data.simulated else ""
+    heading = f"{fitted.source}: {len(data)} points, {data.range_nm:g} N·m{simulated}"
+    say(f"[bold]{escape(heading)}[/bold]")
+    if comparison is not None:
+        out().print(comparison_table(comparison, fitted.name))
+        for name, reason in comparison.refused.items():
+            warn(f"{name} refused the points: {reason}")
+    if noise is not None:
+        say(f"scatter of repeated points: {noise.standard_deviation_nm:.3g} N·m")
+    reason = "" if comparison is None else f" ({comparison.score(fitted.name).reason})"
+    say(f"model: [bold]{fitted.title}[/bold]{reason}")
+    rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
+    for part in error_blocks([("on the points that it was fitted to", rows)]):
+        out().print(part)
+    answer(
+        points=len(data),
+        range_nm=data.range_nm,
+        simulated=data.simulated,
+        kind=fitted.name,
+        title=fitted.title,
+        raw=fitted.raw,
+        fitted=fitted.fitted,
+        scatter_nm=None if noise is None else noise.standard_deviation_nm,
+        contradictions=fitted.contradictions,
+    )
+    if comparison is not None:
+        answer(comparison=comparison.scores)
+
+
+def apply(
+    model: ModelArgument,
+    readings: Annotated[
+        Path, typer.Argument(help="A table (CSV, Parquet, TDMS, …) with reading_nm; - reads CSV.")
+    ],
+    result: Annotated[Path, typer.Option("--out", help="The CSV or Parquet file to write.")],
+    column: ColumnOption = None,
+    zero_age: Annotated[
+        float | None, typer.Option(min=0, help="Hours since the zero was taken.")
+    ] = None,
+    zero_temperature: Annotated[
+        float | None, typer.Option(help="Temperature of the transducer at zeroing, °C.")
+    ] = None,
+    dynamics: Annotated[
+        Path | None,
+        typer.Option(help="A file of `evaluate dynamics`, for quick torques; rows at its rate."),
+    ] = None,
+    without: WithoutOption = None,
+) -> None:
+    """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
+
+    U is that of the torque by the whole measuring chain; `budget` shows its contributions. The
+    columns branch, speed_rpm, temperature_c and standard_error_nm are used if they exist: a
+    quantity that isn't measured increases U by its possible effect on this chain. A file with
+    time_s is one record in time order: without a column acceleration_rad_s2 the acceleration is
+    computed from the speed, and without a column branch the branch from the earlier readings.
+    Rows are single readings, unless a comment states "# window_s = 0.5", or "# steady = true" for
+    steady means as in a calibration.
+    """
+    from torquebench.compensation import load_model
+    from torquebench.records.tables.formats import check_read, check_written
+
+    check_output(result, model, readings, *([] if dynamics is None else [dynamics]))
+    check_read(readings)
+    check_written(result)
+    stored = load_model(model)
+    _warn_of_contradictions(stored)
+
+    from torquebench.chain import MeasuringChain, RecordedStream, SwitchedOff
+    from torquebench.cli.terminal.progress import TerminalProgress
+    from torquebench.records.streams.readings_stream import compensate_file
+
+    chain = MeasuringChain.of(stored)
+    filtering = None
+    if dynamics is not None:
+        from torquebench.campaign.dynamics import load_dynamics
+
+        filtering = load_dynamics(dynamics)
+        chain = chain.with_effects([filtering])
+    if without:
+        chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
+    stream = RecordedStream(chain)
+    unmeasured: dict[str, None] = {}
+
+    def known(table: ReadingsTable) -> Readings:
+        return table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
+
+    def columns(known: Readings, torque: Torque) -> tuple[NDArray[np.float64], ...]:
+        unmeasured.update(dict.fromkeys(chain.unmeasured(known)))
+        return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
+
+    def compensate(table: ReadingsTable) -> tuple[NDArray[np.float64], ...]:
+        block = known(table)
+        if filtering is not None:
+            filtering.check_rate(block.time_s)
+        return columns(block, chain.torque(block, table.place))
+
+    def follow(
+        table: ReadingsTable, following: ReadingsTable | None
+    ) -> tuple[NDArray[np.float64], ...]:
+        block = known(table)
+        if filtering is not None:
+            filtering.check_rate(block.time_s)
+        torque = stream.torque(block, None if following is None else known(following))
+        if not torque.has_number.all():
+            chain.refuse(block, table.place)
+        return columns(stream.completed_last, torque)
+
+    with TerminalProgress() as progress:
+        done = compensate_file(
+            readings,
+            result,
+            compensate,
+            timed=follow,
+            mapping=column or (),
+            progress=progress,
+        )
+    simulated = " (simulated)" if done.simulated else ""
+    say(f"{done.rows} readings compensated{simulated}")
+    say(
+        f"additional torque {done.lowest_nm:.4g} to {done.highest_nm:.4g} N·m, "
+        f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
+    )
+    say_file("Torque", result)
+    answer(
+        rows=done.rows,
+        simulated=done.simulated,
+        lowest_nm=done.lowest_nm,
+        highest_nm=done.highest_nm,
+        largest_uncertainty_nm=done.largest_uncertainty_nm,
+        unmeasured=list(unmeasured),
+    )
+    if filtering is not None:
+        say(
+            f"each torque belongs to the time of its row; the filter uses readings up to "
+            f"{1e3 * filtering.delay_s:.4g} ms later"
+        )
+    if unmeasured:
+        say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
+    tell_missing(chain.missing())
+
+
+def verify(
+    model: ModelArgument,
+    data: Annotated[
+        Path, typer.Argument(help="A table with reading_nm and standard_nm; series = group.")
+    ],
+    tolerance: Annotated[
+        float,
+        typer.Option(min=0, help="Largest allowed error of a single reading, % of full scale."),
+    ] = SOURCES_TOLERANCE_PERCENT_FS,
+    column: ColumnOption = None,
+    zero_temperature: Annotated[
+        float | None, typer.Option(help="Temperature at which the points' zero was taken, °C.")
+    ] = None,
+    without: WithoutOption = None,
+    others: Annotated[
+        list[Path] | None,
+        typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
+    ] = None,
+    report: ReportOption = None,
+) -> None:
+    """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
+
+    Every series of the table is a group. --with shows other models beside it; the verdict is that
+    of MODEL. Points of a chain with empty runs may be at any speed and temperature within its
+    measured range; their zero is that of the calibration unless --zero-temperature states another.
+    """
+    from torquebench.compensation import load_model
+    from torquebench.records import read_calibration_csv
+
+    check_reports(report)
+    stored = load_model(model)
+    compared = {f"model {path.stem}": load_model(path) for path in others or []}
+    points = read_calibration_csv(data, range_nm=stored.provenance.range_nm, mapping=column or ())
+    for each in (stored, *compared.values()):
+        _check_chain(each, points)
+    _warn_of_contradictions(stored)
+
+    from torquebench.calibration import verify as verify_models
+    from torquebench.chain import MeasuringChain, SwitchedOff
+    from torquebench.cli.tables import cells_table, error_blocks
+
+    chains = {name: MeasuringChain.of(each) for name, each in {"model": stored, **compared}.items()}
+    if without:
+        off = SwitchedOff.of("stated with verify", *without)
+        chains = {name: each.with_effects([off]) for name, each in chains.items()}
+    torques = {name: _torque(each, points, zero_temperature) for name, each in chains.items()}
+    chain, torque = chains["model"], torques["model"]
+    result = verify_models(points, chains, torques)
+    title = _title(stored)
+    raw, compensated, *beside = result.models
+    rows = (
+        ("raw reading", raw),
+        (f"*{title}", compensated),
+        *(
+            (f"{each.name.removeprefix('model ')}: {_title(compared[each.name])}", each)
+            for each in beside
+        ),
+    )
+    simulated = " - simulated" if result.simulated else ""
+    say(
+        f"[bold]{result.points} readings in {result.groups} group"
+        f"{'s' if result.groups > 1 else ''}, range {result.range_nm:g} N·m{simulated}[/bold]"
+    )
+    blocks = [
+        ("against the standard", [(name, found.against_standard) for name, found in rows]),
+        (
+            "against the true torque",
+            [(name, found.against_truth) for name, found in rows if found.against_truth],
+        ),
+        (
+            "averaged over the groups",
+            [(name, found.averaged) for name, found in rows if found.averaged],
+        ),
+    ]
+    for part in error_blocks(blocks):
+        out().print(part)
+    if compensated.repeatability is not None:
+        found = compensated.repeatability
+        say(
+            f"repeatability over the groups: {found.pooled_nm:.3g} N·m "
+            f"({found.pooled_percent_fs:.3g} % FS)"
+        )
+    say(f"U (k = 2) of these torques up to {compensated.expanded_uncertainty_nm:.3g} N·m")
+    tell_missing(chain.missing())
+    if chain.turns:
+        out().print(cells_table(points, torque))
+        from torquebench.calibration import cells
+
+        answer(cells=cells(points, torque))
+    titles = [name.removeprefix("*") for name, _ in rows[1:]]
+    write_verification(
+        points,
+        dict(zip(titles, torques.values(), strict=True)),
+        (("Points", data.name), ("Model", model.name)),
+        tolerance,
+        report or [],
+        torque if chain.turns else None,
+    )
+    worst = compensated.against_standard.worst_percent_fs
+    passed = worst <= tolerance
+    answer(
+        range_nm=result.range_nm,
+        groups=result.groups,
+        points=result.points,
+        simulated=result.simulated,
+        models=result.models,
+        tolerance_percent_fs=tolerance,
+        passed=passed,
+        not_in_u=list(chain.missing()),
+    )
+    verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
+    say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
+    if not passed:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _torque(
+    chain: MeasuringChain, points: CalibrationData, zero_temperature: float | None
+) -> Torque:
+    """Return a chain's torque at points, including points at speed."""
+    readings = points.readings(
+        zero_temperature_c=zero_temperature, zeroed_each_series=not chain.turns
+    )
+    return chain.torque(readings)
+
+
+def write_verification(
+    points: CalibrationData,
+    torques: Mapping[str, Torque],
+    facts: Sequence[tuple[str, str]],
+    tolerance: float,
+    reports: Sequence[Path],
+    turning: Torque | None = None,
+) -> None:
+    """Write the reports; for a rotating chain with errors over speed and temperature."""
+    if not reports:
+        return
+    from torquebench.reports.verification_report import Verified, verification_page
+
+    verified = [
+        Verified("raw reading", points.reading_nm),
+        *(Verified(title, torque.value_nm) for title, torque in torques.items()),
+    ]
+    page = verification_page(points, verified, facts, tolerance)
+    if turning is not None:
+        from torquebench.reports.turning_report import turning_section
+
+        page = replace(page, sections=[*page.sections, turning_section(points, turning, tolerance)])
+    write_reports(page, reports)
+
+
+def _title(stored: StoredModel) -> str:
+    from torquebench.campaign.fitting import model_title
+
+    return model_title(stored.model.kind, stored.model.kind_parameters)
+
+
+def _warn_of_contradictions(stored: StoredModel) -> None:
+    made = stored.provenance
+    if made.contradictions:
+        accepted = f" Accepted by {made.accepted}." if made.accepted else ""
+        warn(
+            f"the calibration of this model contradicts itself: {' '.join(made.contradictions)}"
+            f"{accepted}"
+        )
+
+
+def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
+    """Refuse points of another chain, and mark those that the model was fitted to."""
+    made_with = stored.provenance
+    for what, present, wanted in (
+        ("transducer", points.transducer_serial, made_with.transducer_serial),
+        ("counter", points.counter_identity, made_with.counter_identity),
+    ):
+        if present and wanted and present != wanted:
+            raise ModelMismatchError(
+                Message(
+                    "points of {what} {present!r}, model of {what} {wanted!r}",
+                    what,
+                    present,
+                    wanted,
+                ),
+                Message("points of the {what} that was calibrated", what),
+                "take the model of this chain, or calibrate it",
+            )
+    if points.sha256() == made_with.training_data_sha256:
+        warn("these are the points that the model was fitted to: this is no verification")

@@ -1,0 +1,211 @@
+"""`torquebench export` and `budget`: a model's table for other programs, and its budget."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.options import ReferenceOption, check_output, stated_reference
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
+
+if TYPE_CHECKING:
+    from torquebench.uncertainty import Budget
+
+__all__ = ["budget", "export"]
+
+ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
+
+
+class Branch(StrEnum):
+    """Branch of a reading."""
+
+    UP = "up"
+    DOWN = "down"
+    UNKNOWN = "unknown"
+
+
+_SIGNS = {Branch.UP: 1, Branch.DOWN: -1, Branch.UNKNOWN: 0}
+
+
+def export(
+    model: ModelArgument,
+    result: Annotated[
+        Path, typer.Option("--out", help="The file to write: NAME.csv, NAME.h or NAME.onnx.")
+    ],
+    decimal_comma: Annotated[
+        bool, typer.Option("--decimal-comma", help="CSV with decimal commas and semicolons.")
+    ] = False,
+    no_uncertainty: Annotated[
+        bool, typer.Option("--no-uncertainty", help="Leave the uncertainty out.")
+    ] = False,
+) -> None:
+    """Compile a model to a table for other programs: CSV, C header or ONNX.
+
+    The file states its largest deviation from the model.
+    """
+    from torquebench.compensation import load_model
+    from torquebench.compensation.export.formats import check_export
+
+    check_output(result, model)
+    check_export(result, decimal_comma=decimal_comma)
+    stored = load_model(model)
+
+    from torquebench.chain import MeasuringChain
+    from torquebench.compensation import compile_table, export_table
+
+    if MeasuringChain.of(stored).turns:
+        warn("the table is the static curve alone: temperature, rotation and inertia aren't in it")
+
+    table = compile_table(stored.model, uncertainty=not no_uncertainty)
+    export_table(result, table, stored.provenance, decimal_comma=decimal_comma)
+    degree = {1: "linear", 3: "cubic"}[table.curve.degree]
+    branches = "each branch" if table.curve.branch_aware else "any branch"
+    say(
+        f"{escape(str(result))}: {table.curve.intervals} {degree} intervals for {branches}, "
+        f"{table.reading_low_nm:g} to {table.reading_high_nm:g} N·m"
+    )
+    answer(
+        intervals=table.curve.intervals,
+        degree=table.curve.degree,
+        branch_aware=table.curve.branch_aware,
+        low_nm=table.reading_low_nm,
+        high_nm=table.reading_high_nm,
+        largest_deviation_nm=table.bound_nm,
+        files=[str(result)],
+    )
+    percent = 100.0 * table.bound_nm / table.full_scale_nm
+    say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
+    if no_uncertainty or not table.curve.branch_aware:
+        return
+    say("branch: +1 if the magnitude of the torque increases, -1 if it decreases, 0 if unknown")
+
+
+def budget(
+    model: ModelArgument,
+    reading: Annotated[list[float], typer.Option(help="A reading in N·m; may be repeated.")],
+    branch: Annotated[Branch, typer.Option(help="Branch of the reading.")] = Branch.UNKNOWN,
+    reference: ReferenceOption = None,
+    span_temperature: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
+    ] = None,
+    zero_temperature: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
+    ] = None,
+    temperature_change: Annotated[
+        float | None, typer.Option(help="K since calibration and zeroing.")
+    ] = None,
+    speed: Annotated[float | None, typer.Option(help="Speed of the shaft, 1/min.")] = None,
+    drift: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
+    ] = None,
+    age_days: Annotated[
+        float | None, typer.Option(min=0, help="Days since the calibration.")
+    ] = None,
+    zero: Annotated[
+        float | None, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
+    ] = None,
+    zero_age: Annotated[
+        float | None, typer.Option(min=0, help="Hours since the zero was taken.")
+    ] = None,
+    averaged: Annotated[
+        float, typer.Option(min=1, help="Number of separate loadings in the mean.")
+    ] = 1.0,
+    seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
+) -> None:
+    """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
+
+    It is the U that `apply`, `measure`, the panel and certificates state. Limits given as options
+    replace those in the model's file; a condition that isn't given enters with its possible range.
+    Both methods are compared by the criterion of JCGM 101, clause 8. If they differ, state the
+    larger of the two intervals.
+    """
+    import numpy as np
+
+    from torquebench.compensation import load_model
+
+    stored = load_model(model)
+
+    from torquebench.campaign.chains import stated_effects
+    from torquebench.chain import MeasuredTemperature, MeasuringChain, Readings, Temperature
+    from torquebench.cli.chain_words import tell_missing
+
+    chain = MeasuringChain.of(stored)
+    chain = chain.with_effects(
+        stated_effects(
+            chain,
+            stored.provenance.range_nm,
+            reference=stated_reference(reference, stored.provenance.range_nm),
+            span_percent_per_10k=span_temperature,
+            zero_percent_per_10k=zero_temperature,
+            drift_percent_per_year=drift,
+            zero_nm=zero,
+        )
+    )
+    of_temperature = (Temperature, MeasuredTemperature)
+    calibrated = next((e.calibrated_c for e in chain.effects if isinstance(e, of_temperature)), 0.0)
+    warm = None if temperature_change is None else calibrated + temperature_change
+    torque = chain.torque(
+        Readings(
+            np.array(reading),
+            branch=np.full(len(reading), float(_SIGNS[branch])),
+            speed_rpm=speed,
+            temperature_c=warm,
+            zero_temperature_c=None if warm is None else calibrated,
+            zero_age_h=zero_age,
+            zero_nm=zero,
+            calibration_age_h=None if age_days is None else 24.0 * age_days,
+            loadings=averaged,
+        )
+    )
+    for row, value in enumerate(reading):
+        checked = torque.check(row, generator=np.random.default_rng(seed))
+        say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
+        _print_budget(checked.budget)
+        budgeted = {
+            "reading_nm": value,
+            "branch": branch,
+            "torque_nm": checked.budget.value,
+            "standard_uncertainty_nm": checked.budget.standard_uncertainty,
+            "coverage_factor": checked.budget.coverage_factor(),
+            "expanded_uncertainty_nm": checked.budget.expanded_uncertainty(),
+            "lines": checked.budget.lines,
+            "monte_carlo_low_nm": checked.monte_carlo.low,
+            "monte_carlo_high_nm": checked.monte_carlo.high,
+            "agrees": checked.agrees,
+        }
+        answer(readings=[budgeted])
+        (say if checked.agrees else warn)(checked.sentence())
+        if not checked.agrees:
+            found = checked.monte_carlo
+            percent = 100.0 * found.coverage_probability
+            say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
+    tell_missing(chain.missing())
+
+
+def _print_budget(found: Budget) -> None:
+    """Print the contributions, the largest first, and the result."""
+    table = narrow_table()
+    table.add_column("quantity", no_wrap=True)
+    for heading in ("u N·m", "distribution", "share"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for line in sorted(found.lines, key=lambda each: -each.contribution):
+        if line.contribution == 0.0:
+            continue
+        table.add_row(
+            line.name,
+            f"{line.contribution:.3g}",
+            str(line.distribution),
+            f"{100.0 * line.share:.1f} %",
+        )
+    out().print(table)
+    say(
+        f"torque {found.value:.7g} N·m, u = {found.standard_uncertainty:.3g} N·m, "
+        f"k = {found.coverage_factor():.2f}, "
+        f"[bold]U = {found.expanded_uncertainty():.2g} N·m[/bold]"
+    )
+    for caution in found.cautions:
+        warn(caution)

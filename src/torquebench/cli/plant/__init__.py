@@ -1,0 +1,1 @@
+"""`torquebench plant`: sending and asking in the registry of many benches."""

@@ -1,0 +1,380 @@
+"""`torquebench plant due`, `drift`, `specimens`, `capability`, `charts`, `outliers`, `compare`."""
+
+from __future__ import annotations
+
+from datetime import UTC, date, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.text import Text
+
+from torquebench.cli.options import moment_in_utc
+from torquebench.cli.plant.commands import PlantOption, app, opened
+from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
+from torquebench.errors import InputError
+
+if TYPE_CHECKING:
+    from torquebench.plant import Answer, SpecimenFilter
+
+__all__ = ["app", "show"]
+
+LISTED = 40
+"""Longer tables are printed only with `--out`."""
+
+OutOption = Annotated[
+    Path | None, typer.Option("--out", help="Write the whole table as .csv or .parquet.")
+]
+TypeArgument = Annotated[str, typer.Argument(help="Type, as the reducer's description names it.")]
+QuantityArgument = Annotated[str, typer.Argument(help="Key of the value, such as backlash_arcmin.")]
+BenchNumber = Annotated[int | None, typer.Option("--bench", help="Number of one bench.")]
+BatchOption = Annotated[str | None, typer.Option("--batch", help="One batch.")]
+SinceOption = Annotated[
+    datetime | None,
+    typer.Option("--since", parser=moment_in_utc, metavar="DAY", help="From this day on (UTC)."),
+]
+UntilOption = Annotated[
+    datetime | None,
+    typer.Option("--until", parser=moment_in_utc, metavar="DAY", help="Before this day (UTC)."),
+]
+BaseOption = Annotated[
+    int | None,
+    typer.Option(min=3, help="Number of first values from which the limits are computed."),
+]
+
+
+def show(found: Answer, path: Path | None) -> None:
+    """Print an answer within 80 columns, and write it where a file is named."""
+    facts = {name: _plain(value) for name, value in found.facts.items()}
+    answer(
+        title=found.title,
+        simulated=found.simulated,
+        rows=[{name: _plain(value) for name, value in row.items()} for row in found.rows()],
+        facts=facts,
+        notes=list(found.notes),
+    )
+    simulated = " - simulated" if found.simulated else ""
+    out().print(Text(f"{found.title}{simulated}", style="bold"))
+    rows = found.rows()
+    if rows:
+        kept = [name for name in found.columns if any(row[name] not in (None, "") for row in rows)]
+        table = narrow_table()
+        for name in kept:
+            numbers = any(isinstance(row[name], float | int) for row in rows)
+            title = _HEADINGS.get(name, name.replace("_", " "))
+            table.add_column(title, justify="right" if numbers else "left", overflow="fold")
+        for row in found.shown(LISTED):
+            table.add_row(*(Text(_short(row[name])) for name in kept))
+        out().print(table)
+        if len(rows) > LISTED:
+            which = "last" if found.in_time else "first"
+            note(f"the {which} {LISTED} of {len(rows)} rows; --out FILE.csv has all")
+    for name, value in found.facts.items():
+        out().print(Text(f"{name}: {_short(value)}"))
+    for said in found.notes:
+        say(said)
+    if path is not None:
+        found.write(path)
+        say_file("Table", path)
+
+
+_HEADINGS = {
+    "expanded_uncertainty": "U",
+    "standard_deviation": "s",
+    "span_error_percent": "span %",
+    "ewma_lower": "low",
+    "ewma_upper": "high",
+    "days_left": "days",
+    "specimens": "n",
+    "cp_low": "low",
+    "cp_high": "high",
+    "cpk_low": "low",
+    "cpk_high": "high",
+    "p_value": "p",
+}
+
+
+def _short(value: Any) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, datetime):
+        return f"{value.astimezone(UTC):%Y-%m-%d}"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return str(value)
+
+
+def _plain(value: Any) -> Any:
+    return value.isoformat() if isinstance(value, datetime | date) else value
+
+
+def _wanted(
+    specimen_type: str,
+    quantity: str,
+    bench: int | None,
+    batch: str | None,
+    since: datetime | None,
+    until: datetime | None,
+) -> SpecimenFilter:
+    from torquebench.plant import SpecimenFilter
+
+    return SpecimenFilter(specimen_type, quantity, bench, batch, since, until)
+
+
+@app.command("due")
+def due(
+    within: Annotated[int, typer.Option(min=0, help="How many days to look ahead.")] = 30,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """List transducers and standards that are due for calibration, with their places."""
+    from torquebench.plant import due as asked
+
+    with opened(plant, out_file) as found:
+        show(asked(found, within), out_file)
+
+
+@app.command("drift")
+def drift(
+    serial: Annotated[str | None, typer.Argument(help="Serial number of a transducer.")] = None,
+    kind: Annotated[
+        str | None,
+        typer.Option(
+            help="All transducers of this model instead, from the points of their calibrations."
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(min=1e-6, help="Tolerance of the span's drift, in % (zero: % of range)."),
+    ] = 0.1,
+    base: BaseOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show the drift of a transducer over time and all benches, or of one kind (`--kind`)."""
+    from torquebench.plant import drift as asked
+    from torquebench.plant import drift_of_kind
+
+    if (serial is None) == (kind is None):
+        raise InputError("a serial number and --kind, or neither", "one of them")
+    with opened(plant, out_file) as found:
+        if kind is not None:
+            show(drift_of_kind(found, kind), out_file)
+        else:
+            show(asked(found, serial or "", tolerance, base=base), out_file)
+
+
+@app.command("specimens")
+def specimens(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """List the values of a quantity of all specimens of a type, one row for each specimen."""
+    from torquebench.plant import specimens as asked
+
+    with opened(plant, out_file) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted), out_file)
+
+
+@app.command("capability")
+def capability(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    lower: Annotated[float | None, typer.Option(help="Lower limit, in the value's unit.")] = None,
+    upper: Annotated[float | None, typer.Option(help="Upper limit, in the value's unit.")] = None,
+    level: Annotated[
+        float, typer.Option(min=0.5, max=0.999, help="Confidence of the intervals.")
+    ] = 0.95,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show Cp and Cpk of a type with their intervals, over all benches and for each.
+
+    Limits are those of the latest test's data sheet, or are given here.
+    """
+    from torquebench.plant import capability as asked
+
+    with opened(plant, out_file) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted, lower=lower, upper=upper, level=level), out_file)
+
+
+@app.command("charts")
+def charts(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    base: BaseOption = None,
+    weight: Annotated[
+        float, typer.Option(min=0.01, max=1.0, help="EWMA: weight of the newest value.")
+    ] = 0.2,
+    width: Annotated[
+        float, typer.Option(min=0.1, help="EWMA: limits in standard deviations.")
+    ] = 2.9,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
+    from torquebench.plant import charts as asked
+
+    with opened(plant, out_file) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted, base=base, weight=weight, width=width), out_file)
+
+
+@app.command("outliers")
+def outliers(
+    specimen_type: TypeArgument,
+    quantity: QuantityArgument,
+    bench: BenchNumber = None,
+    batch: BatchOption = None,
+    since: SinceOption = None,
+    until: UntilOption = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Show outliers of a type: benches, batches and single specimens."""
+    from torquebench.plant import outliers as asked
+
+    with opened(plant, out_file) as found:
+        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
+        show(asked(found, wanted), out_file)
+
+
+@app.command("compare")
+def compare(
+    serial: Annotated[
+        str,
+        typer.Argument(help="Serial number of the specimen that was tested on several benches."),
+    ],
+    quantity: QuantityArgument,
+    reference: Annotated[int | None, typer.Option(help="Number of the reference bench.")] = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Compare benches by a specimen that all of them tested: E_n numbers.
+
+    Exit code 1 if a bench differs by more than the uncertainties (|E_n| above 1).
+    """
+    from torquebench.cli.failure import CHECK_FAILED
+    from torquebench.plant import compare as asked
+
+    with opened(plant, out_file) as found:
+        compared = asked(found, serial, quantity, reference=reference)
+    show(compared, out_file)
+    differing = [row["bench"] for row in compared.rows() if row["verdict"] != "agrees"]
+    if differing:
+        warn(f"|E_n| above 1: {', '.join(differing)}")
+        raise typer.Exit(CHECK_FAILED)
+
+
+@app.command("reevaluate")
+def reevaluate(
+    scheduler: Annotated[
+        str, typer.Option(help="serial, processes, or the address of a Dask cluster: tcp://…")
+    ] = "processes",
+    workers: Annotated[int | None, typer.Option(min=1, help="How many processes.")] = None,
+    kind: Annotated[
+        list[str] | None,
+        typer.Option(help="Only runs of calibrate, check, verify or test; repeat it."),
+    ] = None,
+    bench: BenchNumber = None,
+    label: Annotated[
+        str | None, typer.Option(help="Label of the results; the version by default.")
+    ] = None,
+    against: Annotated[
+        str | None,
+        typer.Option(help="Compare with this evaluation instead of the original results."),
+    ] = None,
+    limit: Annotated[
+        int | None, typer.Option(min=1, help="Largest number of runs to evaluate now.")
+    ] = None,
+    out_file: OutOption = None,
+    plant: PlantOption = "",
+) -> None:
+    """Refit and evaluate every recorded run with this version, and show the changes.
+
+    The results are stored in addition to the old ones. After an interruption, the command continues
+    where it stopped. The results don't depend on the scheduler. Exit code 1 if runs couldn't be
+    evaluated.
+    """
+    from torquebench import __version__
+    from torquebench.cli.failure import CHECK_FAILED
+    from torquebench.cli.terminal.progress import TerminalProgress
+    from torquebench.plant import differences
+    from torquebench.plant import reevaluate as again
+    from torquebench.plant.reevaluating import KINDS
+
+    name = label or __version__
+    with opened(plant, out_file) as found:
+        with TerminalProgress() as progress:
+            done = again(
+                found,
+                scheduler,
+                workers=workers,
+                label=name,
+                kinds=kind or KINDS,
+                bench=bench,
+                limit=limit,
+                progress=progress,
+            )
+        say(f"{done.done} runs evaluated now, {done.known} before, {done.problems} can't be")
+        show(differences(found, name, against), out_file)
+    if done.problems:
+        raise typer.Exit(CHECK_FAILED)
+
+
+@app.command("view")
+def view(
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
+    ] = "127.0.0.1",
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+    ] = 8090,
+    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None,
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
+    insecure_network: Annotated[
+        bool,
+        typer.Option("--insecure-network", help="Allow other machines without TLS."),
+    ] = False,
+    host_name: Annotated[
+        list[str] | None,
+        typer.Option(help="A further host name of this machine; may be repeated."),
+    ] = None,
+    password: Annotated[
+        str,
+        typer.Option(
+            envvar="TORQUEBENCH_VIEW_PASSWORD",
+            help="Password of the pages; required on other addresses than loopback.",
+        ),
+    ] = "",
+    plant: PlantOption = "",
+) -> None:
+    """Serve the plant's view in a browser; it needs no bench and only reads.
+
+    Use the URL of a reader (`plant add-reader`). Ctrl-C ends it.
+    """
+    from torquebench.panel.address import Address
+
+    names = tuple(host_name or ())
+    address = Address(host, port, tls_cert, tls_key, insecure_network, names)
+    address.check()
+    from torquebench.panel.plant_view import serve_plant_view
+
+    with opened(plant) as found:
+        serve_plant_view(found, address, password, lambda url: say(f"Plant: {url}"))

@@ -1,0 +1,1 @@
+"""`torquebench records`: list, show, check, back up and restore."""

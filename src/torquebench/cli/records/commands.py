@@ -1,0 +1,466 @@
+"""`torquebench records`: list and show measured, fitted and verified records."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.audit import audit
+from torquebench.cli.calibration_compare import compare
+from torquebench.cli.drift import drift
+from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
+from torquebench.cli.export import export
+from torquebench.cli.export_data import export_data
+from torquebench.cli.finish import discard, finish
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    HELP_MARKUP,
+    REGISTRY_FILE,
+    REGISTRY_URL,
+    DataOption,
+    data_directory,
+)
+from torquebench.cli.records.backup import backup, rebuild, restore
+from torquebench.cli.records.checks import amend, review, use, verify
+from torquebench.cli.recovered import tell_unfinished
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
+from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
+    from torquebench.records.runs.listing import RunLine
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="records",
+    help="List and show the registry's contents.",
+    rich_markup_mode=HELP_MARKUP,
+    no_args_is_help=True,
+)
+
+for command in (
+    verify,
+    review,
+    amend,
+    use,
+    backup,
+    restore,
+    rebuild,
+    export,
+    export_data,
+    compare,
+    drift,
+    audit,
+    equipment,
+    add_equipment,
+    add_certificate,
+    fit_part,
+    adjust,
+    finish,
+    discard,
+):
+    app.command()(command)
+
+
+class Kind(StrEnum):
+    """Kinds of lists."""
+
+    all = "all"
+    runs = "runs"
+    calibrations = "calibrations"
+    models = "models"
+    equipment = "equipment"
+
+
+@app.command("list")
+def list_records(
+    kind: Annotated[Kind, typer.Argument(help="What to list.")] = Kind.all,
+    limit: Annotated[
+        int, typer.Option(min=1, help="Largest number of rows of each kind, newest first.")
+    ] = 20,
+    everything: Annotated[bool, typer.Option("--all", help="All of them.")] = False,
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """List runs, calibrations, models and equipment, newest first."""
+    folder = data_directory(data)
+    answer(more=[])
+    limit = MOST_LISTED if everything else limit
+    if kind is Kind.runs and (runs := _runs_at_once(folder, limit + 1)) is not None:
+        _print_runs(runs, limit)
+        return
+    from torquebench.records import Registry, unfinished_runs
+
+    with Registry.open(folder) as registry:
+        wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
+        for number, item in enumerate(wanted):
+            if number:
+                say("")
+            _LISTS[item](registry, limit)
+        if Kind.runs in wanted:
+            tell_unfinished(list(unfinished_runs(registry)))
+
+
+def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
+    """Return the newest runs without opening the registry.
+
+    None if the registry isn't a file that torquebench wrote, or where a named run may be
+    unfinished.
+    """
+    if os.environ.get(REGISTRY_URL):
+        return None
+    from torquebench.records.runs.listing import maybe_unfinished, newest_runs
+
+    file = folder / REGISTRY_FILE
+    return None if maybe_unfinished(file) else newest_runs(file, limit)
+
+
+@app.command("show")
+def show_record(
+    name: Annotated[
+        str,
+        typer.Argument(help="A run's id or its beginning, `latest`, `model-3`, `calibration-2`."),
+    ],
+    data: DataOption = DEFAULT_DATA,
+) -> None:
+    """Show one record with its files checked against their hashes."""
+    from torquebench.records import Registry
+
+    with Registry.open(data_directory(data)) as registry:
+        kind, _, number = name.partition("-")
+        if kind == "model" and number.isdigit():
+            _show_model(registry, int(number))
+        elif kind == "calibration" and number.isdigit():
+            _show_calibration(registry, int(number))
+        else:
+            _show_run(_find_run(registry, name))
+
+
+def _list_runs(registry: Registry, limit: int) -> None:
+    _print_runs(registry.runs(limit=limit + 1), limit)
+
+
+def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
+    table = narrow_table("Runs")
+    for heading in ("run", "started (UTC)", "status", "bench"):
+        table.add_column(heading, overflow="fold")
+    answer(runs=[])
+    for run in runs[:limit]:
+        where = "simulated" if run.simulated else run.bench
+        table.add_row(run.run_id, _moment(run.started), run.status, where)
+        line = {
+            "run": run.run_id,
+            "started": run.started,
+            "status": run.status,
+            "bench": run.bench,
+            "simulated": run.simulated,
+        }
+        answer(runs=[line])
+    _print_list(table, Kind.runs, more=len(runs) > limit)
+
+
+def _list_calibrations(registry: Registry, limit: int) -> None:
+    table = narrow_table("Calibrations")
+    for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
+        table.add_column(heading, overflow="fold")
+    found = registry.calibrations(limit=limit + 1)
+    answer(calibrations=[])
+    for entry in found[:limit]:
+        table.add_row(
+            f"calibration-{entry.calibration_id}",
+            _moment(entry.performed),
+            entry.transducer_serial,
+            str(entry.points),
+            f"{entry.range_nm:g} N·m",
+            entry.profile_name,
+        )
+        line = {
+            "name": f"calibration-{entry.calibration_id}",
+            "performed": entry.performed,
+            "transducer": entry.transducer_serial,
+            "points": entry.points,
+            "range_nm": entry.range_nm,
+            "profile": entry.profile_name,
+            "simulated": entry.simulated,
+        }
+        answer(calibrations=[line])
+    _print_list(table, Kind.calibrations, more=len(found) > limit)
+
+
+def _list_models(registry: Registry, limit: int) -> None:
+    table = narrow_table("Models")
+    for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
+        table.add_column(heading, overflow="fold")
+    found = registry.models(limit=limit + 1)
+    answer(models=[])
+    for entry in found[:limit]:
+        in_use = _in_use(registry, entry)
+        table.add_row(
+            f"model-{entry.model_id}",
+            _moment(entry.created),
+            entry.kind,
+            entry.transducer_serial,
+            f"{entry.range_nm:g} N·m",
+            "yes" if in_use else "",
+        )
+        line = {
+            "name": f"model-{entry.model_id}",
+            "created": entry.created,
+            "kind": entry.kind,
+            "transducer": entry.transducer_serial,
+            "range_nm": entry.range_nm,
+            "in_use": in_use,
+            "simulated": entry.simulated,
+        }
+        answer(models=[line])
+    _print_list(table, Kind.models, more=len(found) > limit)
+
+
+def _list_equipment(registry: Registry, limit: int) -> None:
+    table = narrow_table("Equipment")
+    table.add_column("kind", no_wrap=True)
+    for heading in ("serial", "what", "range"):
+        table.add_column(heading, overflow="fold")
+    found = registry.equipment()
+    for entry in found[:limit]:
+        span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
+        what = f"{entry.manufacturer} {entry.model}".strip()
+        table.add_row(entry.kind, entry.serial, what, span)
+    names = ("kind", "serial", "manufacturer", "model", "range_nm")
+    answer(equipment=[{name: getattr(each, name) for name in names} for each in found[:limit]])
+    _print_list(table, Kind.equipment, more=len(found) > limit)
+
+
+def _print_list(table: Table, kind: Kind, *, more: bool) -> None:
+    if not table.row_count:
+        table.caption = "none yet"
+        table.show_header = False
+    out().print(table)
+    if more:
+        answer(more=[kind.value])
+        say(f"There are more than these {table.row_count}: --limit NUMBER, or --all")
+
+
+_LISTS = {
+    Kind.runs: _list_runs,
+    Kind.calibrations: _list_calibrations,
+    Kind.models: _list_models,
+    Kind.equipment: _list_equipment,
+}
+
+
+def _find_run(registry: Registry, name: str) -> RunSummary:
+    if name == "latest" and (newest := registry.runs(limit=1)):
+        return newest[0]
+    found = registry.runs_beginning(name, limit=MANY_RUNS)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        count = str(len(found)) if len(found) < MANY_RUNS else Message("{limit} or more", MANY_RUNS)
+        raise InputError(
+            Message("{name!r} is the beginning of {count} runs", name, count),
+            "one run",
+            "give more of its id",
+        )
+    raise InputError(Message("no record {name!r}", name), "a name from `torquebench records list`")
+
+
+MANY_RUNS = 1000
+MOST_LISTED = 10**9
+
+
+def _show_run(run: RunSummary) -> None:
+    from torquebench.records import RunFolder
+    from torquebench.records.runs.time_check import times_of_run
+
+    folder = RunFolder.open(run.folder)
+    _facts(
+        run.run_id,
+        {
+            "kind": run.kind,
+            "status": run.status + (f" ({run.reason})" if run.reason else ""),
+            "bench": run.bench + (" (simulated)" if run.simulated else ""),
+            "side": run.side,
+            "operator": run.operator,
+            "started": _moment(run.started),
+            "finished": _moment(run.finished),
+            "times": times_of_run(run),
+            "profile": run.profile_name,
+            "profile SHA-256": run.profile_sha256,
+            "software": run.software_version,
+            "events": str(sum(1 for _ in folder.documents("event"))),
+            "raw samples": str(folder.raw().rows),
+            "files": _state_of(folder),
+            "folder": str(run.folder),
+        },
+        run,
+    )
+
+
+def _state_of(folder: Any) -> str:
+    if not folder.sealed:
+        damaged = "".join(f"; events.jsonl {damage}" for damage in folder.damages)
+        return f"not sealed: the run is open, or was interrupted{damaged}"
+    try:
+        folder.verify()
+    except RecordError as error:
+        return f"NOT INTACT: {error}"
+    return "intact (every SHA-256 as in the manifest)"
+
+
+def _show_model(registry: Registry, model_id: int) -> None:
+    try:
+        entry = registry.model(model_id)
+    except RecordError as error:
+        raise InputError(
+            Message("no record 'model-{model_id}'", model_id),
+            "a name from `torquebench records list`",
+        ) from error
+    try:
+        state = f"intact, {entry.check_file()}"
+    except RecordError as error:
+        state = f"NOT INTACT: {error}"
+    _facts(
+        f"model-{entry.model_id}",
+        {
+            "kind": entry.kind,
+            "fitted to": f"calibration-{entry.calibration_id}",
+            "side": entry.side,
+            "transducer": entry.transducer_serial,
+            "counter": entry.counter_identity,
+            "range": f"{entry.range_nm:g} N·m",
+            "created": _moment(entry.created),
+            "in use": "yes" if _in_use(registry, entry) else "no",
+            "data": "simulated" if entry.simulated else "measured",
+            "file": state,
+            **{
+                key: _short(value)
+                for key, value in entry.metrics.items()
+                if key != "contradictions"
+            },
+            "contradictions": "; ".join(str(each) for each in entry.contradictions),
+        },
+        entry,
+    )
+    for verification in registry.verifications(model_id):
+        _show_verification(verification)
+        answer(verifications=[vars(verification)])
+
+
+def _show_verification(verification: VerificationEntry) -> None:
+    """Print a verification's errors before and after compensation."""
+    from torquebench.calibration import ErrorSummary
+    from torquebench.campaign.fitting import model_title
+    from torquebench.cli.tables import error_blocks
+
+    marked = " - simulated" if verification.simulated else ""
+    say(f"\n[bold]Verified {_moment(verification.performed)}{marked}[/bold]")
+    if verification.run_id:
+        say(f"run {verification.run_id}")
+    models = verification.summary["models"]
+    blocks = []
+    for key, title in (
+        ("against_standard", "single readings against the standard"),
+        ("against_truth", "single readings against the true torque"),
+        ("averaged", "averaged over the groups"),
+    ):
+        rows = [
+            (model_title(model["name"]), ErrorSummary(**model[key]))
+            for model in models
+            if model[key] is not None
+        ]
+        blocks.append((title, rows))
+    for part in error_blocks(blocks):
+        out().print(part)
+
+
+def _show_calibration(registry: Registry, calibration_id: int) -> None:
+    entry = registry.calibration(calibration_id)
+    models = [m for m in registry.models() if m.calibration_id == calibration_id]
+    reviews = registry.reviews("calibrations", calibration_id)
+    amendments = registry.amendments("calibrations", calibration_id)
+    certificates = registry.certificates(calibration_id)
+    low, high = entry.valid_nm
+    _facts(
+        f"calibration-{entry.calibration_id}",
+        {
+            "performed": _moment(entry.performed),
+            "transducer": entry.transducer_serial,
+            "counter": entry.counter_identity,
+            "standard": entry.standard_serial,
+            "measured by": entry.measured_by,
+            "checked by": "; ".join(
+                f"{each.checked_by}, {_moment(each.checked)}"
+                f"{'' if each.accepted else ', not accepted'}"
+                f"{f' ({each.remark})' if each.remark else ''}"
+                for each in reviews
+            ),
+            "range": f"{entry.range_nm:g} N·m",
+            "valid": f"{low:.6g} to {high:.6g} N·m",
+            "due": "" if entry.due is None else entry.due.isoformat(),
+            "points": str(entry.points),
+            "profile": entry.profile_name,
+            "profile SHA-256": entry.profile_sha256,
+            "data": "simulated" if entry.simulated else "measured",
+            "data SHA-256": entry.data_sha256,
+            "run": entry.run_id or "an external table",
+            "models": ", ".join(f"model-{m.model_id} ({m.kind})" for m in models),
+            "certificates": ", ".join(each.number for each in certificates),
+            **{
+                f"amended {_moment(each.amended)}": f"{_changes(each.changes)} "
+                f"({each.amended_by}: {each.reason})"
+                for each in amendments
+            },
+            **{key: _short(value) for key, value in entry.summary.items()},
+        },
+        entry,
+    )
+
+
+def _changes(changes: Mapping[str, Any]) -> str:
+    return ", ".join(f"{name} = {value}" for name, value in changes.items())
+
+
+def _in_use(registry: Registry, entry: ModelEntry) -> bool:
+    latest = [
+        activation.model_id
+        for activation in registry.activations(entry.transducer_serial)
+        if activation.counter_identity == entry.counter_identity
+    ]
+    return bool(latest) and latest[-1] == entry.model_id
+
+
+def _facts(title: str, facts: Mapping[str, str], record: object) -> None:
+    table = narrow_table(title)
+    table.show_header = False
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for key, value in facts.items():
+        if value:
+            table.add_row(key, value)
+    out().print(table)
+    answer(name=title, facts={key: value for key, value in facts.items() if value})
+    answer(record=vars(record))
+
+
+def _short(value: Any) -> str:
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, list) and len(value) > 4:
+        return f"{len(value)} values"
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_short(item)}" for name, item in value.items())
+    return str(value)
+
+
+def _moment(moment: datetime | None) -> str:
+    return "" if moment is None else f"{moment:%Y-%m-%d %H:%M:%S}"

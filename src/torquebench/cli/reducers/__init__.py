@@ -1,0 +1,1 @@
+"""Commands that test reducers and compare them."""

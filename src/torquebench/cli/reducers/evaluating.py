@@ -1,0 +1,160 @@
+"""Tables of reducer tests within 80 columns: planned steps and results."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+from rich.markup import escape
+from rich.table import Table
+
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
+
+if TYPE_CHECKING:
+    from torquebench.campaign.reducers.results import (
+        ReducerTestOutcome,
+        ReducerTestQuantity,
+        ReducerTestRecord,
+        ReducerTestRehearsal,
+    )
+    from torquebench.reducers import ReducerDescription
+
+__all__ = ["print_by_speed", "print_record", "rehearsal_table"]
+
+
+def rehearsal_table(
+    reducer: ReducerDescription, parts: Sequence[ReducerTestRehearsal], *, simulated: bool
+) -> Table:
+    """Return the rehearsal of a test: durations, and the largest torques and speeds."""
+    said = " - simulated" if simulated else ""
+    table = narrow_table(
+        f"Planned test of {escape(reducer.name)}{said}",
+        caption=f"allowed at the reducer: {reducer.acceleration_torque_nm:g} N·m, "
+        f"{reducer.max_input_speed_rpm:g} rpm",
+    )
+    table.add_column("", overflow="fold")
+    for heading in ("time", "warm-up", "points", "input", "output"):
+        table.add_column(heading, justify="right")
+    for part in parts:
+        most = []
+        for side in ("input", "output"):
+            torque, speed = part.largest_torque_nm[side], part.largest_speed_rpm[side]
+            words = [f"{torque:.4g} N·m"] * (torque > 0) + [f"{speed:.4g} rpm"] * (speed > 0)
+            most.append("\n".join(words) or "–")
+        warm = f"≤ {part.longest_warm_up_s / 60:.0f} min" if part.longest_warm_up_s else "–"
+        minutes = f"{part.duration_s / 60:.1f} min"
+        if part.longest_s > part.duration_s:
+            minutes = f"{part.duration_s / 60:.0f}–{part.longest_s / 60:.0f} min"
+        table.add_row(part.title, minutes, warm, str(part.points), *most)
+    return table
+
+
+def print_record(record: ReducerTestRecord) -> None:
+    """Print the values with U, limits, verdicts and remarks of every part."""
+    said = " - simulated" if record.simulated else ""
+    specimen = f" {record.serial}" if record.serial else ""
+    said = f"{', short test' if record.short else ''}{said}"
+    say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
+    for outcome in record.outcomes:
+        _print_outcome(outcome)
+    parts = [
+        {
+            "test": each.name,
+            "title": each.title,
+            "run": each.run.run_id,
+            "quantities": each.quantities,
+            "findings": each.findings,
+            "remarks": each.remarks,
+        }
+        for each in record.outcomes
+    ]
+    answer(
+        reducer=record.reducer_name,
+        serial=record.serial,
+        simulated=record.simulated,
+        short=record.short,
+        parts=parts,
+        failures=record.failures,
+        verdict=record.verdict,
+    )
+    for failure in record.failures:
+        say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
+    if record.verdict:
+        style = "red" if record.failed else "green"
+        say(f"Against the data sheet: [{style}]{record.verdict.label}[/{style}]")
+    if record.short:
+        from torquebench.campaign.reducers.results import SHORT_TEST
+
+        say(f"[yellow]{SHORT_TEST}[/yellow]")
+
+
+def _print_outcome(outcome: ReducerTestOutcome) -> None:
+    quantities = outcome.quantities
+    stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
+    shown = print_by_speed(outcome.title, outcome.result, stated_of)
+    quantities = tuple(each for each in quantities if each.verdict or each.key not in shown)
+    if quantities:
+        _print_quantities(outcome.title, quantities)
+    for finding in outcome.findings:
+        style = "red" if finding.severe else "yellow"
+        say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
+    for remark in outcome.remarks:
+        say(f"[dim]{escape(remark)}[/dim]")
+    say(f"Run: {outcome.run.run_id}\n")
+
+
+def print_by_speed(
+    title: str, result: Any, stated_of: Mapping[str, tuple[float, float]]
+) -> set[str]:
+    """Print an efficiency map or no-load torques as tables by speed, and return their keys.
+
+    `stated_of` has value and U of each point; of other results nothing is printed.
+    """
+    from torquebench.reducers import EfficiencyMap, NoLoadResult
+    from torquebench.reports.reducers.report import (
+        NO_LOAD_POINT,
+        efficiency_tables,
+        no_load_table,
+    )
+
+    if isinstance(result, EfficiencyMap):
+        tables, shown = efficiency_tables(result, stated_of), set(stated_of)
+    elif isinstance(result, NoLoadResult):
+        tables = [no_load_table(result, stated_of)]
+        shown = {key for key in stated_of if key.startswith(NO_LOAD_POINT)}
+    else:
+        return set()
+    for header, rows, caption in tables:
+        table = narrow_table(escape(title), caption=caption)
+        for name in header:
+            heading = name.replace(" rpm", "\nrpm").replace(", N·m", "\nN·m")
+            heading = heading.replace(" of ", " of\n").replace("-clock", "-\nclock")
+            table.add_column(heading, justify="right")
+        for row in rows:
+            table.add_row(*row)
+        out().print(table)
+    return shown
+
+
+def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> None:
+    from torquebench.uncertainty import stated
+
+    table = narrow_table(title, caption="U: expanded uncertainty, 95.45 % coverage")
+    table.add_column("", overflow="fold")
+    for heading in ("value", "U"):
+        table.add_column(heading, justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    judged = any(each.verdict for each in quantities)
+    if judged:
+        table.add_column("limit", no_wrap=True)
+        table.add_column("verdict", no_wrap=True)
+    for each in quantities:
+        if each.key.startswith("order_") and each.value < each.expanded_uncertainty:
+            continue  # an order within its uncertainty says nothing
+        cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
+        if judged and each.verdict:
+            style = "red" if each.verdict.failed else "green"
+            words = f"[{style}]{each.verdict.label}[/{style}]"
+            cells += [each.limit.removesuffix(f" {each.unit}"), words]
+        table.add_row(escape(each.title), *cells)
+    out().print(table)

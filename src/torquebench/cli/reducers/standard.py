@@ -1,0 +1,186 @@
+"""`torquebench test standard-reducer`: end-to-end check of the bench with known friction."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.mounting import MountingOption, mounting_record, recorded
+from torquebench.cli.options import (
+    CLOCK_TOLERANCE_PPM,
+    DEFAULT_DATA,
+    AcceptCounterOption,
+    BenchOption,
+    ClockToleranceOption,
+    DataOption,
+    RealTimeOption,
+    YesOption,
+    accepted_counter,
+    bench_description,
+)
+from torquebench.cli.reports import check_reports, report_option, write_reports
+from torquebench.cli.terminal.confirming import confirm_test
+from torquebench.cli.terminal.console import answer, narrow_table, note, out, say
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.campaign.standard_reducer import StandardReducerCheck
+    from torquebench.chain import Timebase
+    from torquebench.reducers import ReducerDescription
+
+__all__ = ["standard_reducer"]
+
+
+def standard_reducer(
+    reducer: Annotated[
+        str | None,
+        typer.Option(
+            help="Its description (.toml) with [[certified_friction]]; by default that of the "
+            "simulated bench, with its certificate.",
+            show_default=False,
+        ),
+    ] = None,
+    tolerance: Annotated[
+        float,
+        typer.Option(
+            min=1e-6, max=100, help="Largest error, and difference between repeats, % FS."
+        ),
+    ] = 0.1,
+    repeats: Annotated[int, typer.Option(min=2, max=100, help="How often it is swept.")] = 3,
+    both_directions: Annotated[
+        bool, typer.Option("--both-directions", help="Counter-clockwise as well.")
+    ] = False,
+    report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
+    mounting: MountingOption = None,
+    bench: BenchOption = None,
+    data: DataOption = DEFAULT_DATA,
+    yes: YesOption = False,
+    real_time: RealTimeOption = False,
+    accept_counter: AcceptCounterOption = None,
+    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
+) -> None:
+    """Measure a standard reducer's certified friction: error and repeatability with a verdict.
+
+    The input is driven in steps of speed up to 1200 rpm, output free, three repeats. The input
+    module is compensated by its active model; without one, the result says so. Exit code 1 if error
+    or repeatability exceeds the tolerance.
+    """
+    check_reports(report)
+    described = bench_description(bench)
+    kind, entered = _kind(reducer, described), mounting_record(mounting)
+    accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
+    if kind is not None:
+        confirm_test(described, kind, yes)
+    with recorded(entered):
+        found = _measured(
+            described, kind, tolerance, repeats, both_directions, data, accepted, yes, real_time
+        )
+    _print(found)
+    if report:
+        from torquebench.reports.reducers.standard import standard_reducer_page
+
+        page = standard_reducer_page(
+            found.check,
+            name=found.reducer.name,
+            certificate=found.reducer.certificate,
+            compensation=found.compensation,
+            run_id=found.run_id,
+            simulated=found.simulated,
+        )
+        write_reports(page, report)
+    if not found.check.kept:
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _kind(named: str | None, described: BenchDescription) -> ReducerDescription | None:
+    """Read and check the reducer's description before a bench is opened."""
+    from torquebench.campaign.standard_reducer import standard_reducer
+    from torquebench.reducers import load_reducer
+
+    kind = None if named is None else load_reducer(named)
+    standard_reducer(kind, described)
+    return kind
+
+
+def _measured(
+    described: BenchDescription,
+    kind: ReducerDescription | None,
+    tolerance: float,
+    repeats: int,
+    both: bool,
+    data: Path,
+    accepted: Timebase | None,
+    yes: bool,
+    real_time: bool,
+) -> StandardReducerCheck:
+    from torquebench.campaign.standard_reducer import check_standard_reducer, standard_reducer
+    from torquebench.cli.bench_session import open_bench
+    from torquebench.cli.measure import compensated
+
+    with open_bench(described, data, real_time=real_time, yes=yes) as session:
+        station = session.station
+        compensation = compensated(station, "input", accepted)
+        note(f"input: {compensation}")
+        mounted = standard_reducer(kind, described, station.drivers.reducer_certificate)
+        with session.measuring() as (progress, ask):
+            return check_standard_reducer(
+                station,
+                mounted,
+                mounted.settings(repeats, both_directions=both),
+                tolerance_percent=tolerance,
+                compensation=compensation,
+                progress=progress,
+                on_pause=ask,
+            )
+
+
+def _print(found: StandardReducerCheck) -> None:
+    from torquebench.reports.errors_table import number
+
+    check = found.check
+    suffix = " - simulated" if found.simulated else ""
+    table = narrow_table(
+        f"{found.reducer.name}{suffix}", caption=f"Input module: {found.compensation}."
+    )
+    for header in ("rpm", "known, N·m", "mean, N·m", "error, % FS", "repeatability, % FS"):
+        table.add_column(header, justify="right")
+    for point in check.points:
+        mean = sum(point.measured_nm) / len(point.measured_nm)
+        table.add_row(
+            f"{point.speed_rpm:g}",
+            number(point.known_nm, 4),
+            number(mean, 4),
+            number(point.error_percent, 2),
+            number(point.spread_percent, 2),
+        )
+    out().print(table)
+    for what, value, kept in (
+        ("error", check.error_percent, check.error_kept),
+        ("repeatability", check.repeatability_percent, check.repeatability_kept),
+    ):
+        verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
+        say(f"{what} {number(value)} % FS: {verdict} {check.tolerance_percent:g} % FS")
+    say(f"Run: {found.run_id}")
+    answer(
+        reducer=found.reducer.name,
+        simulated=found.simulated,
+        compensation=found.compensation,
+        points=[
+            {
+                "speed_rpm": point.speed_rpm,
+                "known_nm": point.known_nm,
+                "measured_nm": point.measured_nm,
+                "error_percent_fs": point.error_percent,
+                "repeatability_percent_fs": point.spread_percent,
+            }
+            for point in check.points
+        ],
+        error_percent_fs=check.error_percent,
+        repeatability_percent_fs=check.repeatability_percent,
+        tolerance_percent_fs=check.tolerance_percent,
+        passed=check.kept,
+        run=found.run_id,
+    )

@@ -1,0 +1,193 @@
+"""Tables and files of an evaluated reducer test."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.options import check_kept, check_output_folder
+from torquebench.cli.terminal.console import answer, narrow_table, out, say_file, stderr_console
+
+if TYPE_CHECKING:
+    from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
+
+__all__ = ["present"]
+
+
+def present(
+    test: str,
+    data: Path,
+    result: Any,
+    judged: Sequence[QuantityVerdict],
+    output: Path | None,
+    settings: dict[str, Any],
+) -> None:
+    """Print a result within 80 columns, write it into a folder if one is named.
+
+    Raises
+    ------
+    typer.Exit
+        With 1 where a limit isn't kept or a finding forbids a verdict.
+    """
+    quantities = result.quantities()
+    findings: tuple[Finding, ...] = getattr(result, "findings", ())
+    if output is not None:
+        _write(test, data, result, quantities, judged, findings, output, settings)
+    from torquebench.cli.reducers.evaluating import print_by_speed
+
+    found = {
+        each.key: (each.estimate.value, each.estimate.expanded_uncertainty()) for each in quantities
+    }
+    shown = print_by_speed(f"{test}: {data.name}", result, found)
+    if rest := [each for each in quantities if each.key not in shown]:
+        _print_quantities(f"{test}: {data.name}", rest)
+    _print_verdicts(judged)
+    for finding in findings:
+        style = "red" if finding.severe else "yellow"
+        stderr_console().print(
+            f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.message)}"
+        )
+        stderr_console().print(f"  {escape(finding.remedy)}", style="dim")
+    if output is not None:
+        say_file("Every number", output / "result.json")
+    answer(
+        test=test,
+        data=data.name,
+        quantities=_plain_quantities(quantities, judged),
+        findings=list(findings),
+    )
+    failed = any(each.decision.verdict.failed for each in judged)
+    if failed or any(finding.severe for finding in findings):
+        raise typer.Exit(CHECK_FAILED)
+
+
+def _plain_quantities(
+    quantities: Sequence[ResultQuantity], judged: Sequence[QuantityVerdict]
+) -> list[dict[str, Any]]:
+    verdicts = {
+        each.key: {"limit": each.limit, "verdict": each.decision.verdict} for each in judged
+    }
+    return [
+        {
+            "key": each.key,
+            "title": each.title,
+            "rule": each.rule,
+            "value": each.estimate.value,
+            "expanded_uncertainty": each.estimate.expanded_uncertainty(),
+            "coverage_factor": each.estimate.coverage_factor(),
+            "unit": each.estimate.unit,
+            **verdicts.get(each.key, {}),
+        }
+        for each in quantities
+    ]
+
+
+def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
+    from torquebench.uncertainty import stated
+
+    table = narrow_table(escape(title), caption="U: expanded uncertainty, 95.45 % coverage")
+    table.add_column("", overflow="fold")
+    table.add_column("value", justify="right", no_wrap=True)
+    table.add_column("U", justify="right", no_wrap=True)
+    table.add_column("k", justify="right", no_wrap=True)
+    table.add_column("unit", no_wrap=True)
+    for each in quantities:
+        value, expanded = stated(each.estimate.value, each.estimate.expanded_uncertainty())
+        factor = f"{each.estimate.coverage_factor():.2f}"
+        table.add_row(escape(each.title), value, expanded, factor, each.estimate.unit)
+        if each.rule:
+            table.add_row(f"[dim]  {escape(each.rule)}[/dim]")
+    out().print(table)
+
+
+def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
+    if not judged:
+        return
+    table = narrow_table("against the data sheet, guard band = U")
+    table.add_column("", overflow="fold")
+    table.add_column("limit", no_wrap=True)
+    table.add_column("verdict", no_wrap=True)
+    for each in judged:
+        verdict = each.decision.verdict
+        style = "red" if verdict.failed else "green"
+        table.add_row(escape(each.title), each.limit, f"[{style}]{verdict.label}[/{style}]")
+    out().print(table)
+
+
+def _write(
+    test: str,
+    data: Path,
+    result: Any,
+    quantities: Sequence[ResultQuantity],
+    judged: Sequence[QuantityVerdict],
+    findings: Sequence[Finding],
+    output: Path,
+    settings: dict[str, Any],
+) -> None:
+    import hashlib
+
+    from torquebench import __version__
+    from torquebench.atomic_write import atomic_write
+    from torquebench.campaign.reducers.results import plain_budget
+    from torquebench.records import json_text
+
+    check_output_folder(output)
+    check_kept(data)
+    output.mkdir(parents=True, exist_ok=True)
+    content = {
+        "test": test,
+        "software_version": __version__,
+        "data": data.name,
+        "data_sha256": hashlib.sha256(data.read_bytes()).hexdigest(),
+        "settings": settings,
+        "quantities": [
+            {"key": each.key, "title": each.title, "rule": each.rule, **plain_budget(each.estimate)}
+            for each in quantities
+        ],
+        "verdicts": [
+            {
+                "key": each.key,
+                "limit": each.limit,
+                "verdict": str(each.decision.verdict),
+                "conformance_probability": each.decision.conformance_probability,
+                "rule": each.decision.rule(),
+            }
+            for each in judged
+        ],
+        "findings": list(findings),
+    }
+    atomic_write(output / "result.json", json_text(content, indent=2) + "\n")
+    _write_curves(output, result)
+
+
+def _write_curves(output: Path, result: Any) -> None:
+    """Write the data of figures as CSV: loops, error curves."""
+    import numpy as np
+
+    from torquebench.atomic_write import atomic_write
+
+    rows: list[str] = []
+    if hasattr(result, "loops"):
+        rows.append("position,loop,torque_nm,rising_rad,falling_rad")
+        for loop in result.loops:
+            curve = loop.curve
+            rows += [
+                f"{loop.position:g},{loop.loop},{t:.8g},{up:.9g},{down:.9g}"
+                for t, up, down in zip(
+                    curve.torque_nm, curve.rising_rad, curve.falling_rad, strict=True
+                )
+            ]
+    elif hasattr(result, "directions"):
+        rows.append("direction,angle_deg,error_arcsec")
+        for each in result.directions:
+            rows += [
+                f"{each.direction},{angle:.8g},{error:.6g}"
+                for angle, error in zip(np.degrees(each.angle_rad), each.error_arcsec, strict=True)
+            ]
+    if rows:
+        atomic_write(output / "curves.csv", "\n".join(rows) + "\n")

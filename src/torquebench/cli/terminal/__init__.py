@@ -1,0 +1,1 @@
+"""The terminal: output, questions, keys, progress and interrupts."""

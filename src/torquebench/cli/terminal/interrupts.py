@@ -1,0 +1,112 @@
+"""Ctrl-C during a run: pause at the next point, ask, resume or abort."""
+
+from __future__ import annotations
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Iterator
+from types import FrameType
+from typing import TYPE_CHECKING, Literal, NoReturn
+
+import typer
+
+from torquebench.cli.failure import CHECK_FAILED, INTERRUPTED
+from torquebench.cli.terminal.console import note, warn
+
+if TYPE_CHECKING:
+    from torquebench.campaign.measuring import RunAbortedError
+    from torquebench.cli.terminal.progress import TerminalProgress
+    from torquebench.station import Station
+
+__all__ = ["BenchInterrupts"]
+
+
+class BenchInterrupts:
+    """Reactions to signals while a plan runs on a station.
+
+    At a terminal, the first Ctrl-C pauses at the next point (the torque goes to zero) and asks; a
+    second one aborts at once. Without a terminal no question can be asked: Ctrl-C aborts. A request
+    to terminate and a closed terminal abort always. The bench is without torque before the process
+    ends.
+
+    Parameters
+    ----------
+    station : Station
+        Its Ctrl-C action is set.
+    progress : TerminalProgress
+        Its bars pause during a question.
+    may_pause : bool
+        False if starting again loses nothing: Ctrl-C then aborts at a terminal, too.
+
+    Attributes
+    ----------
+    signal : signal.Signals or None
+        The last signal received.
+    """
+
+    def __init__(
+        self, station: Station, progress: TerminalProgress, *, may_pause: bool = True
+    ) -> None:
+        self._station = station
+        self._progress = progress
+        self.signal: signal.Signals | None = None
+        station.interrupt_action = "pause" if may_pause and self.interactive else "abort"
+
+    @property
+    def interactive(self) -> bool:
+        """Whether a person can answer."""
+        return sys.stdin.isatty() and sys.stderr.isatty()
+
+    @contextlib.contextmanager
+    def watching(self) -> Iterator[None]:
+        """Take over the signals until the block ends."""
+        wanted = {signal.SIGINT: self._on_interrupt, signal.SIGTERM: self._on_termination}
+        if hasattr(signal, "SIGHUP"):
+            wanted[signal.SIGHUP] = self._on_termination
+        before = {number: signal.signal(number, handler) for number, handler in wanted.items()}
+        try:
+            yield
+        finally:
+            for number, handler in before.items():
+                signal.signal(number, handler)
+
+    def ask(self, _station: Station) -> Literal["resume", "abort"]:
+        """Ask whether a paused run continues; no answer at all aborts."""
+        self._progress.pause()
+        answer = ""
+        try:
+            while True:
+                sys.stderr.write("Paused without torque. [r]esume or [a]bort? ")
+                sys.stderr.flush()
+                answer = sys.stdin.readline()
+                if answer.strip().lower() in ("r", "resume"):
+                    self.signal = None
+                    return "resume"
+                if not answer or answer.strip().lower() in ("a", "abort"):
+                    return "abort"
+        finally:
+            self._progress.resume(answered=bool(answer))
+
+    def reported(self, aborted: RunAbortedError) -> typer.Exit:
+        """Report the state of an aborted run, and return the exception that ends the command."""
+        warn(f"the {aborted.record.kind} run was aborted: {aborted.record.reason}")
+        note(f"The bench is without torque. Kept so far: {aborted.record.folder}")
+        return typer.Exit(INTERRUPTED if self.signal == signal.SIGINT else CHECK_FAILED)
+
+    def _on_interrupt(self, _number: int, _frame: FrameType | None) -> NoReturn:
+        if self._station.interrupt_action == "pause" and self.signal is None:
+            self._progress.say("Pausing at the next point; Ctrl-C again aborts.")
+        self.signal = signal.SIGINT
+        raise KeyboardInterrupt
+
+    def _on_termination(self, number: int, _frame: FrameType | None) -> None:
+        self.signal = signal.Signals(number)
+        # In another thread: the main thread may hold the run engine's locks.
+        threading.Thread(
+            target=self._station.abort,
+            args=(f"{self.signal.name} from the system",),
+            name="torquebench-termination",
+            daemon=True,
+        ).start()

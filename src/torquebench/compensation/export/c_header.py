@@ -1,0 +1,119 @@
+"""C header export: the table and its interpolation for controllers, without any library."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from torquebench.atomic_write import atomic_write
+from torquebench.compensation.export.shared import provenance_lines
+from torquebench.compensation.model_file import Provenance
+
+if TYPE_CHECKING:
+    from torquebench.compensation.piecewise import PiecewisePolynomial
+    from torquebench.compensation.table import CompensationTable
+
+__all__ = ["export_header", "header_text"]
+
+_PER_LINE = 4
+
+
+def export_header(path: Path, table: CompensationTable, provenance: Provenance) -> Path:
+    """Export a table as a C99 header; names start with the file's own name.
+
+    Parameters
+    ----------
+    path : Path
+        Where to; ``output_module.h`` gives ``output_module_torque``.
+    table : CompensationTable
+    provenance : Provenance
+
+    Returns
+    -------
+    path : Path
+    """
+    prefix = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
+    if not prefix or prefix[0].isdigit():
+        prefix = f"table_{prefix}"
+    atomic_write(path, header_text(table, provenance, prefix).encode("ascii"))
+    return path
+
+
+def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -> str:
+    """Write the header.
+
+    Parameters
+    ----------
+    table : CompensationTable
+    provenance : Provenance
+    prefix : str
+        A C identifier that all names start with.
+
+    Returns
+    -------
+    text : str
+        Plain ASCII, C99, no includes.
+    """
+    guard = f"{prefix.upper()}_TABLE_H"
+    comments = "\n".join(f" * {line}" for line in provenance_lines(table, provenance))
+    parts = [
+        f"/*\n{comments}\n *\n"
+        f" * int {prefix}_torque(double reading_nm, int branch, double *torque_nm)\n"
+        " *   returns 0, or 1 where the reading is outside the accepted range or not a number;\n"
+        " *   the torque then carries the additional torque of the nearest limit.\n */",
+        f"#ifndef {guard}\n#define {guard}",
+        _function(table.curve, prefix, "torque"),
+    ]
+    if table.uncertainty_curve is not None:
+        parts.append(_function(table.uncertainty_curve, prefix, "curve_uncertainty"))
+    parts.append(f"#endif /* {guard} */\n")
+    return "\n\n".join(parts)
+
+
+def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:
+    name = f"{prefix}_{what}"
+    order = curve.degree + 1
+    branches = 3 if curve.branch_aware else 1
+    rows = curve.coefficients if curve.branch_aware else curve.coefficients[1:2]
+    numbers = [repr(value) for value in rows.ravel().tolist()]
+    lines = [
+        "    " + ", ".join(numbers[start : start + _PER_LINE])
+        for start in range(0, len(numbers), _PER_LINE)
+    ]
+    side = "(branch > 0) - (branch < 0) + 1" if curve.branch_aware else "0"
+    # Horner's scheme from the highest power down
+    polynomial = f"c[{order - 1}]"
+    for power in range(order - 2, -1, -1):
+        polynomial = f"({polynomial} * place + c[{power}])"
+    total = f"{polynomial} + reading_nm" if curve.gain else polynomial
+    unused = "" if curve.branch_aware else "\n    (void)branch;"
+    count = curve.intervals
+    table = ",\n".join(lines)
+    return f"""/* Coefficients [branch][interval][power] of the place in an interval, -0.5 to 0.5 */
+static const double {name}_coefficients[{branches * count * order}] = {{
+{table}
+}};
+
+static inline int {name}(double reading_nm, int branch, double *{what}_nm)
+{{
+    const double low = {curve.low!r}, high = {curve.high!r}, near = {curve.near!r};
+    const int outside = !(reading_nm >= low && reading_nm <= high);
+    double clamped = reading_nm > low ? reading_nm : low;
+    double central, location, place;
+    const double *c;
+    int interval;{unused}
+    if (clamped > high) {{
+        clamped = high;
+    }}
+    central = clamped > -near ? clamped : -near;
+    if (central > near) {{
+        central = near;
+    }}
+    location = clamped * {curve.scale!r} + central * {curve.extra!r} + {curve.zero!r};
+    interval = (int)(location + 0.5);
+    place = location - interval;
+    c = {name}_coefficients + {order} * (interval + {count} * ({side}));
+    *{what}_nm = {total};
+    return outside;
+}}"""

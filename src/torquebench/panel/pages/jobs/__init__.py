@@ -1,0 +1,1 @@
+"""A job on a page: panel, preview and strip."""

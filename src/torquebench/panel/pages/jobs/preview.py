@@ -1,0 +1,113 @@
+"""A job's preview: steps, duration and limits, rehearsed while the server goes on."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from nicegui import background_tasks, run
+
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.charts import Chart, Line
+from torquebench.panel.components.elements import box, note, pairs, words
+from torquebench.panel.pages.jobs.panel import duration_words, problem_note
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import JobPreview
+from torquebench.panel.text import Text
+
+__all__ = ["Preview"]
+
+
+class Preview:
+    """A place for the preview of one kind of job.
+
+    A full reducer test takes about a second to rehearse. That is done on another thread, so that
+    the pages of other people don't wait for it. Of several requests the last counts.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    kind : str
+    """
+
+    def __init__(self, visitor: Visitor, kind: str) -> None:
+        self._visitor, self._kind = visitor, kind
+        self._asked = 0
+        self.place = box("div", "stack preview")
+        with self.place:
+            words("p", visitor.text("preview.rehearsing"), "muted")
+
+    def show(self, request: Mapping[str, Any]) -> None:
+        """Rehearse a request and show what would happen."""
+        self._asked += 1
+        self.place.props["aria-busy"] = "true"
+        background_tasks.create(self._rehearsed(self._asked, request), name="preview")
+
+    async def _rehearsed(self, asked: int, request: Mapping[str, Any]) -> None:
+        text, problem = self._visitor.text, None
+        try:
+            preview = await run.io_bound(self._visitor.service.jobs.preview, self._kind, request)
+        except TorquebenchError as error:
+            preview, problem = None, error
+        if asked != self._asked or self.place.is_deleted:
+            return  # something else was asked for in the meantime, or the page was left
+        self.place.props["aria-busy"] = "false"
+        self.place.clear()
+        with self.place:
+            words("h2", text("preview.title"))
+            if problem is not None:
+                problem_note(text, problem, "warn")
+            elif preview is not None:
+                _show(text, preview)
+
+
+def _show(text: Text, preview: JobPreview) -> None:
+    """Show the preview of a job, with durations and limits."""
+    rows = [
+        (text("preview.duration"), duration_words(preview.duration_s)),
+        (text("preview.points"), str(preview.points)),
+    ]
+    rows += _extremes(text, "torque", preview.largest_torque_nm, preview.limit_torque_nm, "N·m")
+    rows += _extremes(text, "speed", preview.largest_speed_rpm, preview.limit_speed_rpm, "rpm")
+    if preview.mounts:
+        what = ", ".join(text.maybe(f"mounting.{each.replace(' ', '_')}", each)
+                         for each in dict.fromkeys(preview.mounts))  # fmt: skip
+        rows.append((text("preview.mounts"), what))
+    pairs(rows)
+    for doubt in preview.doubts:
+        note(text.core(doubt), "warn")
+    for remark in preview.remarks:
+        words("p", text.core(remark), "small muted")
+    if preview.time_s:
+        time, target = _steps(preview.time_s, preview.target_nm)
+        Chart(
+            text("preview.chart"),
+            text("preview.time"),
+            text("preview.torque_axis"),
+            [Line(text("preview.target"), time, target, "--series-1")],
+        )
+
+
+def _extremes(
+    text: Text, what: str, largest: Mapping[str, float], limit: Mapping[str, float], unit: str
+) -> list[tuple[str, str]]:
+    return [
+        (
+            text(f"preview.{what}", side=text(f"side.{side}")),
+            text("preview.of", value=f"{value:.4g}", limit=f"{limit[side]:g}", unit=unit),
+        )
+        for side, value in largest.items()
+        if value and side in limit
+    ]
+
+
+def _steps(time: tuple[float, ...], target: tuple[float, ...]) -> tuple[list[float], list[float]]:
+    """Draw the steps of the loading sequence as a staircase."""
+    x: list[float] = []
+    y: list[float] = []
+    before = 0.0
+    for moment, value in zip(time, target, strict=True):
+        x += [moment, moment]
+        y += [before, value]
+        before = value
+    return x, y

@@ -1,0 +1,103 @@
+"""The running job at the foot of every page, and the results of the user's own jobs."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.components.verdicts import verdict_kind
+from torquebench.panel.pages.jobs.panel import JobControls, stage_words
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import EndedJob, JobView
+
+__all__ = ["JobStrip"]
+
+SHOWN_BY = {
+    "calibrate": (
+        "calibrate",
+        "resume-calibration",
+        "compare-models",
+        "fit",
+        "verify",
+        "certificate",
+        "zero",
+        "check",
+    ),
+    "reducer": ("reducer-test", "standard-reducer"),
+}
+"""Kinds whose pages show the result, so that no message is needed."""
+
+
+class JobStrip:
+    """Shows the job under way where the page itself doesn't; refreshed with the frame."""
+
+    def __init__(self, visitor: Visitor, page: str) -> None:
+        self._kinds = SHOWN_BY.get(page, ())
+        self._visitor, self._text = visitor, visitor.text
+        self._shown: tuple[Any, ...] = ()
+        self._told: set[str] = set()
+        self._ended = -1
+        with box("aside", "job-strip", aria_label=visitor.text("job.under_way")) as self._frame:
+            with box("div", "what"):
+                self._title = words("strong", "")
+                self._stage = words("div", "", "small number")
+                self._progress = box("progress", max="1", aria_label=visitor.text("job.progress"))
+            self._controls = JobControls(visitor)
+        self._frame.set_visibility(False)
+
+    def refresh(self) -> None:
+        """Follow the jobs."""
+        jobs = self._visitor.service.jobs
+        self._follow(jobs.current)
+        # The server keeps a page for some seconds after it was left; its messages aren't read.
+        if jobs.ended != self._ended and self._frame.client.has_socket_connection:
+            self._ended = jobs.ended
+            self._tell()
+
+    def _follow(self, job: JobView | None) -> None:
+        if job is not None and job.job_id in self._visitor.shown_jobs:
+            job = None
+        self._frame.set_visibility(job is not None)
+        if job is None:
+            self._shown = ()
+            return
+        text = self._text
+        shown = (job.job_id, job.state, job.stage, job.done, job.total, job.detail)
+        if shown == self._shown:
+            return
+        self._shown = shown
+        state = text(f"job.state_{job.state}")
+        self._title.set_text(f"{text.maybe(f'job.{job.kind}', job.title)}: {state}")
+        self._stage.set_text(stage_words(text, job))
+        if job.total:
+            self._progress.props["value"] = f"{job.done / job.total:.3f}"
+        else:
+            self._progress.props.pop("value", None)
+        self._progress.update()
+        self._controls.refresh(job)
+
+    def _tell(self) -> None:
+        """Show the result of the user's own jobs until it is dismissed."""
+        visitor, log = self._visitor, self._visitor.service.jobs.log
+        reader = visitor.looker
+        if reader.kind != "person":
+            return
+        for job in log.untold(reader.name):
+            if job.job_id in self._told:
+                continue
+            self._told.add(job.job_id)
+            shown = job.kind in self._kinds and job.state != "interrupted"
+            if shown or job.job_id in visitor.shown_jobs:  # the page itself shows the result
+                log.told(job.job_id)
+                continue
+            self._say(job)
+
+    def _say(self, job: EndedJob) -> None:
+        text, log = self._text, self._visitor.service.jobs.log
+        title = text.maybe(f"job.{job.kind}", job.title)
+        said = text("job.ended", title=title, state=text(f"job.state_{job.state}"))
+        more = text.core(job.headline)
+        if job.state == "interrupted":
+            more = text("job.interrupted")
+        kind = (verdict_kind(job.verdict) or "good") if job.state == "done" else "bad"
+        self._visitor.messages.tell(said, kind, more, lambda: log.told(job.job_id))

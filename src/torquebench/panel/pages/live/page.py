@@ -1,0 +1,194 @@
+"""The live page: both torques large, with uncertainty and compensation, and their trend."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from typing import Any
+
+from torquebench.bench.roles import SIDES, Side
+from torquebench.campaign.fitting import model_title
+from torquebench.panel.components.elements import box, moment, panel, repeat, tag, words
+from torquebench.panel.pages.effects import EffectsTable
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.live.chart import LiveChart
+from torquebench.panel.pages.page import page
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import BenchSnapshot, SideSnapshot
+from torquebench.panel.service.live.hub import SIGNAL_UNITS
+from torquebench.panel.text import Text
+
+__all__ = ["live_page"]
+
+PUSH_S = 1.0 / 40.0
+"""Interval at which a page requests rows, s: shorter than theirs, so that none waits long."""
+FACTS = {
+    "speed_input": ("input_speed_rpm", 2),
+    "speed_output": ("output_speed_rpm", 3),
+    "angle_input": ("input_angle_deg", 2),
+    "angle_output": ("output_angle_deg", 3),
+    "temperature_input": ("input_temperature_c", 1),
+    "temperature_output": ("output_temperature_c", 1),
+    "efficiency": ("efficiency_percent", 1),
+}
+EFFECTS_EVERY = 2
+"""Page refreshes between two updates of the effects."""
+DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
+
+
+class _Tile:
+    """One side's torque."""
+
+    def __init__(self, text: Text, side: Side, range_nm: float) -> None:
+        self._text, self._side = text, side
+        self.places: dict[str, tuple[Any, int]] = {}
+        self._shown: tuple[Any, ...] = ()
+        with panel(classes=f"tile {side}"):
+            with box("div", "head"):
+                words("h2", text(f"live.torque_{side}"))
+                self._state = box("div", "line")
+            with box("div", "value number"):
+                self._value = words("span", "—")
+                words("span", "N·m", "unit")
+            self._uncertainty = words("div", "", "uncertainty number")
+            with box("div", "pair number"):
+                for key in ("raw", "reference"):
+                    with box("span"):
+                        words("span", text(f"live.{key}") + " ")
+                        self.places[f"{side}_{key}_nm"] = (words("b", "—"), DECIMALS[side])
+                        words("span", " N·m")
+                with box("span"):
+                    before, after = text(
+                        "live.full_scale", percent="#", range=f"{range_nm:g}"
+                    ).split("#")
+                    words("span", before)
+                    self.places[f"{side}_share"] = (words("span", "—"), 1)
+                    words("span", after)
+            self._about = box("div", "small muted")
+            self._fault = words("div", "", "bad-text")
+        self.places["torque"] = (self._value, DECIMALS[side])
+
+    def refresh(self, side: SideSnapshot) -> None:
+        """Show what doesn't change with every reading."""
+        text, state = self._text, side.compensation
+        uncertainty = side.uncertainty.value if state is not None else None
+        known = (
+            state,
+            None if uncertainty is None else round(uncertainty, 6),
+            side.torque.fault,
+        )
+        if known == self._shown:
+            return
+        if self._shown[:1] != known[:1]:
+            self._compensation(side)
+        self._shown = known
+        said = text("live.no_uncertainty")
+        if uncertainty is not None:
+            said = text("live.uncertainty", value=f"{uncertainty:.{DECIMALS[self._side]}f}")
+        self._uncertainty.set_text(said if state is None or uncertainty is not None else "")
+        fault = side.torque.fault
+        self._fault.set_text(text("live.fault", fault=text.core(fault)) if fault else "")
+
+    def _compensation(self, side: SideSnapshot) -> None:
+        text, state = self._text, side.compensation
+        self._state.clear()
+        with self._state:
+            with box("span", "stale-note"):
+                tag(text("live.stale"), "bad", "history_toggle_off")
+            if state is None:
+                tag(text("live.uncompensated"), "warn", "warning")
+                self._about.clear()
+                with self._about:
+                    words("span", text.core(side.compensation_problem))
+                return
+            kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
+            if state.valid:
+                tag(text("live.compensated_by", kind=kind, number=state.model_id), "good", "check")
+                until = (
+                    text("live.valid_until", due=state.due.isoformat())
+                    if state.due
+                    else text("live.valid_always")
+                )
+                self._tell(state.made, f", {until}; {side.transducer_serial}")
+            else:
+                tag(text("live.expired", due=str(state.due)), "bad", "event_busy")
+                self._tell(state.made)
+
+    def _tell(self, made: datetime, more: str = "") -> None:
+        self._about.clear()
+        with self._about:
+            words("span", f"{self._text('live.made')} ")
+            moment(made)
+            words("span", more)
+
+
+class _LivePage:
+    """Content of an open live page."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self.visitor, self.text = visitor, visitor.text
+        self.sides = visitor.service.snapshot().sides
+        self.refreshes = 0
+
+    def build(self) -> None:
+        """Make the page's elements."""
+        text = self.text
+        with box("div", "live") as region:
+            with box("div", "stack side"):
+                with box("div", "tiles"):
+                    self.tiles = {
+                        side: _Tile(text, side, self.sides[side].range_nm)
+                        for side in reversed(SIDES)
+                    }
+                places: dict[str, tuple[Any, int]] = {}
+                for side, tile in self.tiles.items():
+                    places |= {key: where for key, where in tile.places.items() if key != "torque"}
+                    places[f"{side}_torque"] = tile.places["torque"]
+                with box("div", "facts"):
+                    for key, (signal, decimals) in FACTS.items():
+                        fact = _fact(text(f"live.{key}"), SIGNAL_UNITS[signal])
+                        places[signal] = (fact, decimals)
+            with box("div", "stack"):
+                self.chart = LiveChart(self.visitor, places, region)
+        with box("div", "stack effects"):
+            self.effects = [EffectsTable(self.visitor, side) for side in reversed(SIDES)]
+
+    def push(self) -> None:
+        """Send the new rows."""
+        self.chart.push(
+            {
+                side: (
+                    f"{side}_{'torque' if each.compensation is not None else 'raw'}_nm",
+                    each.range_nm,
+                )
+                for side, each in self.sides.items()
+            }
+        )
+
+    def refresh(self) -> None:
+        """Show what doesn't change with every reading."""
+        snapshot: BenchSnapshot = self.visitor.service.snapshot()
+        self.sides = snapshot.sides
+        for side, tile in self.tiles.items():
+            tile.refresh(snapshot.sides[side])
+        self.refreshes += 1
+        if self.refreshes % EFFECTS_EVERY == 1:
+            for table in self.effects:
+                table.refresh()
+
+
+def _fact(title: str, unit: str) -> Any:
+    with panel(classes="fact"):
+        words("div", title, "small muted")
+        with box("div", "value number"):
+            value = words("span", "—")
+            words("span", f" {unit}", "unit")
+    return value
+
+
+@page("live", "/", picture="speed", place=1)
+def live_page(visitor: Visitor) -> None:
+    """Build the live page."""
+    page = _LivePage(visitor)
+    with frame(visitor, "live", page.refresh):
+        page.build()
+    repeat(PUSH_S, page.push)

@@ -1,0 +1,1 @@
+"""Recorded edges: encoding, the stream on the disk, and the archive of a run."""

@@ -1,0 +1,179 @@
+"""The edges of a sealed run: a Parquet file of plain ticks that any tool can read."""
+
+import os
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+from numpy.typing import NDArray
+
+from torquebench.errors import RecordError
+from torquebench.message import Message
+from torquebench.records.edges.stream import RecordedEdges, stream_edges
+from torquebench.records.files import EDGE_STREAM
+from torquebench.signals import EdgeBlock
+
+__all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]
+
+EDGE_ARCHIVE = "edges.parquet"
+"""Name of the sealed edges in a run's folder."""
+GROUP_EDGES = 2_000_000
+"""Edges in a row group, which bounds the memory for sealing and reading."""
+
+_TICKS = pa.list_(pa.int64())
+_SCHEMA = pa.schema(
+    [
+        ("channel", pa.string()),
+        ("timebase_hz", pa.float64()),
+        ("start_tick", pa.int64()),
+        ("stop_tick", pa.int64()),
+        ("rising_ticks", _TICKS),
+        ("falling_ticks", _TICKS),
+    ],
+    metadata={
+        "torquebench.edges": "one row a block: edges of a channel in [start_tick, stop_tick), "
+        "in ticks of timebase_hz since its start; falling_ticks is null where only rising "
+        "edges were timed"
+    },
+)
+# Parquet's own delta encoding: as small as the stream, and readable by any tool.
+_ENCODING = {
+    "rising_ticks.list.element": "DELTA_BINARY_PACKED",
+    "falling_ticks.list.element": "DELTA_BINARY_PACKED",
+    "channel": "PLAIN",
+    "timebase_hz": "PLAIN",
+    "start_tick": "DELTA_BINARY_PACKED",
+    "stop_tick": "DELTA_BINARY_PACKED",
+}
+
+
+def seal_edges(folder: Path) -> None:
+    """Turn the closed stream of a run's edges into a Parquet file, if there is one.
+
+    Memory stays bounded however long the run was.
+
+    Raises
+    ------
+    RecordError
+        Where the Parquet file doesn't hold the same edges; the stream is kept then.
+    """
+    stream, sealed = folder / EDGE_STREAM, folder / EDGE_ARCHIVE
+    if not stream.exists():
+        return
+    part = folder / ".edges.parquet.part"
+    try:
+        _write(part, stream)
+        if not _same(stream_edges(stream), _archived(part)):
+            raise RecordError(
+                Message("{part} differs from {stream}", part, stream),
+                "the same edges",
+                "check the disk",
+            )
+        with part.open("rb") as file:
+            os.fsync(file.fileno())
+        part.chmod(0o600)
+        part.replace(sealed)
+    finally:
+        part.unlink(missing_ok=True)  # frees space on a full disk
+    stream.unlink()
+
+
+def _write(path: Path, stream: Path) -> None:
+    with pq.ParquetWriter(
+        path, _SCHEMA, compression="zstd", use_dictionary=False, column_encoding=_ENCODING
+    ) as writer:
+        for group in _groups(stream_edges(stream)):
+            writer.write_batch(group)
+
+
+def read_edges(folder: Path) -> Iterator[RecordedEdges]:
+    """Yield the edges of a run folder, running, killed or sealed, block by block.
+
+    An incomplete end, as after a kill, is left out. Memory stays bounded.
+
+    Raises
+    ------
+    RecordError
+        If the file isn't a valid archive.
+    """
+    if (folder / EDGE_ARCHIVE).exists():
+        yield from _archived(folder / EDGE_ARCHIVE)
+    elif (folder / EDGE_STREAM).exists():
+        yield from stream_edges(folder / EDGE_STREAM)
+
+
+def _groups(recorded: Iterable[RecordedEdges]) -> Iterator[Any]:
+    rows: list[dict[str, Any]] = []
+    edges = 0
+    for each in recorded:
+        block = each.block
+        rows.append(
+            {
+                "channel": each.channel,
+                "timebase_hz": block.timebase_hz,
+                "start_tick": block.start_tick,
+                "stop_tick": block.stop_tick,
+                "rising_ticks": block.ticks,
+                "falling_ticks": block.falling_ticks,
+            }
+        )
+        edges += len(block)
+        if edges >= GROUP_EDGES:
+            yield pa.RecordBatch.from_pylist(rows, schema=_SCHEMA)
+            rows, edges = [], 0
+    if rows:
+        yield pa.RecordBatch.from_pylist(rows, schema=_SCHEMA)
+
+
+def _archived(path: Path) -> Iterator[RecordedEdges]:
+    try:
+        with pq.ParquetFile(path) as file:
+            for group in range(file.num_row_groups):
+                for batch in file.read_row_group(group).to_batches():
+                    yield from _rows(batch)
+    except (pa.ArrowException, OSError) as error:
+        raise RecordError(
+            Message("{path} can't be read: {problem}", path, error), "a Parquet file of edges"
+        ) from error
+
+
+def _rows(batch: Any) -> Iterator[RecordedEdges]:
+    columns = [batch.column(name) for name in _SCHEMA.names]
+    for row in range(batch.num_rows):
+        channel, timebase, start, stop, rising, falling = (column[row] for column in columns)
+        yield RecordedEdges(
+            channel.as_py(),
+            EdgeBlock(
+                rising.values.to_numpy(),
+                start.as_py(),
+                stop.as_py(),
+                timebase.as_py(),
+                falling.values.to_numpy() if falling.is_valid else None,
+            ),
+        )
+
+
+def _same(first: Iterable[RecordedEdges], second: Iterable[RecordedEdges]) -> bool:
+    try:
+        return all(_equal(a, b) for a, b in zip(first, second, strict=True))
+    except ValueError:  # one ends earlier
+        return False
+
+
+def _equal(first: RecordedEdges, second: RecordedEdges) -> bool:
+    a, b = first.block, second.block
+    return (
+        (first.channel, a.timebase_hz, a.start_tick, a.stop_tick)
+        == (second.channel, b.timebase_hz, b.start_tick, b.stop_tick)
+        and np.array_equal(a.ticks, b.ticks)
+        and _equal_or_none(a.falling_ticks, b.falling_ticks)
+    )
+
+
+def _equal_or_none(first: NDArray[np.int64] | None, second: NDArray[np.int64] | None) -> bool:
+    if first is None or second is None:
+        return first is second
+    return np.array_equal(first, second)

@@ -1,0 +1,1 @@
+"""Recorded streams in the formats of other programs: HDF5, MDF4, TDMS."""

@@ -1,0 +1,37 @@
+"""Streams of a run as TDMS, for LabVIEW and DIAdem."""
+
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
+
+from torquebench.records.runs.streams import Attributes, Column, EdgePiece
+
+__all__ = ["write_edges", "write_samples"]
+
+
+def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
+    """Write a channel a column into the group `samples`."""
+    channels = [
+        ChannelObject(
+            "samples",
+            column.name,
+            # TDMS has no boolean of one byte that every reader supports
+            column.values.astype(np.uint8) if column.values.dtype == np.bool_ else column.values,
+            {"unit_string": column.unit, "description": column.description},
+        )
+        for column in columns
+    ]
+    with TdmsWriter(path) as writer:
+        writer.write_segment([RootObject(dict(attributes)), GroupObject("samples"), *channels])
+
+
+def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
+    """Write a channel of ticks a channel and edge, such as `output_torque rising`."""
+    with TdmsWriter(path) as writer:
+        writer.write_segment([RootObject(dict(attributes)), GroupObject("edges")])
+        for piece in pieces:
+            properties = {"unit_string": "ticks", "timebase_hz": piece.timebase_hz}
+            name = f"{piece.channel} {piece.edge}"
+            writer.write_segment([ChannelObject("edges", name, piece.ticks, properties)])

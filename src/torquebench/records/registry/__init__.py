@@ -1,0 +1,1 @@
+"""The registry: tables, entries and migrations of calibrations, models, certificates, equipment."""

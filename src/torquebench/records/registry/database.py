@@ -1,0 +1,608 @@
+"""The database below the registry: connection, append-only transactions, rows by name."""
+
+import contextlib
+import importlib
+import json
+import os
+import sqlite3
+import threading
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any, Self, TypeVar
+
+from sqlalchemy import (
+    URL,
+    Connection,
+    Engine,
+    NullPool,
+    create_engine,
+    event,
+    make_url,
+    select,
+    text,
+)
+from sqlalchemy.engine import ExceptionContext
+from sqlalchemy.engine.interfaces import DBAPIConnection
+from sqlalchemy.exc import (
+    ArgumentError,
+    DBAPIError,
+    InterfaceError,
+    OperationalError,
+    SQLAlchemyError,
+)
+from sqlalchemy.orm import Session, UOWTransaction
+
+from torquebench.atomic_write import create_private, private_folder
+from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
+from torquebench.records.chain import START, ChainHead, canonical, seal
+from torquebench.records.files import json_text, revived, with_messages
+from torquebench.records.read_only import is_writable, sqlite_reader
+from torquebench.records.registry.entries import EquipmentKind
+from torquebench.records.registry.migrating import upgrade
+from torquebench.records.registry.schema import Base, EquipmentRow, LinkRow, RunRow
+
+__all__ = [
+    "REGISTRY_FILE",
+    "REGISTRY_URL",
+    "WAY_BACK",
+    "Database",
+    "UnavailableError",
+    "as_json",
+    "content_of",
+    "database_failures",
+    "engine_of",
+    "entry_of",
+    "equipment_row",
+    "lost_registry",
+    "row_of",
+    "url_with_driver",
+]
+
+REGISTRY_FILE = "registry.sqlite"
+WAY_BACK = "`torquebench records restore BACKUP`, or without a backup `torquebench records rebuild`"
+"""Remedy for a lost or damaged registry."""
+REGISTRY_URL = "TORQUEBENCH_REGISTRY"
+"""Environment variable with the URL of a registry on a server."""
+SERVER_TIMEOUT_S = 10.0
+"""Timeout of a server's answer, s."""
+PATIENCE_S = 30.0
+"""How long `Database.patiently` retries, s."""
+RETRY_S = 0.25
+DISCONNECTING = ("08", "57P")
+"""SQLSTATEs of a lost connection: PostgreSQL 18, appendix A."""
+PASSING = (*DISCONNECTING, "40", "53", "55P03", "57")
+"""SQLSTATEs of temporary failures: deadlocks, no space, a server that is starting."""
+_REMEDIES = {
+    "28": "check user and password in the URL",
+    "3D000": "check the database's name in the URL, or create the database",
+    "42501": "use the URL of a role that may do this, such as the administrator's",
+    "42710": "choose another name",
+}
+"""What to do, by the beginning of the SQLSTATE."""
+
+Result = TypeVar("Result")
+Entry = TypeVar("Entry", bound=Any)
+Row = TypeVar("Row", bound=Base)
+
+
+class UnavailableError(RecordError):
+    """The registry's database can't be used at the moment; its content is unchanged."""
+
+
+def lost_registry(data_dir: Path) -> str:
+    """Return a message if a data directory has runs, but its registry is missing or empty.
+
+    Otherwise empty. A new registry must not be created there by accident.
+    """
+    file, runs = data_dir / REGISTRY_FILE, data_dir / "runs"
+    if file.exists() and file.stat().st_size:
+        return ""
+    count = sum(path.is_dir() for path in runs.iterdir()) if runs.is_dir() else 0
+    if not count:
+        return ""
+    state = "is empty" if file.exists() else "is missing"
+    return Message(
+        "{state} beside {count} run folder{value}", state, count, "s" if count > 1 else ""
+    )
+
+
+class Database:
+    """An open database with the registry's tables, which only grows.
+
+    Every row that a transaction adds gets its link of the hash chain in the same transaction.
+
+    Parameters
+    ----------
+    url : str or sqlalchemy.URL
+        Database URL as SQLAlchemy takes it: ``sqlite:///…`` or ``postgresql://…``.
+    root : pathlib.Path
+        The data directory. In SQLite, paths below it are stored relative to it, so that it can
+        be moved; a server, which several benches share, gets whole paths.
+
+    Attributes
+    ----------
+    known_head : ChainHead
+        The chain's end known to this process, also while the database doesn't answer.
+
+    Raises
+    ------
+    InputError
+        Where the URL isn't one, or its database needs a driver that isn't installed.
+    RecordError
+        Where the database can't be opened, or a newer version of torquebench has made it.
+    """
+
+    def __init__(self, url: str | URL, root: Path) -> None:
+        self.root = root.resolve()
+        self._open = threading.local()
+        self._closing = contextlib.ExitStack()
+        self._url = url_with_driver(url)
+        self._sqlite = self._url.drivername == "sqlite"
+        file = Path(self._url.database or "")
+        self.read_only = self._sqlite and file.is_file() and not is_writable(file)
+        if self.read_only:
+            self._engine = _reading_engine(self._closing.enter_context(sqlite_reader(file)))
+        else:
+            self._engine = engine_of(self._url)
+        self.known_head = ChainHead(0, START)
+        try:
+            upgrade(self._engine, read_only=self.read_only)
+        except SQLAlchemyError as error:
+            self.close()
+            raise _kind_of(error)(
+                Message("the registry {name} can't be opened: {error}", self.name, _cause(error)),
+                "a database that can be read and written",
+                "make room on its disk, or check whether it runs and may be written",
+            ) from error
+        except RecordError:
+            self.close()
+            raise
+
+    @classmethod
+    def open(cls, data_dir: Path, url: str | None = None, *, longest_s: float = 0.0) -> Self:
+        """Open the registry of a data directory, creating what doesn't exist.
+
+        Parameters
+        ----------
+        data_dir : pathlib.Path
+            Folder of runs and model files.
+        url : str, optional
+            A database elsewhere, such as ``postgresql://user@server/torquebench``. By default
+            ``$TORQUEBENCH_REGISTRY``, or a SQLite file in the data directory.
+        longest_s : float
+            How long to retry if its server doesn't answer, s.
+
+        Raises
+        ------
+        RecordError
+            Where the directory can't be created or the database isn't a registry.
+        """
+        try:
+            private_folder(data_dir)
+        except OSError as error:
+            raise RecordError(
+                Message(
+                    "can't create the data directory {folder}: {strerror}", data_dir, error.strerror
+                ),
+                "a folder with write permission",
+                "choose another with --data",
+            ) from error
+        given = url or os.environ.get(REGISTRY_URL)
+        file = data_dir.resolve() / REGISTRY_FILE
+        lost = "" if given else lost_registry(data_dir)
+        if lost:
+            raise RecordError(
+                Message("the registry {file} {lost}", file, lost),
+                "a registry that has them",
+                WAY_BACK,
+            )
+        waits_s = longest_s if given else 0.0
+        deadline = time.monotonic() + waits_s
+        while True:
+            try:
+                return cls(given or URL.create("sqlite", database=str(file)), data_dir)
+            except UnavailableError as error:
+                if time.monotonic() < deadline:
+                    time.sleep(RETRY_S)
+                    continue
+                if not waits_s:
+                    raise
+                found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
+                raise UnavailableError(found, error.allowed, error.remedy) from error
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    @property
+    def name(self) -> str:
+        """URL of the database without its password."""
+        return self._url.render_as_string()
+
+    @property
+    def dialect(self) -> str:
+        """``"sqlite"`` or ``"postgresql"``."""
+        return self._engine.dialect.name
+
+    def close(self) -> None:
+        """Close all connections; more calls do nothing."""
+        self._engine.dispose()
+        self._closing.close()
+
+    @contextmanager
+    def session(self) -> Iterator[Session]:
+        """Yield a session that reads one state of the registry.
+
+        Inside `writing` of the same thread it also reads the rows added by that transaction.
+
+        Raises
+        ------
+        RecordError
+            Where the database fails.
+        """
+        outer: Session | None = getattr(self._open, "session", None)
+        if outer is not None:
+            yield outer
+            return
+        with self._session() as session:
+            yield session
+
+    @contextmanager
+    def writing(self) -> Iterator[Session]:
+        """Yield a session in one transaction, which is stored and chained completely or not at all.
+
+        Writers follow each other, so that the chain has one end. A call inside another one of
+        the same thread takes part in its transaction: entries that belong together are kept
+        together.
+
+        Raises
+        ------
+        RecordError
+            Where the database fails, or something is changed instead of added.
+        """
+        outer: Session | None = getattr(self._open, "session", None)
+        if outer is not None:
+            yield outer
+            outer.flush()
+            return
+        if self.read_only:
+            raise RecordError(
+                Message("{name} can only be read", self.name),
+                "a data directory with write permission",
+                "copy it to where it can be written, with its runs",
+            )
+        with self._session(writes=True) as session:
+            if not self._sqlite:
+                session.execute(text("LOCK TABLE chain IN SHARE ROW EXCLUSIVE MODE"))
+            event.listen(session, "before_flush", _refuse_changes)
+            event.listen(session, "after_flush", _note_new_rows)
+            self._open.session = session
+            try:
+                yield session
+                session.flush()
+                head = _append_links(session)
+            finally:
+                self._open.session = None
+        self.known_head = head
+
+    @contextmanager
+    def _session(self, *, writes: bool = False) -> Iterator[Session]:
+        engine = self._engine.execution_options(writes=writes)
+        with (
+            database_failures(Message("the registry {name}", self.name)),
+            Session(engine) as session,
+            session.begin(),
+        ):
+            yield session
+
+    def execute(self, *statements: str) -> None:
+        """Run statements on the schema in one transaction, past the records."""
+        with self._session(writes=True) as session:
+            for statement in statements:
+                session.execute(text(statement))
+
+    def patiently(
+        self,
+        action: Callable[[], Result],
+        *,
+        told: Callable[[str], None] | None = None,
+        longest_s: float = PATIENCE_S,
+    ) -> Result:
+        """Run an operation on the registry, with retries while its server doesn't answer.
+
+        For a file there is one attempt, since its defects are permanent.
+
+        Parameters
+        ----------
+        action : callable
+            Whole transactions, which may be begun again.
+        told : callable, optional
+            Called once with the problem, before the first repeated attempt.
+        longest_s : float
+            How long to retry, s.
+
+        Raises
+        ------
+        UnavailableError
+            The server is still unavailable.
+        """
+        deadline = time.monotonic() + longest_s
+        while True:
+            try:
+                return action()
+            except UnavailableError as error:
+                if self._sqlite or time.monotonic() >= deadline:
+                    raise
+                if told is not None:
+                    told(error.found)
+                    told = None
+                time.sleep(RETRY_S)
+
+    def head(self) -> ChainHead:
+        """Return the end of the chain, which covers every record so far."""
+        with self.session() as session:
+            self.known_head = _head(session)
+        return self.known_head
+
+    def stored(self, path: Path) -> str:
+        """Return the stored form of a path; see the parameter `root`."""
+        resolved = path.resolve()
+        inside = self._sqlite and resolved.is_relative_to(self.root)
+        return (resolved.relative_to(self.root) if inside else resolved).as_posix()
+
+
+@contextmanager
+def database_failures(what: str) -> Iterator[None]:
+    """Turn a failure of a database into an error with its cause.
+
+    Raises
+    ------
+    UnavailableError
+        Where it may be over a moment later.
+    RecordError
+        For every other failure.
+    """
+    try:
+        yield
+    except (SQLAlchemyError, ConnectionError) as error:
+        raise _kind_of(error)(
+            Message("{name} failed: {said}", what, _cause(error)),
+            "a database that can be read and written",
+            _remedy(error),
+        ) from error
+
+
+def content_of(row: Any) -> dict[str, Any]:
+    """Return the fields of a row as the chain keeps them."""
+    return {
+        column.key: getattr(row, attribute.key)
+        for attribute in row.__mapper__.column_attrs
+        for column in attribute.columns
+    }
+
+
+def _head(session: Session) -> ChainHead:
+    query = select(LinkRow.sequence, LinkRow.sha256).order_by(LinkRow.sequence.desc()).limit(1)
+    last = session.execute(query).one_or_none()
+    return ChainHead(0, START) if last is None else ChainHead(last.sequence, last.sha256)
+
+
+def _refuse_changes(session: Session, _context: UOWTransaction, _instances: object) -> None:
+    changed = [row for row in session.dirty if session.is_modified(row)]
+    for row in [*changed, *session.deleted]:
+        raise RecordError(
+            Message("a change of {tablename} {id}", row.__tablename__, row.id),
+            "additions: records are never overwritten",
+            "amend the record instead",
+        )
+
+
+def _note_new_rows(session: Session, _context: UOWTransaction) -> None:
+    new = [row for row in session.new if not isinstance(row, LinkRow)]
+    session.info.setdefault("appended", []).extend(
+        sorted(new, key=lambda row: _ORDER[row.__tablename__])
+    )
+
+
+def _append_links(session: Session) -> ChainHead:
+    head, now = _head(session), datetime.now(UTC)
+    for row in session.info.pop("appended", []):
+        link = seal(head, row.__tablename__, row.id, now, canonical(content_of(row)))
+        session.add(LinkRow(**vars(link)))
+        head = ChainHead(link.sequence, link.sha256)
+    session.flush()
+    return head
+
+
+_ORDER = {table.name: number for number, table in enumerate(Base.metadata.sorted_tables)}
+
+
+def url_with_driver(url: str | URL) -> URL:
+    """Return a registry's URL with the driver that opens it.
+
+    Raises
+    ------
+    InputError
+        Where it isn't one, or its driver isn't installed.
+    """
+    try:
+        parsed = make_url(url)
+    except ArgumentError as error:
+        raise InputError(
+            Message("registry URL {url!r}", str(url)),
+            "sqlite:///path/registry.sqlite or postgresql://user@server/database",
+        ) from error
+    if parsed.drivername == "postgresql":
+        parsed = parsed.set(drivername="postgresql+pg8000")
+    if parsed.drivername not in ("sqlite", "postgresql+pg8000"):
+        raise InputError(
+            Message("a registry in {drivername}", parsed.drivername), "sqlite or postgresql"
+        )
+    if parsed.drivername == "postgresql+pg8000":
+        try:
+            importlib.import_module("pg8000")
+        except ImportError as error:
+            raise InputError(
+                "a registry in PostgreSQL without its driver",
+                "pg8000",
+                "pip install 'torquebench[postgresql]'",
+            ) from error
+    return parsed
+
+
+def _reading_engine(address: str) -> Engine:
+    """Return an engine that only reads a file in place."""
+
+    def connect() -> sqlite3.Connection:
+        return sqlite3.connect(address, uri=True, check_same_thread=False)
+
+    return create_engine("sqlite://", creator=connect, poolclass=NullPool)
+
+
+def engine_of(url: URL) -> Engine:
+    """Return an engine whose connections are tried before they are used again."""
+    if url.drivername == "sqlite":
+        if url.database:
+            with contextlib.suppress(OSError):  # SQLite itself reports a file that can't be created
+                create_private(Path(url.database)).close()
+        engine = create_engine(url)
+        event.listen(engine, "connect", _set_up_sqlite)
+        event.listen(engine, "begin", _begin_sqlite)
+        return engine
+    engine = create_engine(url, pool_pre_ping=True, connect_args={"timeout": SERVER_TIMEOUT_S})
+    event.listen(engine, "handle_error", _note_disconnect)
+    close = engine.dialect.do_close
+
+    def close_quietly(dbapi_connection: DBAPIConnection) -> None:
+        with contextlib.suppress(engine.dialect.loaded_dbapi.Error):  # the server has closed first
+            close(dbapi_connection)
+
+    # The pool closes connections through the dialect, whose closing has no event.
+    engine.dialect.do_close = close_quietly  # type: ignore[method-assign]
+    return engine
+
+
+def _note_disconnect(context: ExceptionContext) -> None:
+    # A server that shuts down states a code that SQLAlchemy's dialect doesn't check; one that
+    # vanished between question and answer causes the socket's own error.
+    error = context.original_exception
+    if isinstance(error, ConnectionError) or _code(error).startswith(DISCONNECTING):
+        context.is_disconnect = True
+
+
+def _code(error: BaseException | None) -> str:
+    """Return the SQLSTATE of a PostgreSQL error; empty if it has none."""
+    fields = error.args[0] if error is not None and error.args else None
+    return str(fields.get("C", "")) if isinstance(fields, dict) else ""
+
+
+def _kind_of(error: SQLAlchemyError | ConnectionError) -> type[RecordError]:
+    """Return the project's error for an error of the database."""
+    if isinstance(error, OperationalError | InterfaceError | ConnectionError) or (
+        isinstance(error, DBAPIError)
+        and (error.connection_invalidated or _code(error.orig).startswith(PASSING))
+    ):
+        return UnavailableError
+    return RecordError
+
+
+def _remedy(error: SQLAlchemyError | ConnectionError) -> str:
+    original = getattr(error, "orig", None) or error
+    code = _code(original)
+    known = next((said for start, said in _REMEDIES.items() if code.startswith(start)), "")
+    if known:
+        return known
+    # A server may close the connection of a role that it refuses before its reason is read.
+    if isinstance(original, ConnectionError) or isinstance(original.__cause__, OSError):
+        return (
+            "check whether the server runs, and user and password in the URL; what it has is kept"
+        )
+    return "make room on its disk, or check whether it runs; what it has is unchanged"
+
+
+def _cause(error: SQLAlchemyError | ConnectionError) -> str:
+    """Return the database's own message, without the statement and its parameters."""
+    said = getattr(error, "orig", None)
+    if said is None:
+        return str(error)
+    fields = said.args[0] if said.args else ""
+    if isinstance(fields, dict) and "M" in fields:
+        return str(fields["M"])
+    reason = said.__cause__  # the reason why a server can't be reached
+    return str(said) if reason is None else f"{said} ({getattr(reason, 'strerror', '') or reason})"
+
+
+def _set_up_sqlite(connection: Any, _record: object) -> None:
+    connection.isolation_level = None  # transactions begin in `_begin_sqlite`
+    cursor = connection.cursor()
+    # WAL lets readers (the list of runs) work while a run writes; FULL survives a power cut.
+    for pragma in ("busy_timeout=5000", "foreign_keys=ON", "journal_mode=WAL", "synchronous=FULL"):
+        cursor.execute(f"PRAGMA {pragma}")
+    cursor.close()
+
+
+def _begin_sqlite(connection: Connection) -> None:
+    # A transaction that began as a reader would find the end of the chain moved, and fail.
+    writes = connection.get_execution_options().get("writes", True)
+    connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
+
+
+def entry_of(kind: type[Entry], row: Base, /, **others: Any) -> Entry:
+    """Return a row as its frozen entry: columns of the entry's names, and others as they are given.
+
+    Parameters
+    ----------
+    kind : type
+        A frozen dataclass of `torquebench.records.registry.entries`.
+    row : Base
+    **others
+        Fields that aren't columns of the row.
+    """
+    names = {each.name for each in fields(kind)} & set(type(row).__table__.columns.keys())
+    values = {name: revived(getattr(row, name)) for name in names - set(others)}
+    entry: Entry = kind(**values, **others)
+    return entry
+
+
+def row_of(kind: type[Row], entry: Any, /, **others: Any) -> Row:
+    """Return a new row of a frozen entry: columns of the entry's names, and others as given."""
+    names = {each.name for each in fields(entry)} & set(kind.__table__.columns.keys())
+    return kind(**{name: getattr(entry, name) for name in names - set(others)}, **others)
+
+
+def equipment_row(session: Session, kind: EquipmentKind, serial: str) -> EquipmentRow:
+    """Return a piece of equipment's row, a new one if it isn't registered yet."""
+    query = select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
+    row = session.scalar(query)
+    if row is None:
+        row = EquipmentRow(kind=kind, serial=serial, recorded=datetime.now(UTC))
+        session.add(row)
+        session.flush()
+    return row
+
+
+def run_row(session: Session, run_id: str) -> RunRow:
+    """Return a run's row.
+
+    Raises
+    ------
+    RecordError
+        Where it isn't registered.
+    """
+    row = session.scalar(select(RunRow).where(RunRow.run_id == run_id))
+    if row is None:
+        raise RecordError(Message("run {run_id} isn't registered", run_id), "a registered run")
+    return row
+
+
+def as_json(value: Any) -> dict[str, Any]:
+    """Return a value as the database's JSON columns take it; see `with_messages`."""
+    content: dict[str, Any] = json.loads(json_text(with_messages(value)))
+    return content

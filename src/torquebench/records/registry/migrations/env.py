@@ -1,0 +1,8 @@
+"""Environment of Alembic: the registry passes its open connection."""
+
+from alembic import context
+
+from torquebench.records.registry.schema import Base
+
+context.configure(connection=context.config.attributes["connection"], target_metadata=Base.metadata)
+context.run_migrations()

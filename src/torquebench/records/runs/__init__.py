@@ -1,0 +1,1 @@
+"""Folders of runs: events, streams and manifest; listing, locking and finding unfinished ones."""

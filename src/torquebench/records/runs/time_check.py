@@ -1,0 +1,295 @@
+"""Implausible times in the records: clocks that ran backwards, expired standards."""
+
+from collections import defaultdict
+from collections.abc import Collection, Iterator
+from datetime import UTC, date, datetime
+from typing import TYPE_CHECKING
+
+from sqlalchemy import select
+from sqlalchemy.orm import aliased
+
+from torquebench.message import Message
+from torquebench.records.registry.database import Database
+from torquebench.records.registry.entries import RunSummary
+from torquebench.records.registry.schema import (
+    CalibrationRow,
+    LinkRow,
+    ReportRow,
+    RunEndRow,
+    RunRow,
+)
+
+if TYPE_CHECKING:
+    from torquebench.records.registry.registry import Registry
+
+__all__ = [
+    "clock_behind",
+    "doubts_of_calibrations",
+    "doubts_of_runs",
+    "expired_on",
+    "expired_standard",
+    "time_remarks",
+    "times_of_run",
+]
+
+TOLERANCE_S = 2.0
+"""Largest correction of a computer's clock by a time server, s."""
+SERVER_TOLERANCE_S = 60.0
+"""Largest difference between the clocks of benches with one registry, s."""
+
+
+def time_remarks(registry: Database) -> Iterator[str]:
+    """Yield impossible or doubtful times of the records, each as one sentence."""
+    for _, said in _ends_before_beginnings(registry):
+        yield said
+    yield from _entries_before_earlier_ones(registry)
+    for _, said in _expired_standards(registry):
+        yield said
+
+
+def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tuple[str, ...]]:
+    """Return impossible times of some runs, by run.
+
+    Parameters
+    ----------
+    registry : Registry
+    run_ids : collection of str
+    """
+    found: defaultdict[str, list[str]] = defaultdict(list)
+    for run_id, said in _ends_before_beginnings(registry, run_ids):
+        found[run_id].append(said)
+    query = (
+        select(RunRow.id, RunEndRow.id, RunRow.run_id)
+        .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
+        .where(RunRow.run_id.in_(run_ids))
+    )
+    with registry.session() as session:
+        rows = session.execute(query).all()
+    begun = {begin: run_id for begin, _, run_id in rows}
+    ended = {end: run_id for _, end, run_id in rows}
+    for table, names in ((RunRow.__tablename__, begun), (RunEndRow.__tablename__, ended)):
+        for key, said in _entries_back(registry, table, names):
+            found[names[key]].append(said)
+    return {run_id: tuple(said) for run_id, said in found.items()}
+
+
+def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int, tuple[str, ...]]:
+    """Return impossible or doubtful times of some calibrations.
+
+    The standard had expired, the clock ran backwards, or the run ended before it began.
+
+    Parameters
+    ----------
+    registry : Registry
+    ids : collection of int
+        Numbers of calibrations.
+    """
+    found: defaultdict[int, list[str]] = defaultdict(list)
+    for number, said in _expired_standards(registry, ids):
+        found[number].append(said)
+    for number, said in _entries_back(registry, CalibrationRow.__tablename__, ids):
+        found[number].append(said)
+    query = (
+        select(CalibrationRow.id, RunRow.run_id)
+        .join(RunRow, CalibrationRow.run_key == RunRow.id)
+        .where(CalibrationRow.id.in_(ids))
+    )
+    with registry.session() as session:
+        runs = {run_id: number for number, run_id in session.execute(query)}
+    for run_id, said_of_run in doubts_of_runs(registry, runs).items():
+        found[runs[run_id]] += said_of_run
+    return {number: tuple(said) for number, said in found.items()}
+
+
+def clock_behind(registry: Database, now: datetime | None = None) -> str:
+    """Return a message if this computer's clock is earlier than the newest record, or ""."""
+    moment = now or datetime.now(UTC)
+    with registry.session() as session:
+        query = select(LinkRow.recorded).order_by(LinkRow.sequence.desc()).limit(1)
+        newest = session.scalar(query)
+    if newest is None:
+        return ""
+    recorded = datetime.fromisoformat(newest)
+    behind_s = (recorded - moment).total_seconds()
+    if behind_s <= _tolerance_s(registry):
+        return ""
+    return Message(
+        "this computer's clock says {moment:%Y-%m-%d %H:%M:%S} UTC, {passed} "
+        "before the newest record",
+        moment,
+        _duration(behind_s),
+    )
+
+
+def expired_on(day: date, due: date | None) -> bool:
+    """Return whether something that counts up to a day, included, has expired on another.
+
+    Examples
+    --------
+    >>> expired_on(date(2026, 1, 31), date(2026, 1, 31)), expired_on(date(2026, 2, 1), None)
+    (False, False)
+    """
+    return due is not None and day > due
+
+
+def expired_standard(
+    registry: "Registry", what: str, serial: str, due: date | None, today: date | None = None
+) -> str:
+    """Return that no certificate of a standard counts any more; empty where one does.
+
+    Parameters
+    ----------
+    registry : Registry
+        With the certificates that were entered.
+    what, serial : str
+        Kind of the standard, in words, and its serial number.
+    due : datetime.date or None
+        Last day of the certificate that the bench description names.
+    today : datetime.date, optional
+    """
+    dues = [each for each in (due, *(report.due for report in registry.reports(serial))) if each]
+    if not dues or not expired_on(today or datetime.now(UTC).date(), max(dues)):
+        return ""
+    return Message(
+        "the certificate of the {what} {serial} expired on {dues}: have it "
+        "calibrated, then enter its new certificate in the bench description or "
+        "with `torquebench records add-certificate`",
+        what,
+        serial,
+        max(dues),
+    )
+
+
+def times_of_run(run: RunSummary) -> str:
+    """Return that a run ended before it began, in words; empty where it didn't."""
+    if run.finished is None or run.finished >= run.started:
+        return ""
+    return _end_before_beginning(run.run_id, run.started, run.finished)
+
+
+def _end_before_beginning(run_id: str, started: datetime, finished: datetime) -> str:
+    return Message(
+        "run {run} ended ({end:%Y-%m-%d %H:%M:%S}) before it began "
+        "({beginning:%Y-%m-%d %H:%M:%S}): the clock was set back in the meantime",
+        run_id,
+        finished,
+        started,
+    )
+
+
+def _ends_before_beginnings(
+    registry: Database, run_ids: Collection[str] | None = None
+) -> Iterator[tuple[str, str]]:
+    """Yield runs that ended before they began, all or some, with a message."""
+    query = (
+        select(RunRow.run_id, RunRow.started, RunEndRow.finished)
+        .join(RunEndRow, RunEndRow.run_key == RunRow.id)
+        .where(RunEndRow.finished < RunRow.started)
+        .order_by(RunRow.id)
+    )
+    if run_ids is not None:
+        query = query.where(RunRow.run_id.in_(run_ids))
+    with registry.session() as session:
+        for run_id, started, finished in session.execute(query):
+            yield run_id, _end_before_beginning(run_id, started, finished)
+
+
+def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
+    query = select(LinkRow.sequence, LinkRow.table, LinkRow.key, LinkRow.recorded)
+    tolerance_s, latest = _tolerance_s(registry), None
+    with registry.session() as session:
+        rows = session.execute(query.order_by(LinkRow.sequence).execution_options(yield_per=1000))
+        for sequence, table, key, text in rows:
+            try:
+                recorded = datetime.fromisoformat(text)
+            except ValueError:  # the chain itself was changed
+                continue
+            if latest is not None:
+                back_s = (latest - recorded).total_seconds()
+                if back_s > tolerance_s:
+                    yield _recorded_back(sequence, table, key, back_s)
+            latest = recorded
+
+
+def _recorded_back(sequence: int, table: str, key: int, back_s: float) -> str:
+    return Message(
+        "entry {sequence} ({table} {key}) was recorded {back_s} before the entry "
+        "before it: the clock ran backwards",
+        sequence,
+        table,
+        key,
+        _duration(back_s),
+    )
+
+
+def _entries_back(
+    registry: Database, table: str, keys: Collection[int]
+) -> Iterator[tuple[int, str]]:
+    """Yield those of some rows that are dated before the entry before them."""
+    before, tolerance_s = aliased(LinkRow), _tolerance_s(registry)
+    query = (
+        select(LinkRow.sequence, LinkRow.key, LinkRow.recorded, before.recorded)
+        .join(before, before.sequence == LinkRow.sequence - 1)
+        .where(LinkRow.table == table, LinkRow.key.in_(keys))
+        .order_by(LinkRow.sequence)
+    )
+    with registry.session() as session:
+        for sequence, key, recorded, earlier in session.execute(query):
+            try:
+                passed = datetime.fromisoformat(recorded) - datetime.fromisoformat(earlier)
+            except ValueError:  # the chain itself was changed: `records verify` reports it
+                continue
+            if -passed.total_seconds() > tolerance_s:
+                yield key, _recorded_back(sequence, table, key, -passed.total_seconds())
+
+
+def _expired_standards(
+    registry: Database, ids: Collection[int] | None = None
+) -> Iterator[tuple[int, str]]:
+    """Yield calibrations, all or some, against a standard that had expired, with a message."""
+    query = select(CalibrationRow).where(CalibrationRow.standard_key.is_not(None))
+    if ids is not None:
+        query = query.where(CalibrationRow.id.in_(ids))
+    with registry.session() as session:
+        reports: dict[int, list[ReportRow]] = {}
+        for report in session.scalars(select(ReportRow).order_by(ReportRow.id)):
+            reports.setdefault(report.equipment_key, []).append(report)
+        for row in session.scalars(query.order_by(CalibrationRow.id)):
+            known = [
+                each
+                for each in reports.get(row.standard_key or 0, [])
+                if each.performed is None or each.performed <= row.performed.date()
+            ]
+            if known and expired_on(row.performed.date(), known[-1].due):
+                day, serial = row.performed.date(), row.standard.serial if row.standard else ""
+                said = Message(
+                    "calibration-{number} was made on {day} against {serial}, whose "
+                    "certificate {certificate} had expired on {due}",
+                    row.id,
+                    day,
+                    serial,
+                    known[-1].number,
+                    known[-1].due,
+                )
+                yield row.id, said
+
+
+def _tolerance_s(registry: Database) -> float:
+    return TOLERANCE_S if registry.dialect == "sqlite" else SERVER_TOLERANCE_S
+
+
+def _duration(seconds: float) -> str:
+    """Return a duration in words.
+
+    Examples
+    --------
+    >>> _duration(90.0), _duration(5400.0), _duration(200000.0)
+    ('90 s', '1.5 h', '2.3 days')
+    """
+    if seconds < 600.0:
+        return Message("{seconds:.0f} s", seconds)
+    return (
+        Message("{seconds:.1f} h", seconds / 3600.0)
+        if seconds < 172800.0
+        else Message("{count:.1f} days", seconds / 86400.0)
+    )

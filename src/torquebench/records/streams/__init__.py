@@ -1,0 +1,1 @@
+"""Append-only Arrow streams that survive a kill at any moment: raw samples and readings."""
