@@ -439,7 +439,7 @@ def _work(server: Server, ended: threading.Event, troubles: list[str]) -> None:
         try:
             _record_and_calibrate(server, ended, number)
         except urllib.error.HTTPError as error:
-            alarms = [each["found"] for each in server.call("GET", "/alarms?standing=true")]
+            alarms = [each["found"] for each in server.call("GET", "/alarms?active=true")]
             troubles.append(f"{error.code}: {'; '.join(alarms) or error.reason}")
             print(troubles[-1], file=sys.stderr, flush=True)
         _acknowledge(server)

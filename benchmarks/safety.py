@@ -50,7 +50,7 @@ LIMIT_NM = 1000.0
 LOADED_NM = 800.0
 PATIENCE_S = 10.0
 PERCENTILES = (50.0, 90.0, 99.0, 100.0)
-LOOKS_S = (0.0025, 0.005, 0.01, 0.05)
+FAST_CHECKS_S = (0.0025, 0.005, 0.01, 0.05)
 CAUSES = ("overload", "outlier reading", "drive fault", "stop asked for", "lost signal")
 TRIALS, QUICK_TRIALS = 60, 5
 USUAL_LOAD = 4
@@ -76,13 +76,13 @@ class Situation:
         return not self.threads and (not self.programs or granted is Priority.REAL_TIME)
 
 
-def described(look_s: float) -> BenchDescription:
+def described(fast_check_s: float) -> BenchDescription:
     """Describe the simulated bench with a low limit on its output and quick ramps."""
     text = default_bench().model_dump()
     text["output"]["range_nm"] = 900.0
     text["output"]["limits"]["torque_nm"] = LIMIT_NM
     text["output"]["drive"]["torque_rate_nm_per_s"] = 20_000.0
-    text["safety"] |= {"ramp_to_zero_s": 0.05, "look_s": look_s}
+    text["safety"] |= {"ramp_to_zero_s": 0.05, "fast_check_s": fast_check_s}
     return BenchDescription.model_validate(text)
 
 
@@ -243,7 +243,7 @@ def busy(threads: int) -> Iterator[None]:
             each.join()
 
 
-def delays(look_s: float, trials: int, situation: Situation) -> dict[str, list[float]]:
+def delays(fast_check_s: float, trials: int, situation: Situation) -> dict[str, list[float]]:
     """Return the delays of every cause in ms, drawn by one seed."""
     draw = np.random.default_rng(1)
     found: dict[str, list[float]] = {cause: [] for cause in CAUSES}
@@ -252,7 +252,7 @@ def delays(look_s: float, trials: int, situation: Situation) -> dict[str, list[f
         other_programs(situation.programs),
         timed.watching(),
         tempfile.TemporaryDirectory() as folder,
-        Station.open(described(look_s), Path(folder), real_time=True) as station,
+        Station.open(described(fast_check_s), Path(folder), real_time=True) as station,
         busy(situation.threads),
     ):
         for _ in range(trials):
@@ -263,11 +263,11 @@ def delays(look_s: float, trials: int, situation: Situation) -> dict[str, list[f
     return found
 
 
-def processor_share(look_s: float, wall_s: float) -> float:
+def processor_share(fast_check_s: float, wall_s: float) -> float:
     """Processor time of this process by wall time while the bench stands loaded, %."""
     with (
         tempfile.TemporaryDirectory() as folder,
-        Station.open(described(look_s), Path(folder), real_time=True) as station,
+        Station.open(described(fast_check_s), Path(folder), real_time=True) as station,
     ):
         used: list[float] = []
 
@@ -316,9 +316,9 @@ def markdown(measured: Mapping[Situation, Mapping[str, list[float]]]) -> str:
         f"Simulated bench in real time, {os.cpu_count()} processors, {trials} trials a cause and "
         f"situation, {available_priority().description} priority, "
         f"load average at the end {load:.1f}; ms from a violation to the zero command of both "
-        "drives, a look every "
-        f"{1e3 * default_bench().safety.look_s:g} ms. A lost signal counts from the end of its "
-        f"tolerated {1e3 * default_bench().safety.signal_loss_s:g} ms."
+        "drives, a fast check every "
+        f"{1e3 * default_bench().safety.fast_check_s:g} ms. A lost signal counts from the end of "
+        f"its tolerated {1e3 * default_bench().safety.signal_loss_s:g} ms."
     )
     return about + "\n\n" + "\n".join(lines)
 
@@ -326,8 +326,8 @@ def markdown(measured: Mapping[Situation, Mapping[str, list[float]]]) -> str:
 def print_costs() -> None:
     """Say what looking more or less often costs."""
     print("\nlooks and what they cost, loaded bench, % of one processor")
-    for look_s in LOOKS_S:
-        print(f"  {1e3 * look_s:5g} ms  {processor_share(look_s, 10.0):5.1f} %")
+    for fast_check_s in FAST_CHECKS_S:
+        print(f"  {1e3 * fast_check_s:5g} ms  {processor_share(fast_check_s, 10.0):5.1f} %")
 
 
 def main() -> int:
@@ -350,17 +350,18 @@ def main() -> int:
         situations.append(Situation(programs=arguments.load))
     elif not arguments.quick:
         situations += [Situation(programs=USUAL_LOAD), Situation(threads=1)]
-    look_s = default_bench().safety.look_s
+    fast_check_s = default_bench().safety.fast_check_s
     granted = available_priority()
     print(
         f"simulated bench in real time, {os.cpu_count()} processors, priority: "
-        f"{granted.description}; ms from a violation to the zero command, looks {1e3 * look_s:g} ms"
+        f"{granted.description}; ms from a violation to the zero command, "
+        f"a fast check every {1e3 * fast_check_s:g} ms"
     )
     measured: dict[Situation, dict[str, list[float]]] = {}
     worst: dict[Situation, float] = {}
     for situation in situations:
         fewer = trials if situation == Situation() else max(1, trials // 2)
-        measured[situation] = delays(look_s, fewer, situation)
+        measured[situation] = delays(fast_check_s, fewer, situation)
         worst[situation] = report(situation, measured[situation])
     if arguments.write:
         write_section(BENCHMARKS, "safety", markdown(measured))

@@ -112,7 +112,7 @@ def reader(
             shutil.rmtree(tmp_path / "data")
             (tmp_path / "data").mkdir()
             (tmp_path / "data" / "laboratory.toml").write_text(blocks(page, "toml")[0], "utf-8")
-        elif name == "evaluate-a-calibration-from-elsewhere":
+        elif name == "evaluate-an-external-calibration":
             external_table(tmp_path)
         elif name == "measure-quick-torques":
             quick_tables(tmp_path)

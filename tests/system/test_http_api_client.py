@@ -215,7 +215,7 @@ def test_what_happens_is_told_to_whoever_listens(server: Server, admin: httpx.Cl
             await other.stop("a noise")
             ended = await other.wait(job["job_id"])
             assert "a noise" in ended["problem"]["found"]
-            (alarm,) = await other.get("/alarms", standing=True)
+            (alarm,) = await other.get("/alarms", active=True)
             with pytest.raises(RefusedError, match="an alarm that was raised in the meantime"):
                 await _acknowledged(other, ["not this one"])
             await _acknowledged(other, [alarm["alarm_id"]])
@@ -300,7 +300,7 @@ def test_a_job_that_fails_is_an_error_with_its_reason(max_: Client) -> None:
             break
         except RefusedError:
             time.sleep(0.1)
-    assert max_.get("/alarms", standing=True) == []
+    assert max_.get("/alarms", active=True) == []
 
 
 def test_a_stream_of_events_ends_with_its_token(server: Server, admin: httpx.Client) -> None:

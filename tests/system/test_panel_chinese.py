@@ -101,7 +101,7 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     ana.open("/records")
     all_chinese(ana, "records.runs")
     ana.driver.find_element(By.CSS_SELECTOR, ".tabs button:nth-child(2)").click()
-    ana.press(CHINESE("elsewhere.open"))
+    ana.press(CHINESE("external.open"))
     chosen = ana.wait(
         lambda: ana.driver.find_element(By.CSS_SELECTOR, "input[type=file]"), "a place for a file"
     )
@@ -111,23 +111,23 @@ def test_a_table_from_elsewhere_is_looked_at_entered_and_taken_up(
     chosen.send_keys(str(large))
     ana.sees("524288")
     chosen.send_keys(str(wrong))
-    ana.press(CHINESE("elsewhere.look"))
+    ana.press(CHINESE("external.look"))
     ana.sees("'many'")
-    all_chinese(ana, "elsewhere.title")
+    all_chinese(ana, "external.title")
     stated = tmp_path / "stated.csv"
     stated.write_text(f"# reference_uncertainty = 0.02\n{TABLE.read_text('utf-8')}", "utf-8")
     chosen.send_keys(str(stated))
     options = "return [...document.querySelectorAll('select')].map(each => each.value)"
     ana.wait(lambda: "table" in ana.driver.execute_script(options), "the table's own uncertainty")
-    ana.press(CHINESE("elsewhere.look"))
-    all_chinese(ana, "elsewhere.circumstances", "elsewhere.simulated")
+    ana.press(CHINESE("external.look"))
+    all_chinese(ana, "external.circumstances", "external.simulated")
     for key, value in (
         ("transducer_serial", "4711"),
         ("indicator", "DMP41"),
         ("reference_serial", "R-9"),
     ):
-        ana.fill(CHINESE(f"elsewhere.{key}"), value)
-    ana.press(CHINESE("elsewhere.enter"))
+        ana.fill(CHINESE(f"external.{key}"), value)
+    ana.press(CHINESE("external.enter"))
     ana.press(CHINESE("records.take_up", number="").strip())
     all_chinese(ana, "models.before_after", "models.compare")
     assert "100" in ana.text

@@ -118,7 +118,7 @@ def test_packaged_profiles_are_all_named() -> None:
     packaged = {
         each.stem for each in (ROOT / "src/torquebench/calibration/profiles").glob("*.toml")
     }
-    page = text(DOCS / "how-to" / "evaluate-a-calibration-from-elsewhere.md")
+    page = text(DOCS / "how-to" / "evaluate-an-external-calibration.md")
     assert {name for name in packaged if f"`{name}`" not in page} == set()
 
 
@@ -178,7 +178,7 @@ FIGURES = {
         f"allows {guarding.TORQUE_MARGIN * 100:.0f} % of its largest torque (plus "
         f"{guarding.ZERO_MARGIN * 100:.0f} % of the range before the zero is measured), "
         f"{guarding.STANDING_RPM:.0f} rpm, {guarding.STANDING_DEG:.0f}°",
-        f"slices of `look_s` ({SAFETY['look_s'].default * 1000:.0f} ms)",
+        f"slices of `fast_check_s` ({SAFETY['fast_check_s'].default * 1000:.0f} ms)",
         f"nice    {priority.NICENESS}",
         f"switches every {priority.SWITCH_INTERVAL_S * 1000:g} ms",
     ),

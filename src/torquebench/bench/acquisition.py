@@ -100,7 +100,9 @@ class Acquisition:
         self._slices = (
             1
             if clock.fast
-            else slices_of(self._block_s, max(description.safety.look_s, drivers.shortest_read_s))
+            else slices_of(
+                self._block_s, max(description.safety.fast_check_s, drivers.shortest_read_s)
+            )
         )
         self._index = 0
         self._lock = threading.RLock()

@@ -368,7 +368,7 @@ def stated_uncertainty(
 class SafetyDescription(_Section):
     """Settings of the supervisor.
 
-    `look_s` is the interval of the signals' fast checks in real time. A warning is raised at
+    `fast_check_s` is the interval of the signals' fast checks in real time. A warning is raised at
     `warning_percent` of a limit, and a level ends `hysteresis_percent` of the limit below it. With
     `presence_s` a drive has power only if the operator's presence was confirmed within that time; 0
     requires no confirmation. `procedure_s` is the longest time between two messages of a procedure
@@ -377,7 +377,7 @@ class SafetyDescription(_Section):
     of the last `following_s` by `following_percent`; 0 switches the comparison off.
     """
 
-    look_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
+    fast_check_s: Annotated[float, Field(ge=0.002, le=1.0, description="s")] = 0.005
     warning_percent: Annotated[float, Field(gt=0, le=100.0, description="% of limit")] = 95.0
     hysteresis_percent: Annotated[float, Field(ge=0, le=50.0, description="% of limit")] = 2.0
     presence_s: Annotated[float, Field(ge=0.0, le=3600.0, description="s")] = 0.0

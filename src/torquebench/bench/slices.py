@@ -15,15 +15,15 @@ from torquebench.signals import EdgeBlock
 __all__ = ["joined", "joined_edges", "slices_of"]
 
 
-def slices_of(block_s: float, look_s: float) -> int:
-    """Return the number of slices of about `look_s` in a block, at least 1.
+def slices_of(block_s: float, fast_check_s: float) -> int:
+    """Return the number of slices of about `fast_check_s` in a block, at least 1.
 
     Examples
     --------
     >>> slices_of(0.05, 0.005), slices_of(0.05, 0.02), slices_of(0.05, 1.0)
     (10, 2, 1)
     """
-    return max(1, int(block_s / look_s + 1e-9))
+    return max(1, int(block_s / fast_check_s + 1e-9))
 
 
 def joined(parts: Sequence[CounterBlock]) -> CounterBlock:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from torquebench.cli.terminal.console import warn
 
 if TYPE_CHECKING:
-    from torquebench.bench.safety import StandingAlarm
+    from torquebench.bench.safety import RaisedAlarm
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.records import UnfinishedRun
     from torquebench.station import Station
@@ -59,7 +59,7 @@ def tell_warnings(station: Station, progress: TerminalProgress) -> Iterator[None
 
     speaking = True
 
-    def tell(entry: StandingAlarm) -> None:
+    def tell(entry: RaisedAlarm) -> None:
         alarm = entry.alarm
         if not speaking or alarm.level is not AlarmLevel.WARNING or entry.acknowledged:
             return

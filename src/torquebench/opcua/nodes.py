@@ -158,9 +158,9 @@ class AddressSpace:
         """Return the condition of an alarm."""
         return ua.NodeId(f"alarm.{alarm.alarm_id}", self.index)
 
-    async def show_alarms(self, standing: Sequence[AlarmView]) -> None:
+    async def show_alarms(self, active: Sequence[AlarmView]) -> None:
         """Show these alarms as conditions of the bench, with events."""
-        wanted = {self.alarm_id(each): each for each in standing}
+        wanted = {self.alarm_id(each): each for each in active}
         for gone in [each for each in self.alarms if each not in wanted]:
             await self.server.delete_nodes([self.alarms.pop(gone)])
         for identifier, alarm in wanted.items():

@@ -214,20 +214,20 @@ class OpcUaServer:
             known = self._alarms.get(alarm_id)
             if known is not None and known[0] == alarm:
                 continue
-            if known is None and not alarm.stands:
+            if known is None and not alarm.active:
                 self._alarms[alarm_id] = (alarm, b"")
                 continue
             self._alarms[alarm_id] = (alarm, await self._tell_alarm(alarm))
         for gone in [each for each in self._alarms if each not in seen]:
             del self._alarms[gone]
-        await self._space.show_alarms([each for each in seen.values() if each.stands])
+        await self._space.show_alarms([each for each in seen.values() if each.active])
 
     async def _tell_alarm(self, alarm: AlarmView) -> bytes:
         event: Any = AlarmCondition()
-        acked = alarm.acknowledged is not None or not alarm.stands
+        acked = alarm.acknowledged is not None or not alarm.active
         state = {
             "EnabledState": (True, "Enabled", "Disabled"),
-            "ActiveState": (alarm.stands, "Active", "Inactive"),
+            "ActiveState": (alarm.active, "Active", "Inactive"),
             "AckedState": (acked, "Acknowledged", "Unacknowledged"),
         }
         for name, (value, true, false) in state.items():
@@ -237,7 +237,7 @@ class OpcUaServer:
         event.ConditionClassId = ua.NodeId(ua.ObjectIds.ProcessConditionClassType)
         event.ConditionClassName = ua.LocalizedText("Process", "en")
         event.ConditionName = alarm.kind
-        event.Retain = alarm.stands
+        event.Retain = alarm.active
         event.SuppressedOrShelved = False
         event.ClientUserId = alarm.acknowledged_by
         event.Quality = ua.StatusCode(ua.StatusCodes.Good)

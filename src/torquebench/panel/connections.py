@@ -14,7 +14,7 @@ HEAD_S = 30.0
 """Longest time to receive a request's head, s. Browsers use a connection that they opened in
 advance within ten seconds, and don't retry if it was closed meanwhile.
 """
-LAST_LOOK_S = 0.1
+LAST_POLL_S = 0.1
 """Time to read data that arrived while the process was busy, before a connection is closed, s."""
 LARGEST_HEAD = 64 * 1024
 """Longest head of a request, bytes: the parser has no limit."""
@@ -132,11 +132,11 @@ class PatientProtocol(_Base):
     def timeout_keep_alive_handler(self) -> None:
         """Close a connection that rests; a request that waits to be read comes first."""
         close = super().timeout_keep_alive_handler
-        self.timeout_keep_alive_task = self.loop.call_later(LAST_LOOK_S, close)
+        self.timeout_keep_alive_task = self.loop.call_later(LAST_POLL_S, close)
 
     def _give_up(self) -> None:
         # The loop checks timers before it reads: after a pause, a head may be unread.
-        self._patience = self.loop.call_later(LAST_LOOK_S, self._close)
+        self._patience = self.loop.call_later(LAST_POLL_S, self._close)
 
     def _close(self) -> None:
         self._patience = None

@@ -16,7 +16,7 @@ from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 __all__ = ["ProcessEndedError", "run_in_process"]
 
 Result = TypeVar("Result")
-LOOK_S = 0.2
+POLL_INTERVAL_S = 0.2
 NICE = 5
 
 
@@ -63,7 +63,7 @@ def run_in_process(
         while True:
             if cancelled():
                 raise ProcessEndedError("the computation was ended")
-            if not here.poll(LOOK_S):
+            if not here.poll(POLL_INTERVAL_S):
                 continue
             try:
                 kind, content = here.recv()

@@ -15,7 +15,7 @@ from torquebench.procedures.setup import Plan
 
 __all__ = ["LONGEST_RECORDING_S", "RecordedSpan", "record_signals"]
 
-LOOK_S = 0.1
+POLL_INTERVAL_S = 0.1
 LONGEST_RECORDING_S = 86400.0
 
 
@@ -66,8 +66,8 @@ def record_signals(
             text = Message("{gone_s} s recorded", gone_s)
             yield from progress(gone_s, 0 if duration_s is None else round(longest_s), text)
             if clock.fast and duration_s is None:  # otherwise a day would pass at once
-                ended.wait(LOOK_S)
-            yield from sleep(min(LOOK_S, left_s))
+                ended.wait(POLL_INTERVAL_S)
+            yield from sleep(min(POLL_INTERVAL_S, left_s))
         spans.append(RecordedSpan(start_s, clock.now()))
 
     spans: list[RecordedSpan] = []

@@ -25,7 +25,7 @@ from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
 from torquebench.bench.identification import check_identities
 from torquebench.bench.interlocks import PresentState
 from torquebench.bench.roles import SIDES, Side, torque_channel
-from torquebench.bench.safety import Alarm, AlarmKind, SafetySupervisor, StandingAlarm
+from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm, SafetySupervisor
 from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.chain import Timebase
@@ -447,11 +447,11 @@ class Station:
         return alarms[0].error() if alarms else error
 
     @property
-    def alarms(self) -> tuple[StandingAlarm, ...]:
+    def alarms(self) -> tuple[RaisedAlarm, ...]:
         """Active alarms and warnings, the worst first."""
         return self.supervisor.alarms
 
-    def _audit_alarm(self, entry: StandingAlarm) -> None:
+    def _audit_alarm(self, entry: RaisedAlarm) -> None:
         """Write changes of an alarm into the audit log."""
         alarm = entry.alarm
         event = alarm.level.name.lower() + " alarm"

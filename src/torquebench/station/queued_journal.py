@@ -14,7 +14,7 @@ __all__ = ["WAITING_BLOCKS", "QueuedJournal"]
 
 WAITING_BLOCKS = 200
 """Most blocks that wait for the disk: ten seconds of the usual 50 ms."""
-LOOK_S = 0.05
+POLL_INTERVAL_S = 0.05
 
 
 class QueuedJournal:
@@ -58,7 +58,7 @@ class QueuedJournal:
         while True:
             self._raise_failure()
             try:
-                self._waiting.put(item, timeout=LOOK_S)
+                self._waiting.put(item, timeout=POLL_INTERVAL_S)
             except queue.Full:
                 continue
             return

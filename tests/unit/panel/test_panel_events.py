@@ -61,7 +61,7 @@ def test_an_alarm_that_came_and_went_between_two_looks_is_told(tmp_path: Path) -
     def stopped(service: BenchService, reason: str) -> None:
         service.stop(operator, reason)
         deadline = time.monotonic() + 60.0
-        while service.alarms(standing=True):
+        while service.alarms(active=True):
             assert time.monotonic() < deadline
             with contextlib.suppress(TorquebenchError):
                 service.acknowledge(operator)

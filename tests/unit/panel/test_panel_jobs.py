@@ -77,10 +77,10 @@ def test_zero_check_and_stop_in_one_sitting(service: BenchService) -> None:
     assert view.state == "failed"
     with pytest.raises(BenchError, match="smoke"):
         service.jobs.start(BEN, "zero", {})
-    (alarm,) = service.alarms(standing=True)
+    (alarm,) = service.alarms(active=True)
     assert alarm.level == "critical"
     deadline = time.monotonic() + 200.0
-    while service.alarms(standing=True):
+    while service.alarms(active=True):
         assert time.monotonic() < deadline
         try:
             service.acknowledge(BEN)
@@ -308,7 +308,7 @@ def test_a_simulated_bench_mounts_the_type_that_is_tested(service: BenchService)
         assert (view.result.details["serial"], view.result.details["short"]) == ("H-7", True)
         report = service.records.report_file(view.result.details["report"])
         assert report.startswith(b"%PDF")
-    assert not service.alarms(standing=True)
+    assert not service.alarms(active=True)
     with pytest.raises(NotFoundError, match="no report"):
         service.records.report_file("../laboratory")
     request = {"repeats": 2, "tolerance_percent_fs": 1.0}
@@ -390,7 +390,7 @@ def test_a_log_that_cannot_be_written_hinders_no_abort_and_no_stop(
     monkeypatch.setattr(service._store, "note", fails)
     service.jobs.abort(BEN, view.job_id)
     assert ended(service, view).state == "aborted"
-    (warning,) = service.alarms(standing=True)
+    (warning,) = service.alarms(active=True)
     assert (warning.level, warning.source) == ("warning", "panel log")
     assert service.stop(ANA, "smoke").alarm_number > warning.number
 

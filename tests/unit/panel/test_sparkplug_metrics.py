@@ -24,7 +24,7 @@ def test_a_stopped_bench_says_so_with_its_alarm(service: BenchService) -> None:
     found = read_bench(service)
     assert found is not None
     node = {name: reading.value for name, reading in found.values[NODE].items()}
-    (alarm,) = service.alarms(standing=True)
+    (alarm,) = service.alarms(active=True)
     assert alarm.message == f"{alarm.found}; {alarm.remedy}"
     assert node["Alarm/Text"] == f"{alarm.kind} ({alarm.source}): {alarm.message}"
     assert node["Bench/State"] == "stopped"

@@ -84,7 +84,7 @@ def test_an_empty_run_ends_in_the_table_that_a_fit_takes(station: Station, tmp_p
 
 
 def test_a_series_waits_for_its_temperature_or_is_told(station: Station, tmp_path: Path) -> None:
-    wanted = {"wanted_c": [35.0], "within_k": 1.0, "longest_h": 0.005, "look_s": 9.0}
+    wanted = {"wanted_c": [35.0], "within_k": 1.0, "longest_h": 0.005, "check_interval_s": 9.0}
     chosen = profile(temperatures=wanted)
     with pytest.raises(ValueError, match="not both"):
         profile(temperatures=wanted, warm_up={"minutes": 1.0})

@@ -3,7 +3,7 @@
 `SafetySupervisor` compares signals, drives and heartbeats with limits; alarms state what was found.
 """
 
-from torquebench.bench.safety.alarms import Alarm, AlarmKind, AlarmLevel, StandingAlarm
+from torquebench.bench.safety.alarms import Alarm, AlarmKind, AlarmLevel, RaisedAlarm
 from torquebench.bench.safety.limits import StepLimits
 from torquebench.bench.safety.supervisor import SafetySupervisor
 
@@ -11,7 +11,7 @@ __all__ = [
     "Alarm",
     "AlarmKind",
     "AlarmLevel",
+    "RaisedAlarm",
     "SafetySupervisor",
-    "StandingAlarm",
     "StepLimits",
 ]

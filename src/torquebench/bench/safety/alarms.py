@@ -25,7 +25,7 @@ __all__ = [
     "AlarmEntry",
     "AlarmKind",
     "AlarmLevel",
-    "StandingAlarm",
+    "RaisedAlarm",
     "Violation",
 ]
 
@@ -228,7 +228,7 @@ class Alarm:
 
 
 @dataclass(frozen=True)
-class StandingAlarm:
+class RaisedAlarm:
     """An alarm and its history.
 
     Parameters
@@ -248,7 +248,7 @@ class StandingAlarm:
     acknowledged: datetime | None = None
 
     @property
-    def stands(self) -> bool:
+    def active(self) -> bool:
         """Whether it still concerns the bench."""
         if self.alarm.level is AlarmLevel.CRITICAL:
             return self.acknowledged is None
@@ -264,11 +264,11 @@ class AlarmBook:
 
     def __init__(self) -> None:
         self._lock = threading.RLock()
-        self._entries: list[StandingAlarm] = []
+        self._entries: list[RaisedAlarm] = []
         self._latched: Alarm | None = None
-        self._listeners: tuple[Callable[[StandingAlarm], None], ...] = ()
+        self._listeners: tuple[Callable[[RaisedAlarm], None], ...] = ()
 
-    def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
+    def subscribe(self, listener: Callable[[RaisedAlarm], None]) -> None:
         """Call this whenever an alarm comes, is cleared or is acknowledged."""
         self._listeners = (*self._listeners, listener)
 
@@ -281,19 +281,19 @@ class AlarmBook:
         return self._latched
 
     @property
-    def entries(self) -> tuple[StandingAlarm, ...]:
+    def entries(self) -> tuple[RaisedAlarm, ...]:
         """Every alarm with its history, the oldest first."""
         return tuple(self._entries)
 
     @property
-    def standing(self) -> tuple[StandingAlarm, ...]:
+    def active(self) -> tuple[RaisedAlarm, ...]:
         """Those that still concern the bench: the worst first, then the oldest."""
 
-        def urgency(entry: StandingAlarm) -> tuple[bool, int, int]:
+        def urgency(entry: RaisedAlarm) -> tuple[bool, int, int]:
             alarm = entry.alarm
             return alarm.kind is not AlarmKind.NOT_SAFE, -alarm.level, alarm.number
 
-        return tuple(sorted((entry for entry in self.entries if entry.stands), key=urgency))
+        return tuple(sorted((entry for entry in self.entries if entry.active), key=urgency))
 
     def add(self, alarm: Alarm) -> Alarm:
         """Note an alarm under its number; the first critical one is the one that latches.
@@ -302,7 +302,7 @@ class AlarmBook:
         """
         with self._lock:
             numbered = replace(alarm, number=len(self._entries) + 1)
-            self._entries.append(StandingAlarm(numbered))
+            self._entries.append(RaisedAlarm(numbered))
             urgent = self._latched is None or numbered.kind is AlarmKind.NOT_SAFE
             if urgent and numbered.level is AlarmLevel.CRITICAL:
                 self._latched = numbered
@@ -325,7 +325,7 @@ class AlarmBook:
         """Clear a warning whose cause is gone."""
         with self._lock:
             entry = self._entries[number - 1]
-            if not entry.stands:
+            if not entry.active:
                 return
             entry = self._entries[number - 1] = replace(entry, cleared=datetime.now(UTC))
         self._tell([entry])
@@ -339,7 +339,7 @@ class AlarmBook:
             A critical alarm isn't among the seen ones.
         """
         with self._lock:
-            for entry in self.standing:
+            for entry in self.active:
                 alarm = entry.alarm
                 if alarm.level is AlarmLevel.CRITICAL and not (
                     seen is None or alarm.number in seen
@@ -354,13 +354,13 @@ class AlarmBook:
             changed = []
             for place, entry in enumerate(self._entries):
                 looked_at = seen is None or place + 1 in seen
-                if entry.stands and entry.acknowledged is None and looked_at:
+                if entry.active and entry.acknowledged is None and looked_at:
                     entry = replace(entry, acknowledged_by=who, acknowledged=moment)
                     self._entries[place] = entry
                     changed.append(place + 1)
         return tuple(changed)
 
-    def _tell(self, entries: list[StandingAlarm]) -> None:
+    def _tell(self, entries: list[RaisedAlarm]) -> None:
         for entry in entries:
             for listener in self._listeners:
                 try:

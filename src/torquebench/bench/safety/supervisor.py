@@ -25,7 +25,7 @@ from torquebench.bench.safety.alarms import (
     AlarmBook,
     AlarmKind,
     AlarmLevel,
-    StandingAlarm,
+    RaisedAlarm,
     Violation,
 )
 from torquebench.bench.safety.drives import DriveWorker, unreachable
@@ -50,8 +50,8 @@ __all__ = [
     "Alarm",
     "AlarmKind",
     "AlarmLevel",
+    "RaisedAlarm",
     "SafetySupervisor",
-    "StandingAlarm",
     "StepLimits",
 ]
 
@@ -153,9 +153,9 @@ class SafetySupervisor:
         return self._book.latched
 
     @property
-    def alarms(self) -> tuple[StandingAlarm, ...]:
+    def alarms(self) -> tuple[RaisedAlarm, ...]:
         """Active alarms, the worst first: the latched alarm, its later causes, warnings."""
-        return self._book.standing
+        return self._book.active
 
     @property
     def history(self) -> tuple[Alarm, ...]:
@@ -164,7 +164,7 @@ class SafetySupervisor:
         return tuple(each.alarm for each in self._book.entries if each.alarm.level is critical)
 
     @property
-    def entries(self) -> tuple[StandingAlarm, ...]:
+    def entries(self) -> tuple[RaisedAlarm, ...]:
         """Every alarm and warning since the bench was opened, with its history."""
         return self._book.entries
 
@@ -253,7 +253,7 @@ class SafetySupervisor:
         self._book.announce(*acknowledged)  # without the lock: a listener may wait for a disk
         return alarm
 
-    def subscribe(self, listener: Callable[[StandingAlarm], None]) -> None:
+    def subscribe(self, listener: Callable[[RaisedAlarm], None]) -> None:
         """Call this when an alarm or a warning comes, is cleared or is acknowledged.
 
         Called in the supervisor's or acquisition's thread: it must be fast.

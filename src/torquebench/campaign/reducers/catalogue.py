@@ -15,7 +15,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from torquebench.campaign.reducers.work import TestWork
+    from torquebench.campaign.reducers.work import ReducerTestWork
 
 __all__ = ["PARTS", "TESTS", "ReducerTest", "TestName", "chosen_tests"]
 
@@ -24,7 +24,7 @@ TestName = Literal[
 ]
 
 
-def _no_work() -> TestWork:
+def _no_work() -> ReducerTestWork:
     raise InputError("the plan of the test 'full'", "one of its parts")
 
 
@@ -53,43 +53,43 @@ class ReducerTest:
     title: str
     about: str
     axes: tuple[str, str] = ("", "")
-    work: Callable[[], TestWork] = _no_work
+    work: Callable[[], ReducerTestWork] = _no_work
     loads_output: bool = False
     bench_twist: bool = False
     empty_run: tuple[Side, ...] = ()
 
 
-def _starting() -> TestWork:
+def _starting() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.breakaway import STARTING
 
     return STARTING
 
 
-def _back_driving() -> TestWork:
+def _back_driving() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.breakaway import BACK_DRIVING
 
     return BACK_DRIVING
 
 
-def _transmission_error() -> TestWork:
+def _transmission_error() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.transmission_error import WORK
 
     return WORK
 
 
-def _hysteresis() -> TestWork:
+def _hysteresis() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.hysteresis import WORK
 
     return WORK
 
 
-def _no_load() -> TestWork:
+def _no_load() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.no_load import WORK
 
     return WORK
 
 
-def _efficiency() -> TestWork:
+def _efficiency() -> ReducerTestWork:
     from torquebench.campaign.reducers.kinds.efficiency import WORK
 
     return WORK

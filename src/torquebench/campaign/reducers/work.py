@@ -13,7 +13,7 @@ from torquebench.procedures import Plan
 from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
 from torquebench.reducers import ReducerDescription, ReducerResult
 
-__all__ = ["Evaluated", "RepeatedSettings", "TestWork"]
+__all__ = ["Evaluated", "ReducerTestWork", "RepeatedSettings"]
 
 
 @runtime_checkable
@@ -40,7 +40,7 @@ class Evaluated:
 
 
 @dataclass(frozen=True)
-class TestWork:
+class ReducerTestWork:
     """Plan, evaluation and figure of a test.
 
     Parameters
@@ -58,8 +58,6 @@ class TestWork:
     unsampled : callable
         Returns the influences that the test leaves out by its settings.
     """
-
-    __test__ = False  # not a test of pytest
 
     settings: Any
     short: Any

@@ -213,10 +213,10 @@ def confirm_presence(service: Service, caller: Caller) -> Response:
 @router.get("/alarms")
 def alarms(
     service: Watched,
-    standing: Annotated[bool, Query(description="Only those that still concern it.")] = False,
+    active: Annotated[bool, Query(description="Only those that still concern it.")] = False,
 ) -> list[AlarmView]:
     """Return alarms and warnings since the bench was opened, the newest first."""
-    return service.alarms(standing=standing)
+    return service.alarms(active=active)
 
 
 @router.post("/alarms/acknowledge")

@@ -32,7 +32,7 @@ __all__ = ["router"]
 
 router = APIRouter(tags=["jobs"])
 
-LOOK_S = 0.05
+POLL_INTERVAL_S = 0.05
 """Interval at which the bench is checked for a listener, s."""
 ALIVE_S = 15.0
 """Interval of keep-alive messages to a listener without events, s."""
@@ -136,7 +136,7 @@ async def _events(service: BenchService, token: str, job_id: str | None) -> Asyn
             yield news
         if over:
             return
-        await asyncio.sleep(LOOK_S)
+        await asyncio.sleep(POLL_INTERVAL_S)
 
 
 class _Listener:
@@ -148,7 +148,7 @@ class _Listener:
         self._jobs = {view.job_id: view for view in old if not view.open}
         self._points: dict[str, int] = {}
         self._prompt: PendingPrompt | None = None
-        self._alarms = {view.alarm_id: view for view in service.alarms() if not view.stands}
+        self._alarms = {view.alarm_id: view for view in service.alarms() if not view.active}
         self._seen: tuple[object, ...] = ()
 
     @property

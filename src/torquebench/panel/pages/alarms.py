@@ -37,7 +37,7 @@ class _AlarmsPage:
 
     def build(self) -> None:
         with box("div", "stack"):
-            self._standing = box("div", "stack", role="region", aria_label=self.text("alarms.now"))
+            self._active = box("div", "stack", role="region", aria_label=self.text("alarms.now"))
             with panel(self.text("alarms.history")):
                 self._history = box("div")
 
@@ -46,27 +46,27 @@ class _AlarmsPage:
         if alarms == self._shown:
             return
         self._shown = alarms
-        standing = [alarm for alarm in alarms if alarm.stands]
-        if standing != self._stood:  # keep a button that is about to be pressed
-            self._stood = standing
-            self._show(standing)
+        active = [alarm for alarm in alarms if alarm.active]
+        if active != self._stood:  # keep a button that is about to be pressed
+            self._stood = active
+            self._show(active)
         self._history.clear()
         with self._history:
-            self._list([alarm for alarm in alarms if not alarm.stands])
+            self._list([alarm for alarm in alarms if not alarm.active])
 
-    def _show(self, standing: list[AlarmView]) -> None:
-        self._standing.clear()
-        with self._standing:
-            if standing:
-                self._acknowledging(standing)
-                for alarm in standing:
+    def _show(self, active: list[AlarmView]) -> None:
+        self._active.clear()
+        with self._active:
+            if active:
+                self._acknowledging(active)
+                for alarm in active:
                     self._card(alarm)
             else:
                 note(self.text("alarms.none"), "good")
 
-    def _acknowledging(self, standing: list[AlarmView]) -> None:
+    def _acknowledging(self, active: list[AlarmView]) -> None:
         text = self.text
-        critical = any(alarm.level == "critical" for alarm in standing)
+        critical = any(alarm.level == "critical" for alarm in active)
         with panel(), box("div", "spread"):
             words("p", text("alarms.latched" if critical else "alarms.warnings"))
             name = self.visitor.looker.name

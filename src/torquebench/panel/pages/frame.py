@@ -208,7 +208,7 @@ class _Frame:
     def _notify(self) -> None:
         """Send the browser the newest alarm and the newest end of a job of its user."""
         service, text = self.visitor.service, self.text
-        alarm = max(service.alarms(standing=True), key=lambda each: each.number, default=None)
+        alarm = max(service.alarms(active=True), key=lambda each: each.number, default=None)
         jobs = (each for each in service.jobs.recent() if not each.open)
         job = next((each for each in jobs if each.started_by == self.visitor.looker.label), None)
         news: dict[str, tuple[str, str]] = {}
@@ -255,8 +255,8 @@ class _Frame:
 
 def _latched(service: BenchService) -> AlarmView | None:
     """Return the first alarm that stopped the bench."""
-    standing = service.alarms(standing=True)
-    return next((alarm for alarm in standing if alarm.level == "critical"), None)
+    active = service.alarms(active=True)
+    return next((alarm for alarm in active if alarm.level == "critical"), None)
 
 
 def command_words(text: Text, mine: bool, holder: str | None) -> str:

@@ -49,7 +49,7 @@ Work (`jobs`): one at a time, each needs the lease
     - `log(limit, before)` -> what people did, newest first.
 
 Alarms and stop
-    - `alarms(standing=False)` -> list of `AlarmView` (number, level, found, allowed, remedy, who
+    - `alarms(active=False)` -> list of `AlarmView` (number, level, found, allowed, remedy, who
       acknowledged); `acknowledge(actor)`; `stop(actor, reason)` ->
       `StopReport(seconds)`: no lease needed. `confirm_presence(actor)` where the bench asks for it.
 

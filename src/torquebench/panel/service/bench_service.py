@@ -240,7 +240,7 @@ class BenchService:
         """
         require(actor, "administrator")
         self.jobs.command(actor)
-        with self.jobs.standing():
+        with self.jobs.idle():
             self.note(actor, "opens the bench again")
             self.live.close()
             self.station.close()
@@ -618,16 +618,16 @@ class BenchService:
 
     # -- alarms and stop --------------------------------------------------------------------
 
-    def alarms(self, *, standing: bool = False) -> list[AlarmView]:
+    def alarms(self, *, active: bool = False) -> list[AlarmView]:
         """Return alarms and warnings since the bench was opened, the newest first.
 
         Parameters
         ----------
-        standing : bool
+        active : bool
             Only those that still concern the bench, the worst first.
         """
         supervisor = self.station.supervisor
-        if standing:
+        if active:
             return [alarm_view(entry) for entry in supervisor.alarms]
         return [alarm_view(entry) for entry in reversed(supervisor.entries)]
 

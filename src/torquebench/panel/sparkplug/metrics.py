@@ -226,7 +226,7 @@ def read_bench(service: BenchService) -> Readings | None:
     """Read all metrics except the publisher's own counters; None while the bench is reopened."""
     try:
         snapshot = service.snapshot()
-        alarms = service.alarms(standing=True)
+        alarms = service.alarms(active=True)
         current = service.jobs.current
         last = next((job for job in service.jobs.recent() if not job.open), None)
     except (TorquebenchError, OSError):  # the simulator is asked while the bench is reopened

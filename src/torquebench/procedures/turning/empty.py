@@ -270,7 +270,7 @@ def reach_temperature(
     if (yield from angle_rad(devices, side)) is None:
         return
     probe, warm = devices.context.description.module(side).temperature_probe, float("nan")
-    for _ in range(round(settings.longest_h * 3600.0 / settings.look_s) + 1):
+    for _ in range(round(settings.longest_h * 3600.0 / settings.check_interval_s) + 1):
         warm = yield from temperature_c(devices, probe or "")
         if abs(warm - wanted) <= settings.within_k:
             return
@@ -278,7 +278,7 @@ def reach_temperature(
             *done, Message("waiting for {wanted:g} °C, {warm:.1f} °C now", wanted, warm)
         )
         yield from checkpoint()
-        yield from sleep(settings.look_s)
+        yield from sleep(settings.check_interval_s)
     raise BenchError(
         Message(
             "the {side} transducer has {warm:.1f} °C after {longest_h:g} h",

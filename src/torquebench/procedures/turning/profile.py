@@ -129,7 +129,7 @@ class Temperatures(_Settings):
     wanted_c: Annotated[list[Annotated[float, Field(ge=-20, le=80)]], Field(min_length=1)]
     within_k: Annotated[float, Field(gt=0, le=10)] = 1.5
     longest_h: Annotated[float, Field(gt=0, le=1000)] = 24.0
-    look_s: Seconds = 60.0
+    check_interval_s: Seconds = 60.0
 
 
 class WarmUp(_Settings):

@@ -8,7 +8,7 @@ import pytest
 
 from torquebench.bench import interlocks
 from torquebench.bench.drivers.base import CounterBlock, DriverSet
-from torquebench.bench.safety import Alarm, AlarmKind, StandingAlarm
+from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm
 from torquebench.errors import (
     BenchError,
     InterlockError,
@@ -267,7 +267,7 @@ def test_a_missing_probe_is_a_lost_signal(open_bench: OpenBench) -> None:
 
 
 def test_an_alarm_stays_latched_until_a_person_acknowledges_it(bench: LowBench) -> None:
-    heard: list[StandingAlarm] = []
+    heard: list[RaisedAlarm] = []
     bench.supervisor.subscribe(heard.append)
     assert bench.supervisor.acknowledge("A. Tester") is None
     bench.load_output(300.0)

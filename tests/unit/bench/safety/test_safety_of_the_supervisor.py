@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from torquebench.bench.drivers.base import DriverSet
-from torquebench.bench.safety import AlarmKind, StandingAlarm
+from torquebench.bench.safety import AlarmKind, RaisedAlarm
 from torquebench.bench.safety.signals import SignalJudge
 from torquebench.errors import BenchError, InterlockError
 
@@ -140,7 +140,7 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
 def test_a_listener_that_waits_for_a_disk_does_not_hold_up_a_stop(bench: LowBench) -> None:
     entered, released = threading.Event(), threading.Event()
 
-    def writes(entry: StandingAlarm) -> None:
+    def writes(entry: RaisedAlarm) -> None:
         if entry.acknowledged is not None:
             entered.set()
             released.wait(PATIENCE_S)

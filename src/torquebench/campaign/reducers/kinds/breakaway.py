@@ -19,7 +19,7 @@ from torquebench.campaign.reducers.uncertainty import (
     temperature_remarks,
     torque_of_loading,
 )
-from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.chain import TorqueParts
 from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
 from torquebench.procedures import Plan
@@ -143,8 +143,8 @@ def _figures(result: BreakawayResult) -> tuple[tuple[str, str], ...]:
     return ((_figure(result), caption),)
 
 
-def _work(side: Side) -> TestWork:
-    return TestWork(
+def _work(side: Side) -> ReducerTestWork:
+    return ReducerTestWork(
         settings=BreakawaySettings(),
         short=BreakawaySettings(positions=2),
         recording=BreakawayRecording,

@@ -16,7 +16,7 @@ from torquebench.campaign.reducers.uncertainty import (
     torque_uncertainty,
     without_tare,
 )
-from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.figures import new_figure, styled, svg_text
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.running import EfficiencySettings, efficiency_map
@@ -117,7 +117,7 @@ def _figures(result: EfficiencyMap) -> tuple[tuple[str, str], ...]:
     return ((_figure(result), caption),)
 
 
-WORK = TestWork(
+WORK = ReducerTestWork(
     settings=EfficiencySettings(),
     short=EfficiencySettings(
         torque_shares=(0.25, 0.5, 1.0),

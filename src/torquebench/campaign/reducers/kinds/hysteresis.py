@@ -20,7 +20,7 @@ from torquebench.campaign.reducers.uncertainty import (
     root_mean_square,
     torque_of_loading,
 )
-from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
 from torquebench.message import Message
 from torquebench.procedures import Plan
@@ -225,7 +225,7 @@ def _figures(result: HysteresisResult) -> tuple[tuple[str, str], ...]:
     return ((_figure(result), caption),)
 
 
-WORK = TestWork(
+WORK = ReducerTestWork(
     settings=HysteresisSettings(),
     short=HysteresisSettings(loops=2, positions_deg=(0.0,), loop_s=20.0),
     recording=LoopRecording,

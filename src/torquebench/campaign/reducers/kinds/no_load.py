@@ -14,7 +14,7 @@ from torquebench.campaign.reducers.uncertainty import (
     tare_remarks,
     torque_uncertainty,
 )
-from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.figures import Curve, friction_figure
 from torquebench.procedures import Plan
 from torquebench.procedures.reducers.friction import FrictionSettings
@@ -75,7 +75,7 @@ def _figures(result: NoLoadResult) -> tuple[tuple[str, str], ...]:
 
 _FEW_SPEEDS = FrictionSettings(speeds_rpm=(100.0, 200.0, 300.0, 500.0, 700.0, 1000.0), repeats=2)
 
-WORK = TestWork(
+WORK = ReducerTestWork(
     settings=NoLoadSettings(),
     short=NoLoadSettings(_FEW_SPEEDS, WarmUp(longest_s=0.0), target_percent=None),
     recording=RunningRecording,

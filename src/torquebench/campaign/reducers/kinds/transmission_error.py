@@ -6,7 +6,7 @@ import numpy as np
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.uncertainty import Bench, resolution_rad, temperature_remarks
-from torquebench.campaign.reducers.work import Evaluated, TestWork
+from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.figures import COLOURS, blank_figure, new_figure, styled, svg_text
 from torquebench.message import Message
 from torquebench.procedures.reducers.turning import (
@@ -144,7 +144,7 @@ def _figures(result: TransmissionErrorResult) -> tuple[tuple[str, str], ...]:
     return ((_over_revolution(result), caption), (_polar(result), polar))
 
 
-WORK = TestWork(
+WORK = ReducerTestWork(
     settings=TransmissionSettings(),
     short=TransmissionSettings(output_rpm=4.0),
     recording=TransmissionRecording,

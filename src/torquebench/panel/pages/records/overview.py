@@ -147,7 +147,7 @@ class _Calibrations:
     def build(self) -> None:
         if self._visitor.has_role("metrologist"):
             with box("div", "line end"):
-                button(self._text("elsewhere.open"), self._enter, picture="upload_file")
+                button(self._text("external.open"), self._enter, picture="upload_file")
         self._entry = box("div")
         self._compared = box("div")
         self._list = box("div")

@@ -89,21 +89,21 @@ class TableEntry:
     def build(self) -> None:
         """Make the form's elements."""
         text = self._text
-        with panel(text("elsewhere.title")), box("div", "stack"):
-            words("p", text("elsewhere.explained"), "muted")
+        with panel(text("external.title")), box("div", "stack"):
+            words("p", text("external.explained"), "muted")
             with box("div", "field"):
-                label = words("label", text("elsewhere.file"))
+                label = words("label", text("external.file"))
                 entry = box("input", "control", type="file", accept=",".join(ENDINGS))
                 label.props["for"] = entry.html_id
                 entry.on("change", lambda event: self._chosen(event.args), js_handler=READ_FILE)
-                words("div", text("elsewhere.file_hint"), "hint")
+                words("div", text("external.file_hint"), "hint")
             with box("div", "columns"):
                 profiles = profile_titles(self._visitor, adaptive=False)
                 self._field("profile", next(iter(profiles)), options=profiles)
                 today = datetime.now(UTC).date().isoformat()
                 self._field("performed", today, kind="date", max=today)
                 stated = {
-                    each: text(f"elsewhere.stated_{each}")
+                    each: text(f"external.stated_{each}")
                     for each in ("torque", "range", "points", "table")
                 }
                 self._field(
@@ -116,11 +116,11 @@ class TableEntry:
                 self._field("range_nm", unit="N·m", inputmode="decimal", hinted=True)
                 self._field("reference_due", kind="date")
             with box("div", "line"):
-                button(text("elsewhere.look"), self._look, "primary", picture="search")
+                button(text("external.look"), self._look, "primary", picture="search")
             self._found = box("div", "stack")
             self._rest = box("div", "stack")
             with self._rest:
-                words("h3", text("elsewhere.circumstances"))
+                words("h3", text("external.circumstances"))
                 with box("div", "columns"):
                     for name in (*NEEDED, *OPTIONAL):
                         if name == "measured_by":
@@ -129,12 +129,12 @@ class TableEntry:
                         else:
                             self._field(name, maxlength="120", autocomplete="off")
                 with box("div", "line"):
-                    button(text("elsewhere.enter"), self._enter, "primary", picture="save")
+                    button(text("external.enter"), self._enter, "primary", picture="save")
             self._rest.set_visibility(False)
 
     def _field(self, name: str, value: str = "", *, hinted: bool = False, **more: Any) -> None:
-        hint = self._text(f"elsewhere.{name}_hint") if hinted else ""
-        self._fields[name] = Field(self._text(f"elsewhere.{name}"), value, hint=hint, **more)
+        hint = self._text(f"external.{name}_hint") if hinted else ""
+        self._fields[name] = Field(self._text(f"external.{name}"), value, hint=hint, **more)
 
     def _stated(self, way: str) -> None:
         """Ask for the standard's uncertainty in this way."""
@@ -166,7 +166,7 @@ class TableEntry:
                 asked = {name: typed_number(field.value), "reference_uncertainty_of": way}
         except ValueError:
             wrong = "needed" if not field.value.strip() else "no_number"
-        field.wrong(self._text(f"elsewhere.{wrong}") if wrong else "")
+        field.wrong(self._text(f"external.{wrong}") if wrong else "")
         return asked
 
     def _chosen(self, sent: Any) -> None:
@@ -187,7 +187,7 @@ class TableEntry:
             with self._found:
                 problem_note(self._text, error)
         except (binascii.Error, ValueError):
-            self._bad(self._text("elsewhere.unreadable"))
+            self._bad(self._text("external.unreadable"))
 
     def _bad(self, said: str) -> None:
         self._found.clear()
@@ -200,7 +200,7 @@ class TableEntry:
         asked: dict[str, Any] = {"content": self._content}
         good = bool(self._content)
         if not good:
-            self._bad(self._text("elsewhere.no_file"))
+            self._bad(self._text("external.no_file"))
         for name in ("profile", "performed", *numbers, "reference_due", *names):
             field = self._fields[name]
             said = field.value.strip()
@@ -209,11 +209,11 @@ class TableEntry:
                 try:
                     asked[name] = typed_number(said)
                 except ValueError:
-                    wrong = self._text("elsewhere.no_number")
+                    wrong = self._text("external.no_number")
             elif said:
                 asked[name] = _moment(said) if name == "performed" else said
             elif name in (*NEEDED, "performed", "resolution_nm"):
-                wrong = self._text("elsewhere.needed")
+                wrong = self._text("external.needed")
             field.wrong(wrong)
             good = good and not wrong
         reference = self._reference()
@@ -240,21 +240,19 @@ class TableEntry:
         pairs(
             [
                 (text("preview.points"), str(view.points)),
-                (text("elsewhere.range"), f"±{view.range_nm:g} N·m"),
+                (text("external.range"), f"±{view.range_nm:g} N·m"),
                 (
-                    text("elsewhere.raw"),
+                    text("external.raw"),
                     f"{view.raw.worst_nm:.4g} N·m, {view.raw.worst_percent_fs:.3g} % FS",
                 ),
             ]
         )
         if view.simulated:
-            note(text("elsewhere.simulated"), "warn")
+            note(text("external.simulated"), "warn")
         labels = labels_of(text.language)
         if view.deviations:
             kind = "warn" if view.certifiable else "bad"
-            title = text(
-                "elsewhere.deviations" if view.certifiable else "elsewhere.not_certifiable"
-            )
+            title = text("external.deviations" if view.certifiable else "external.not_certifiable")
             found = [
                 labels.filled(key, each.values)
                 if (key := f"deviation_{each.key}") in labels
@@ -265,22 +263,22 @@ class TableEntry:
                 for said in found[:SHOWN_DEVIATIONS]:
                     words("li", said)
                 if len(found) > SHOWN_DEVIATIONS:
-                    words("li", text("elsewhere.more", count=len(found) - SHOWN_DEVIATIONS))
+                    words("li", text("external.more", count=len(found) - SHOWN_DEVIATIONS))
         else:
-            note(text("elsewhere.no_deviation"), "good")
+            note(text("external.no_deviation"), "good")
         if view.directions:
             rows = [
                 (
                     text.core(each.name),
-                    text("elsewhere.no_class") if each.accuracy_class is None
+                    text("external.no_class") if each.accuracy_class is None
                     else f"{each.accuracy_class:g}",
                     f"{max(each.uncertainty_percent):.3g}",
                 )
                 for each in view.directions
             ]  # fmt: skip
-            columns = [(text("elsewhere.direction"), False), (text("elsewhere.class"), True),
-                       (text("elsewhere.largest_uncertainty"), True)]  # fmt: skip
-            table(text("elsewhere.classes"), columns, rows)
+            columns = [(text("external.direction"), False), (text("external.class"), True),
+                       (text("external.largest_uncertainty"), True)]  # fmt: skip
+            table(text("external.classes"), columns, rows)
         raw = text("live.line_raw")
         line = Line(raw, view.standard_nm, view.error_nm, "--series-raw", points=True)
         error_chart(text, "measure.errors_label", [line])
@@ -297,5 +295,5 @@ class TableEntry:
         except TorquebenchError as error:
             visitor.messages.problem(error)
             return
-        visitor.messages.good(self._text("elsewhere.entered", number=entered.calibration_id))
+        visitor.messages.good(self._text("external.entered", number=entered.calibration_id))
         self._on_entered(entered.calibration_id)

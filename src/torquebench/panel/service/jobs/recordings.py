@@ -27,7 +27,7 @@ from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["RECORDING_KINDS", "TRIGGER_SIGNALS", "RecordRequest", "Trigger", "crossing"]
 
-LOOK_S = 0.2
+POLL_INTERVAL_S = 0.2
 TriggerSignal = Literal[
     "output_torque_nm",
     "output_raw_nm",
@@ -156,7 +156,7 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
         context.job.start("Waiting for the moment")
         while (left_s := (request.at - datetime.now(UTC)).total_seconds()) > 0.0:
             _still_wanted(context)
-            time.sleep(min(LOOK_S, left_s))
+            time.sleep(min(POLL_INTERVAL_S, left_s))
         return context.station.clock.now(), Message("at {at:%Y-%m-%d %H:%M:%S} UTC", request.at)
     if request.trigger is None:
         return context.station.clock.now(), "by hand"
@@ -181,7 +181,7 @@ def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple
     armed = False
     while True:
         _still_wanted(context)
-        block = viewer.get(timeout_s=LOOK_S)
+        block = viewer.get(timeout_s=POLL_INTERVAL_S)
         if block is None:
             continue
         found, armed = crossing(

@@ -40,7 +40,7 @@ from torquebench.validation import validated
 __all__ = ["JobContext", "JobKind", "JobRequest", "JobRunner", "MountedRequest", "Workplace"]
 
 KEPT = 20
-ABORT_LOOK_S = 0.1
+ABORT_POLL_S = 0.1
 
 
 class JobRequest(BaseModel):
@@ -292,7 +292,7 @@ class JobRunner:
         """
         found = self._kind(kind)
         asked = self._request(found, request)
-        with self.standing():
+        with self.idle():
             document = asked.model_dump(mode="json")
             job = found.job(asked, document, actor)
             job.end("done", result=result)
@@ -480,7 +480,7 @@ class JobRunner:
     def _abort_what_begins(self, job: Job, reason: str) -> None:
         """Abort a run that began between the request and the job's next check."""
         engine = self._station.engine.run_engine
-        while not job.ended.wait(ABORT_LOOK_S):
+        while not job.ended.wait(ABORT_POLL_S):
             if str(engine.state) in ("running", "paused"):
                 self._station.abort(reason)
 
@@ -509,7 +509,7 @@ class JobRunner:
         return job
 
     @contextmanager
-    def standing(self) -> Iterator[None]:
+    def idle(self) -> Iterator[None]:
         """Let no job start until the block ends.
 
         Raises

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import datetime
 
-from torquebench.bench.safety import StandingAlarm
+from torquebench.bench.safety import RaisedAlarm
 from torquebench.errors import TorquebenchError
 
 __all__ = ["AlarmView", "StopReport", "alarm_view"]
@@ -28,7 +28,7 @@ class AlarmView:
         Cause with value and unit, limit, and remedy.
     bench_time_s : float
     raised : datetime.datetime
-    stands : bool
+    active : bool
         Whether it is still active.
     cleared : datetime.datetime or None
     acknowledged : datetime.datetime or None
@@ -45,7 +45,7 @@ class AlarmView:
     remedy: str
     bench_time_s: float
     raised: datetime
-    stands: bool
+    active: bool
     cleared: datetime | None
     acknowledged: datetime | None
     acknowledged_by: str
@@ -72,7 +72,7 @@ class StopReport:
     seconds: float
 
 
-def alarm_view(entry: StandingAlarm) -> AlarmView:
+def alarm_view(entry: RaisedAlarm) -> AlarmView:
     """Return an alarm as a value without behaviour."""
     alarm = entry.alarm
     return AlarmView(
@@ -86,7 +86,7 @@ def alarm_view(entry: StandingAlarm) -> AlarmView:
         remedy=alarm.remedy,
         bench_time_s=alarm.time_s,
         raised=alarm.raised,
-        stands=entry.stands,
+        active=entry.active,
         cleared=entry.cleared,
         acknowledged=entry.acknowledged,
         acknowledged_by=entry.acknowledged_by,
