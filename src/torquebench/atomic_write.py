@@ -23,11 +23,13 @@ from torquebench.message import Message
 
 __all__ = [
     "atomic_file",
+    "atomic_folder",
     "atomic_path",
     "atomic_write",
     "create_private",
     "is_standard_output",
     "private_folder",
+    "replacing",
     "sync_folder",
 ]
 
@@ -78,14 +80,12 @@ def atomic_file(path: Path, *, private: bool = False) -> Iterator[IO[bytes]]:
             with target.open("wb") as file:
                 yield file
         else:
-            with _replacing(target, private=private) as part, part.open("r+b") as file:
+            with replacing(target, private=private) as part, part.open("wb") as file:
                 yield file
-                file.flush()
-                os.fsync(file.fileno())
 
 
 @contextlib.contextmanager
-def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
+def atomic_path(path: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
     """Yield the name of an empty file whose content replaces that of a path when the block ends.
 
     For libraries that open files themselves. Parameters and errors are those of `atomic_write`.
@@ -95,20 +95,62 @@ def atomic_path(path: Path, ending: str = "") -> Iterator[Path]:
     path : pathlib.Path
     ending : str, optional
         Ending of the yielded name, for libraries that need it.
+    private : bool
+        Whether a new file is its owner's alone.
     """
     with _worded(path):
         target = _target(path)
         if isinstance(target, Path) and not _is_special(target):
-            with _replacing(target, ending) as part:
+            with replacing(target, ending, private=private) as part:
                 yield part
-                with part.open("rb") as file:
-                    os.fsync(file.fileno())
             return
     with tempfile.TemporaryDirectory() as folder:
         part = Path(folder, f"part{ending}")
         yield part
         with part.open("rb") as source, atomic_file(path) as file:
             shutil.copyfileobj(source, file)
+
+
+@contextlib.contextmanager
+def replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
+    """Yield an empty file beside a file; it replaces that file when the block ends without error.
+
+    It has the permissions of the file that it replaces, unless the block changes them. Errors are
+    the operating system's, and links aren't followed: for callers that report errors themselves.
+    """
+    if target.exists() and not os.access(target, os.W_OK):  # its folder alone would allow it
+        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
+    part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
+    try:
+        part.touch(0o600 if private else 0o666, exist_ok=False)
+        if target.exists():
+            part.chmod(stat.S_IMODE(target.stat().st_mode))
+        yield part
+        with part.open("rb" if os.name == "posix" else "rb+") as file:  # Windows needs to write
+            os.fsync(file.fileno())
+        part.replace(target)
+    finally:
+        part.unlink(missing_ok=True)
+    sync_folder(target.parent)
+
+
+@contextlib.contextmanager
+def atomic_folder(path: Path) -> Iterator[Path]:
+    """Yield a new folder that replaces another one when the block ends without error.
+
+    One that an interrupted process has left is removed first.
+    """
+    part = path.with_name(f".{path.name}.part")
+    shutil.rmtree(part, ignore_errors=True)
+    try:
+        private_folder(part)
+        yield part
+        if path.exists():
+            shutil.rmtree(path)
+        part.replace(path)
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+    sync_folder(path.parent)
 
 
 def private_folder(folder: Path) -> None:
@@ -188,23 +230,6 @@ def _stream(descriptor: int) -> Iterator[IO[bytes]]:
             return
     with os.fdopen(os.dup(descriptor), "wb") as file:
         yield file
-
-
-@contextlib.contextmanager
-def _replacing(target: Path, ending: str = "", *, private: bool = False) -> Iterator[Path]:
-    """Yield an empty file beside a target; it then replaces the target, with its permissions."""
-    if target.exists() and not os.access(target, os.W_OK):  # its folder alone would allow it
-        raise PermissionError(errno.EACCES, os.strerror(errno.EACCES), str(target))
-    part = target.parent / f".{target.name}.{secrets.token_hex(4)}.part{ending}"
-    try:
-        part.touch(0o600 if private else 0o666, exist_ok=False)
-        yield part
-        if target.exists():
-            part.chmod(stat.S_IMODE(target.stat().st_mode))
-        part.replace(target)
-    finally:
-        part.unlink(missing_ok=True)
-    sync_folder(target.parent)
 
 
 @contextlib.contextmanager

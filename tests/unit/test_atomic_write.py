@@ -11,7 +11,13 @@ from typing import IO
 
 import pytest
 
-from torquebench.atomic_write import atomic_file, atomic_path, atomic_write, is_standard_output
+from torquebench.atomic_write import (
+    atomic_file,
+    atomic_folder,
+    atomic_path,
+    atomic_write,
+    is_standard_output,
+)
 from torquebench.errors import InputError
 
 WRITE = """
@@ -106,11 +112,42 @@ class TestRegularFiles:
         atomic_write(tmp_path / "ours", "new")
         assert (tmp_path / "ours").stat().st_mode == (tmp_path / "usual").stat().st_mode
 
+    def test_a_private_file_is_its_owners_alone_from_its_beginning(self, tmp_path: Path) -> None:
+        with atomic_file(tmp_path / "key.pem", private=True):
+            (part,) = tmp_path.iterdir()
+            assert stat.S_IMODE(part.stat().st_mode) == 0o600
+        with atomic_path(tmp_path / "raw.parquet", private=True) as part:
+            assert stat.S_IMODE(part.stat().st_mode) == 0o600
+        assert {stat.S_IMODE(path.stat().st_mode) for path in tmp_path.iterdir()} == {0o600}
+
+    def test_a_copy_keeps_the_permissions_that_it_was_given(self, tmp_path: Path) -> None:
+        atomic_write(tmp_path / "copy", "old")
+        with atomic_path(tmp_path / "copy") as part:
+            part.chmod(0o600)
+        assert stat.S_IMODE((tmp_path / "copy").stat().st_mode) == 0o600
+
     def test_a_folder_and_a_missing_folder_are_refused(self, tmp_path: Path) -> None:
         for path in (tmp_path, tmp_path / "none" / "a.csv"):
             with pytest.raises(InputError, match="can't write"):
                 atomic_write(path, "x")
         assert _names(tmp_path) == []
+
+
+class TestFolders:
+    def test_a_folder_is_replaced_whole_or_not_at_all(self, tmp_path: Path) -> None:
+        folder = tmp_path / "run"
+        (tmp_path / ".run.part").mkdir()
+        (tmp_path / ".run.part" / "of a killed process").touch()
+        with atomic_folder(folder) as part:
+            (part / "a").touch()
+        assert _names(folder) == ["a"]
+        with pytest.raises(FileNotFoundError), atomic_folder(folder) as part:
+            (part / "none" / "b").touch()
+        assert _names(folder) == ["a"]
+        with atomic_folder(folder) as part:
+            (part / "c").touch()
+        assert _names(folder) == ["c"]
+        assert _names(tmp_path) == ["run"]
 
 
 class TestLinks:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import logging
-import os
 import socket
 from collections.abc import Callable
 from contextvars import ContextVar
@@ -66,9 +65,8 @@ class Store:
             private_folder(folder)
         if not self.key.is_file():
             self.certificate.unlink(missing_ok=True)
-            descriptor = os.open(self.key, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-            with os.fdopen(descriptor, "wb") as file:
-                file.write(cert_gen.dump_private_key_as_pem(cert_gen.generate_private_key()))
+            key = cert_gen.dump_private_key_as_pem(cert_gen.generate_private_key())
+            atomic_write(self.key, key, private=True)
         if self.key.stat().st_mode & 0o077:
             raise InputError(
                 Message("{key} is open to others", self.key),
@@ -129,13 +127,13 @@ class Store:
 
     def reject(self, certificate: bytes) -> None:
         """Store an untrusted certificate, so that an administrator can decide about it."""
-        with contextlib.suppress(ValueError, OSError):
+        with contextlib.suppress(ValueError, OSError, TorquebenchError):
             found = x509.load_der_x509_certificate(certificate)
             name = found.fingerprint(hashes.SHA1()).hex()
             kept = sorted(self.rejected.iterdir(), key=lambda each: each.stat().st_mtime)
             for path in kept[: max(0, len(kept) - MOST_REJECTED + 1)]:
                 path.unlink()
-            (self.rejected / f"{name}.der").write_bytes(certificate)
+            atomic_write(self.rejected / f"{name}.der", certificate, private=True)
 
 
 def _certificate(content: bytes) -> x509.Certificate:

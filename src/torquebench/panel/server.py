@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import os
 import secrets
 import signal
 import socket
@@ -17,6 +16,7 @@ from fastapi import FastAPI
 from nicegui import ui, ui_run_with
 from starlette.types import ASGIApp
 
+from torquebench.atomic_write import atomic_write
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.address import Address
@@ -62,10 +62,8 @@ def storage_secret(data_dir: Path) -> str:
         The file is readable by others, or too short to be a secret.
     """
     path = data_dir / SECRET_FILE
-    with contextlib.suppress(FileExistsError):
-        created = os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600)
-        with os.fdopen(created, "w") as file:
-            file.write(secrets.token_urlsafe(48))
+    if not path.exists():
+        atomic_write(path, secrets.token_urlsafe(48), private=True)
     if path.stat().st_mode & 0o077:
         raise InputError(
             Message("{key} is open to others", path), "mode 0600", Message("chmod 600 {key}", path)

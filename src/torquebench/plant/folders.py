@@ -11,13 +11,13 @@ import hashlib
 import io
 import json
 import os
-import secrets
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlsplit
 
+from torquebench.atomic_write import replacing
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.edges.archive import EDGE_ARCHIVE
@@ -163,39 +163,39 @@ class FolderStore:
         return digest.hexdigest()
 
     def _write(self, url: str, source: Any, sha256: str = "") -> None:
-        target = self.path(url)
-        # In a file system a half-written file would be visible under its name; a store writes it at
-        # once.
-        there = target if self.protocol != "file" else f"{target}.{secrets.token_hex(4)}.part"
         try:
-            if self.protocol == "file":
-                self._fs.makedirs(Path(target).parent.as_posix(), exist_ok=True)
             digest = hashlib.sha256()
-            with self._fs.open(there, "wb") as file:
+            with self._writing(self.path(url)) as file:
                 while block := source.read(BLOCK):
                     digest.update(block)
                     file.write(block)
-                if self.protocol == "file":
-                    file.flush()
-                    os.fsync(file.fileno())
-            if sha256 and digest.hexdigest() != sha256:
-                self._fs.rm(there)
-                raise RecordError(
-                    Message("{source} was changed after sealing", getattr(source, "name", url)),
-                    Message("SHA-256 {sha256}", sha256),
-                    "torquebench records restore brings it back from a backup",
-                )
-            if there != target:
-                self._fs.mv(there, target)
+                if sha256 and digest.hexdigest() != sha256:
+                    raise RecordError(
+                        Message("{source} was changed after sealing", getattr(source, "name", url)),
+                        Message("SHA-256 {sha256}", sha256),
+                        "torquebench records restore brings it back from a backup",
+                    )
         except OSError as error:
-            if there != target:  # a full share would get fuller with each attempt
-                with contextlib.suppress(OSError):
-                    Path(there).unlink()
             raise RecordError(
                 Message("{url} can't be written: {error}", url, error),
                 "a store that can be reached and written",
                 "arrived folders are kept; push again later",
             ) from error
+
+    @contextlib.contextmanager
+    def _writing(self, target: str) -> Iterator[Any]:
+        """Yield a file that the store has when the block ends without error."""
+        if self.protocol == "file":
+            self._fs.makedirs(Path(target).parent.as_posix(), exist_ok=True)
+            with replacing(Path(target)) as part, part.open("wb") as file:
+                yield file
+            return
+        try:
+            with self._fs.open(target, "wb") as file:
+                yield file
+        except RecordError:
+            self._fs.rm(target)
+            raise
 
 
 def _filesystem(url: str, protocol: str) -> Any:

@@ -11,14 +11,20 @@ import json
 import os
 import shutil
 import sqlite3
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
 
 from torquebench import __version__
-from torquebench.atomic_write import atomic_path, atomic_write, private_folder
+from torquebench.atomic_write import (
+    atomic_folder,
+    atomic_path,
+    atomic_write,
+    private_folder,
+    replacing,
+)
 from torquebench.bench.audit.chain import audit_end, check_audit, files_aside
 from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.errors import InputError, RecordError
@@ -29,6 +35,7 @@ from torquebench.records.files import read_json
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.registry.database import REGISTRY_FILE, REGISTRY_URL, WAY_BACK
 from torquebench.records.registry.database_check import damage_of_file
+from torquebench.records.runs.folder import MANIFEST
 from torquebench.station.bench_lock import LOCK_FILE, BenchLock
 from torquebench.station.data_check import run_folders
 
@@ -99,9 +106,10 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
     require_file_registry("a backup")
     _require_target(data, target)
     private_folder(target)
-    copy = target / f".{REGISTRY_FILE}.part"
+    for leftover in target.glob(".*.part*"):  # of an interrupted backup
+        leftover.unlink()
     progress.start("Copying the registry")
-    try:
+    with replacing(target / REGISTRY_FILE) as copy:
         _copy_database(data / REGISTRY_FILE, copy)
         damage = damage_of_file(copy)
         if damage:
@@ -115,11 +123,8 @@ def back_up(data: Path, target: Path, progress: Progress = NO_PROGRESS) -> Backu
         with Registry(f"sqlite:///{copy}", data) as registry:
             _require_same_records(registry, target)
             backup = _copy_files(registry, data, target, progress)
-        for leftover in (f"{copy.name}-wal", f"{copy.name}-shm"):
-            copy.with_name(leftover).unlink(missing_ok=True)
-        copy.replace(target / REGISTRY_FILE)
-    finally:
-        copy.unlink(missing_ok=True)
+        for ending in ("-wal", "-shm"):
+            copy.with_name(f"{copy.name}{ending}").unlink(missing_ok=True)
     said = {
         "made": datetime.now(UTC).isoformat(timespec="seconds"),
         "of": str(data.resolve()),
@@ -149,8 +154,9 @@ def _require_target(data: Path, target: Path) -> None:
             "name another folder",
         )
     if target.is_dir() and any(target.iterdir()) and not (target / BACKUP_FILE).exists():
-        begun = {path.name for path in target.iterdir()} <= {"runs", f".{REGISTRY_FILE}.part"}
-        if not begun:  # otherwise an interrupted first backup
+        names = {path.name for path in target.iterdir()} - {"runs"}
+        if not all(name.startswith(f".{REGISTRY_FILE}.") for name in names):
+            # otherwise an interrupted first backup
             raise InputError(
                 Message("{target} holds something else", target),
                 "a new folder, or a backup",
@@ -181,8 +187,7 @@ def _noted_head(backup: Path) -> ChainHead:
 
 
 def _copy_database(source: Path, target: Path) -> None:
-    """Copy a SQLite database in one consistent state, even while it is written."""
-    target.unlink(missing_ok=True)
+    """Copy a SQLite database into an empty file, in one consistent state while it is written."""
     with (
         sqlite_reader(source) as address,
         closing(sqlite3.connect(address, uri=True, timeout=30.0)) as origin,
@@ -229,9 +234,7 @@ def _copy_files(registry: Registry, data: Path, target: Path, progress: Progress
         progress.reach(number, path.name)
         name = path.relative_to(data)
         if path.suffix == ".sqlite":
-            part = target / f".{path.name}.part"
-            _copy_database(path, part)
-            part.replace(target / name)
+            _copy_file(path, target / name, _copy_database)
         elif not _same(path, target / name):
             _copy_file(path, target / name)
             backup.files += 1
@@ -241,34 +244,30 @@ def _copy_files(registry: Registry, data: Path, target: Path, progress: Progress
 
 
 def _manifest_sha256(folder: Path) -> str:
-    manifest = folder / "manifest.json"
+    manifest = folder / MANIFEST
     return sha256_of_file(manifest) if manifest.is_file() else ""
 
 
 def _copy_run(folder: Path, copied: Path, registered: str | None) -> str:
     """Copy a run's folder completely or not at all; return its defect."""
-    part = copied.with_name(f".{copied.name}.part")
-    for _ in range(ATTEMPTS):
-        shutil.rmtree(part, ignore_errors=True)
-        was_sealed = RunFolder(folder).sealed
-        try:
-            shutil.copytree(folder, part, ignore=shutil.ignore_patterns(".*.part"))
-        except (shutil.Error, FileNotFoundError):  # it is being sealed: its files are renamed
-            continue
-        if was_sealed == RunFolder(folder).sealed:
-            break
     try:
-        if (part / "manifest.json").exists():
-            RunFolder.open(part).verify()
-        if registered is not None and _manifest_sha256(part) != registered:
-            return Message("run {name}: its manifest isn't the one that is registered", folder.name)
-        if copied.exists():
-            shutil.rmtree(copied)  # of a run that was open at the last backup, or was changed
-        part.replace(copied)
+        # It replaces the copy of a run that was open at the last backup, or was changed.
+        with atomic_folder(copied) as part:
+            for _ in range(ATTEMPTS):
+                shutil.rmtree(part, ignore_errors=True)
+                was_sealed = RunFolder(folder).sealed
+                try:
+                    shutil.copytree(folder, part, ignore=shutil.ignore_patterns(".*.part"))
+                except (shutil.Error, FileNotFoundError):  # it is sealed: its files are renamed
+                    continue
+                if was_sealed == RunFolder(folder).sealed:
+                    break
+            if (part / MANIFEST).exists():
+                RunFolder.open(part).verify()
+            if registered is not None and _manifest_sha256(part) != registered:
+                raise RecordError("its manifest isn't the one that is registered")
     except RecordError as error:
         return Message("run {label}: {found}", folder.name, error.found)
-    finally:
-        shutil.rmtree(part, ignore_errors=True)
     return ""
 
 
@@ -289,10 +288,12 @@ def _same(first: Path, second: Path) -> bool:
     return sha256_of_file(first) == sha256_of_file(second)
 
 
-def _copy_file(source: Path, target: Path) -> None:
+def _copy_file(
+    source: Path, target: Path, copy: Callable[[Path, Path], object] = shutil.copy2
+) -> None:
     private_folder(target.parent)
     with atomic_path(target) as part:
-        shutil.copy2(source, part)
+        copy(source, part)
 
 
 def _copy_audit(source: Path, target: Path) -> None:
@@ -470,7 +471,5 @@ def _bring_back(source: Path, target: Path) -> None:
     if source.is_file():
         _copy_file(source, target)
         return
-    part = target.with_name(f".{target.name}.part")
-    shutil.rmtree(part, ignore_errors=True)
-    shutil.copytree(source, part)
-    part.replace(target)
+    with atomic_folder(target) as part:
+        shutil.copytree(source, part, dirs_exist_ok=True)

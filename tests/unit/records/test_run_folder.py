@@ -1,5 +1,6 @@
 import json
 import signal
+import stat
 import subprocess
 import sys
 import time
@@ -13,7 +14,10 @@ from hypothesis import strategies as st
 
 from torquebench.errors import InputError, RecordError
 from torquebench.records import RunFolder, new_run_id
+from torquebench.records.edges import archive
+from torquebench.records.streams import raw_stream
 from torquebench.records.streams.raw_stream import RawStream, read_raw
+from torquebench.signals import EdgeBlock
 
 
 @pytest.fixture
@@ -224,6 +228,23 @@ def test_samples_of_a_channel_with_a_fault_are_sealed_as_they_are(runs):
     folder = writer.seal()
     folder.verify()
     np.testing.assert_array_equal(folder.raw().columns["frequency_hz"], [60000.0, np.nan])
+
+
+@pytest.mark.parametrize("module", [raw_stream, archive])
+def test_a_sealing_that_fails_leaves_the_stream_and_no_part(runs, monkeypatch, module):
+    writer = written(runs)
+    writer.edges({"a": EdgeBlock(np.array([5, 9, 20]), 0, 30, 100e6)})
+    writer.close()
+    before = sorted(path.name for path in writer.path.iterdir())
+    seal = {raw_stream: raw_stream.seal_raw, archive: archive.seal_edges}[module]
+    with monkeypatch.context() as patched:
+        patched.setattr(module, "_same", lambda *_tables: False)
+        with pytest.raises(RecordError, match="differs from"):
+            seal(writer.path)
+    assert sorted(path.name for path in writer.path.iterdir()) == before
+    seal(writer.path)
+    sealed = next(writer.path.glob("*.parquet"))
+    assert stat.S_IMODE(sealed.stat().st_mode) == 0o600
 
 
 def test_samples_keep_their_columns(runs):

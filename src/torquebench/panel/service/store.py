@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -26,24 +25,21 @@ from sqlalchemy import (
     Table,
     Text,
     TypeDecorator,
-    create_engine,
-    event,
     insert,
     select,
 )
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine import URL
-from sqlalchemy.exc import SQLAlchemyError
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
+from torquebench.records.registry.database import database_failures, engine_of
 
 __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
 
 PANEL_FILE = "panel.sqlite"
 SCHEMA_VERSION = 2
-READING = "torquebench_reading"
 
 metadata = MetaData()
 
@@ -182,11 +178,7 @@ class PanelStore:
 
     def __init__(self, data_dir: Path) -> None:
         path = data_dir / PANEL_FILE
-        with contextlib.suppress(FileExistsError):  # hashes stay secret
-            os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o600))
-        self._engine = create_engine(URL.create("sqlite", database=str(path)))
-        event.listen(self._engine, "connect", _set_up)
-        event.listen(self._engine, "begin", _begin)
+        self._engine = engine_of(URL.create("sqlite", database=str(path)))
         self._name = path.name
         try:
             self._upgrade()
@@ -225,18 +217,9 @@ class PanelStore:
         RecordError
             The database fails.
         """
-        try:
-            with self._engine.connect() as opened:
-                connection = opened.execution_options(**{READING: reading})
-                with connection.begin():
-                    yield connection
-        except SQLAlchemyError as error:
-            said = getattr(error, "orig", None) or error
-            raise RecordError(
-                Message("{name} failed: {said}", self._name, said),
-                "a database that can be read and written",
-                "make room on the disk or repair it",
-            ) from error
+        engine = self._engine.execution_options(writes=not reading)
+        with database_failures(self._name), engine.begin() as connection:
+            yield connection
 
     # -- actions ----------------------------------------------------------------------------
 
@@ -293,16 +276,3 @@ def note(connection: Connection, who: str, what: str, **details: Any) -> None:
 def utc_text() -> str:
     """Return the present time in its stored form."""
     return datetime.now(UTC).isoformat(timespec="milliseconds")
-
-
-def _set_up(connection: Any, _record: object) -> None:
-    connection.isolation_level = None  # transactions begin in `_begin`
-    cursor = connection.cursor()
-    for pragma in ("busy_timeout=5000", "journal_mode=WAL", "synchronous=FULL"):
-        cursor.execute(f"PRAGMA {pragma}")
-    cursor.close()
-
-
-def _begin(connection: Connection) -> None:
-    reading = connection.get_execution_options().get(READING, False)
-    connection.exec_driver_sql("BEGIN" if reading else "BEGIN IMMEDIATE")

@@ -1,6 +1,5 @@
 """The edges of a sealed run: a Parquet file of plain ticks that any tool can read."""
 
-import os
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.edges.stream import RecordedEdges, stream_edges
 from torquebench.records.files import EDGE_STREAM
+from torquebench.records.streams.arrow_stream import seal_stream
 from torquebench.signals import EdgeBlock
 
 __all__ = ["EDGE_ARCHIVE", "read_edges", "seal_edges"]
@@ -63,30 +63,15 @@ def seal_edges(folder: Path) -> None:
     stream, sealed = folder / EDGE_STREAM, folder / EDGE_ARCHIVE
     if not stream.exists():
         return
-    part = folder / ".edges.parquet.part"
-    try:
-        _write(part, stream)
-        if not _same(stream_edges(stream), _archived(part)):
-            raise RecordError(
-                Message("{part} differs from {stream}", part, stream),
-                "the same edges",
-                "check the disk",
-            )
-        with part.open("rb") as file:
-            os.fsync(file.fileno())
-        part.chmod(0o600)
-        part.replace(sealed)
-    finally:
-        part.unlink(missing_ok=True)  # frees space on a full disk
-    stream.unlink()
 
+    def write(path: Path) -> None:
+        with pq.ParquetWriter(
+            path, _SCHEMA, compression="zstd", use_dictionary=False, column_encoding=_ENCODING
+        ) as writer:
+            for group in _groups(stream_edges(stream)):
+                writer.write_batch(group)
 
-def _write(path: Path, stream: Path) -> None:
-    with pq.ParquetWriter(
-        path, _SCHEMA, compression="zstd", use_dictionary=False, column_encoding=_ENCODING
-    ) as writer:
-        for group in _groups(stream_edges(stream)):
-            writer.write_batch(group)
+    seal_stream(stream, sealed, write, lambda path: _same(stream_edges(stream), _archived(path)))
 
 
 def read_edges(folder: Path) -> Iterator[RecordedEdges]:

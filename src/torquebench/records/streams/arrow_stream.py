@@ -3,7 +3,7 @@
 import hashlib
 import threading
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,12 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from torquebench.atomic_write import atomic_path
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.durable_file import DurableFile
 
-__all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of"]
+__all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of", "seal_stream"]
 
 FLUSH_INTERVAL_S = 0.5
 """Longest time between two synchronisations while data arrive, s of wall time."""
@@ -166,6 +167,35 @@ class WholeBatches:
                         "an Arrow stream",
                     ) from error
         self.torn_bytes = size - whole
+
+
+def seal_stream(
+    stream: Path, sealed: Path, write: Callable[[Path], object], same: Callable[[Path], bool]
+) -> None:
+    """Replace a closed stream by a sealed file with the same content.
+
+    Parameters
+    ----------
+    stream, sealed : pathlib.Path
+    write : callable
+        Writes the sealed file under a given name.
+    same : callable
+        Whether the file of that name has the stream's content.
+
+    Raises
+    ------
+    RecordError
+        Where it doesn't, or the disk is full; the stream is kept then.
+    """
+    with atomic_path(sealed, private=True) as part:
+        write(part)
+        if not same(part):
+            raise RecordError(
+                Message("{part} differs from {stream}", part, stream),
+                "the same content",
+                "check the disk",
+            )
+    stream.unlink()
 
 
 def _is_as_written(batch: Any, metadata: Any) -> bool:

@@ -1,6 +1,5 @@
 """The raw samples of a run: an Arrow stream while it runs, a Parquet file when it is sealed."""
 
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -18,6 +17,7 @@ from torquebench.records.streams.arrow_stream import (
     WholeBatches,
     described_schema,
     numbers_of,
+    seal_stream,
 )
 
 __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
@@ -179,19 +179,12 @@ def seal_raw(folder: Path) -> None:
     if not batches:
         return
     table = pa.Table.from_batches(batches)
-    part = folder / ".raw.parquet.part"
-    pq.write_table(table, part, compression="zstd")
-    if not _same(pq.ParquetFile(part).read(), table):
-        raise RecordError(
-            Message("{part} differs from {stream}", part, stream),
-            "the same samples",
-            "check the disk",
-        )
-    with part.open("rb") as file:
-        os.fsync(file.fileno())
-    part.chmod(0o600)
-    part.replace(sealed)
-    stream.unlink()
+    seal_stream(
+        stream,
+        sealed,
+        lambda path: pq.write_table(table, path, compression="zstd"),
+        lambda path: _same(pq.ParquetFile(path).read(), table),
+    )
 
 
 def _same(first: Any, second: Any) -> bool:
