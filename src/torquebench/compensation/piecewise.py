@@ -326,10 +326,14 @@ def approximate(
 
 
 def _needed(known: tuple[int, float] | None, now: tuple[int, float], allowed: float) -> float:
-    """Return how many intervals the last two attempts' rate of convergence lets expect."""
-    if known is None or now[0] <= known[0] or now[1] >= known[1]:
+    """Return how many intervals the last two attempts' rate of convergence lets expect.
+
+    Where a kink lies in its interval can hide the convergence. Its order is taken to be at least ½,
+    that of a curve that begins steeply.
+    """
+    if known is None or now[0] <= known[0]:
         return 0.0
-    order = log(known[1] / now[1]) / log(now[0] / known[0])
+    order = max(log(known[1] / now[1]) / log(now[0] / known[0]), 0.5)
     return exp(min(log(now[0]) + log(now[1] / allowed) / order, 99.0))
 
 

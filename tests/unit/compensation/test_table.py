@@ -179,6 +179,21 @@ def test_kink_is_followed_and_a_jump_is_refused():
         )
 
 
+@pytest.mark.parametrize("kink_nm", np.linspace(-99.5, 99.5, 200)[::7].tolist() + [89.5])
+def test_a_kink_is_followed_wherever_it_lies_in_its_interval(kink_nm):
+    """Its place can hide that the deviation falls with the intervals' width."""
+    curve = approximate(
+        lambda reading, _: 1e-3 * np.abs(reading - kink_nm) + 2e-3 * np.exp(-0.5 * np.abs(reading)),
+        (-100.5, 100.5),
+        100.0,
+        1e-6,
+        gain=0.0,
+        branch_aware=False,
+        name="kink",
+    )
+    assert curve.bound <= 1e-4
+
+
 @pytest.mark.parametrize(
     "shape",
     [
