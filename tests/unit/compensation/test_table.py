@@ -179,7 +179,7 @@ def test_kink_is_followed_and_a_jump_is_refused():
         )
 
 
-@pytest.mark.parametrize("kink_nm", np.linspace(-99.5, 99.5, 200)[::7].tolist() + [89.5])
+@pytest.mark.parametrize("kink_nm", [*np.linspace(-99.5, 99.5, 200)[::7].tolist(), 89.5])
 def test_a_kink_is_followed_wherever_it_lies_in_its_interval(kink_nm):
     """Its place can hide that the deviation falls with the intervals' width."""
     curve = approximate(
