@@ -38,19 +38,22 @@ NM_PER_RAD_OF_NM_PER_ARCMIN = 180.0 * 60.0 / pi
 UNITS: Mapping[str, Mapping[str, float]] = {
     "torque": {"nm": 1.0, "knm": 1e3, "mnm": 1e-3},
     "angle": {
+        "deg": DEGREE,
         "rad": 1.0,
         "mrad": 1e-3,
-        "deg": DEGREE,
         "arcmin": ARCMIN,
         "arcsec": ARCSEC,
         "rev": TURN,
     },
     "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
     "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
-    "temperature": {"c": 1.0, "degc": 1.0},
-    "acceleration": {"rads": 1.0, "rpms": RAD_S_PER_RPM},
+    "temperature": {"degc": 1.0, "c": 1.0},
+    "acceleration": {"rads2": 1.0, "rpms": RAD_S_PER_RPM},
 }
-"""Factors to N·m, rad, 1/min, s, °C and rad/s² (its square left out); names without separators."""
+"""Factors to N·m, rad, 1/min, s, °C and rad/s²; names without separators.
+
+The first of a kind is the unit of torquebench's own files.
+"""
 
 UNIT_OF_ENDING: Mapping[str, str] = {
     "_percent_per_1000rpm": "%/(1000 rpm)",
@@ -67,6 +70,7 @@ UNIT_OF_ENDING: Mapping[str, str] = {
     "_arcsec": "arcsec",
     "_rad_s2": "rad/s²",
     "_percent": "%",
+    "_counts": "counts",
     "_rad_s": "rad/s",
     "_kgm2": "kg·m²",
     "_days": "d",
@@ -114,6 +118,12 @@ def minus_signs(text: str) -> str:
 
 
 def plain_unit(unit: str) -> str:
-    """Return a unit as `UNITS` names it: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``."""
-    unit = unit.strip().lower()
-    return _SPELLED.get(unit, re.sub(r"[^a-z]", "", unit))
+    """Return a unit as `UNITS` names it: ``N·m`` as ``nm``, ``min⁻¹`` as ``rpm``.
+
+    Examples
+    --------
+    >>> plain_unit("rad/s²"), plain_unit("rad_s2"), plain_unit("rad/s")
+    ('rads2', 'rads2', 'rads')
+    """
+    unit = unit.strip().lower().replace("²", "2")
+    return _SPELLED.get(unit, re.sub(r"[^a-z2]", "", unit))

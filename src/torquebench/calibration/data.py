@@ -268,7 +268,7 @@ class CalibrationData:
         if zeroed is None and warm is not None and zeroed_each_series:
             zeroed = warm[begin]
         return readings_of_rows(
-            self,
+            vars(self),
             steady=self.steady,
             zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
             zero_temperature_c=zeroed if zero_temperature_c is None else zero_temperature_c,

@@ -9,7 +9,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["QUANTITIES", "FloatArray", "Known", "Readings", "known_or", "row_of", "rows_of"]
+__all__ = [
+    "MEASURED",
+    "QUANTITIES",
+    "FloatArray",
+    "Known",
+    "Readings",
+    "known_or",
+    "row_of",
+    "rows_of",
+]
 
 FloatArray = NDArray[np.float64]
 Known = FloatArray | float | None
@@ -19,6 +28,9 @@ Known = FloatArray | float | None
 @dataclass(frozen=True, slots=True, eq=False)
 class Readings:
     """Readings of one transducer in time order, with their conditions.
+
+    The metadata of a quantity that may lack describe it. With ``"measured"`` it is read from the
+    column of its name in tables and recordings, in any unit of `torquebench.units.UNITS`.
 
     Parameters
     ----------
@@ -59,19 +71,25 @@ class Readings:
     branch: FloatArray | None = None
     counter_nm: Known = None
     time_s: FloatArray | None = None
-    speed_rpm: Known = field(default=None, metadata={"words": "speed"})
-    acceleration_rad_s2: Known = field(default=None, metadata={"words": "acceleration"})
+    speed_rpm: Known = field(default=None, metadata={"description": "speed", "measured": True})
+    acceleration_rad_s2: Known = field(
+        default=None, metadata={"description": "acceleration", "measured": True}
+    )
     acceleration_uncertainty_rad_s2: Known = None
-    angle_rad: Known = field(default=None, metadata={"words": "angle"})
+    angle_rad: Known = field(default=None, metadata={"description": "angle", "measured": True})
     window_s: float | None = None
-    temperature_c: Known = field(default=None, metadata={"words": "temperature"})
-    zero_age_h: Known = field(default=None, metadata={"words": "time since the zero was taken"})
+    temperature_c: Known = field(
+        default=None, metadata={"description": "temperature of the transducer", "measured": True}
+    )
+    zero_age_h: Known = field(
+        default=None, metadata={"description": "time since the zero was taken"}
+    )
     zero_temperature_c: Known = field(
-        default=None, metadata={"words": "temperature when the zero was taken"}
+        default=None, metadata={"description": "temperature when the zero was taken"}
     )
     zero_nm: Known = None
     calibration_age_h: float | None = field(
-        default=None, metadata={"words": "time since the calibration"}
+        default=None, metadata={"description": "time since the calibration"}
     )
     loadings: float = 1.0
     of_bench: bool = False
@@ -82,9 +100,15 @@ class Readings:
 
 
 QUANTITIES = {
-    each.name: each.metadata["words"] for each in fields(Readings) if "words" in each.metadata
+    quantity.name: quantity.metadata["description"]
+    for quantity in fields(Readings)
+    if "description" in quantity.metadata
 }
-"""Quantities that a reading may lack, in words."""
+"""Quantities that a reading may lack, with their description."""
+MEASURED = tuple(
+    quantity.name for quantity in fields(Readings) if quantity.metadata.get("measured")
+)
+"""Those that are measured with every reading: columns of tables and recordings."""
 
 
 def known_or(value: Known, otherwise: float) -> FloatArray:

@@ -126,8 +126,8 @@ def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Stand
                 )
             )
     missing = [
-        words
-        for name, words in QUANTITIES.items()
+        description
+        for name, description in QUANTITIES.items()
         if name in effect.needs and _unknown(getattr(readings, name))
     ]
     return ("unmeasured", ", ".join(missing)) if missing else ("holds", "")

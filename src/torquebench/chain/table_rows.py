@@ -2,55 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from datetime import date
-from typing import Protocol
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from torquebench.chain.readings import FloatArray, Known, Readings
+from torquebench.chain.readings import MEASURED, Known, Readings
 
-__all__ = ["Rows", "readings_of_rows"]
-
-
-class Rows(Protocol):
-    """Columns of a table of readings; None where the table doesn't have one."""
-
-    @property
-    def reading_nm(self) -> FloatArray:
-        """Torque by the frequency, N·m."""
-
-    @property
-    def branch(self) -> NDArray[np.int8] | None:
-        """+1, -1, or 0 where unknown."""
-
-    @property
-    def standard_error_nm(self) -> FloatArray | None:
-        """Of means, N·m."""
-
-    @property
-    def time_s(self) -> FloatArray | None:
-        """Of the rows."""
-
-    @property
-    def speed_rpm(self) -> FloatArray | None:
-        """Of the shaft."""
-
-    @property
-    def acceleration_rad_s2(self) -> FloatArray | None:
-        """Of the shaft."""
-
-    @property
-    def angle_rad(self) -> FloatArray | None:
-        """Of the shaft, in the middle of a window."""
-
-    @property
-    def temperature_c(self) -> FloatArray | None:
-        """Of the transducer."""
+__all__ = ["readings_of_rows"]
 
 
 def readings_of_rows(
-    rows: Rows,
+    rows: Mapping[str, Any],
     *,
     steady: bool,
     window_s: float | None = None,
@@ -72,8 +36,9 @@ def readings_of_rows(
 
     Parameters
     ----------
-    rows : Rows
-        Columns of the table.
+    rows : mapping of str to array of shape (n,) or None
+        Columns of the table by name: ``reading_nm``, and optionally ``branch``,
+        ``standard_error_nm``, ``time_s`` and `MEASURED` quantities.
     steady : bool
         Whether the rows are steady means.
     window_s : float, optional
@@ -85,31 +50,29 @@ def readings_of_rows(
 
     Examples
     --------
-    >>> from torquebench.calibration import CalibrationData
-    >>> point = CalibrationData([5.1], [5.0], [1], [1], 10.0)
-    >>> steady = readings_of_rows(point, steady=True)
+    >>> rows = {"reading_nm": np.array([5.1])}
+    >>> steady = readings_of_rows(rows, steady=True)
     >>> steady.acceleration_rad_s2, steady.window_s
     (0.0, inf)
-    >>> single = readings_of_rows(point, steady=False)
+    >>> single = readings_of_rows(rows, steady=False)
     >>> single.acceleration_rad_s2, single.window_s
     (None, None)
     """
-    acceleration: Known = rows.acceleration_rad_s2
-    time_s, angle_rad = rows.time_s, rows.angle_rad
+    branch, time_s = rows.get("branch"), rows.get("time_s")
+    measured: dict[str, Any] = {name: rows.get(name) for name in MEASURED}
     if steady:
-        acceleration = 0.0 if acceleration is None else acceleration
-        time_s, angle_rad, window_s = (time_s if rows.branch is None else None), None, np.inf
+        if measured["acceleration_rad_s2"] is None:
+            measured["acceleration_rad_s2"] = 0.0
+        time_s, window_s = (time_s if branch is None else None), np.inf
+        measured["angle_rad"] = None
     return Readings(
-        rows.reading_nm,
-        branch=None if rows.branch is None else rows.branch.astype(np.float64),
-        counter_nm=rows.standard_error_nm,
+        rows["reading_nm"],
+        branch=None if branch is None else branch.astype(np.float64),
+        counter_nm=rows.get("standard_error_nm"),
         time_s=time_s,
-        speed_rpm=rows.speed_rpm,
-        acceleration_rad_s2=acceleration,
-        angle_rad=angle_rad,
         window_s=window_s,
-        temperature_c=rows.temperature_c,
         zero_age_h=zero_age_h,
         zero_temperature_c=zero_temperature_c,
         measured_on=measured_on,
+        **measured,
     )

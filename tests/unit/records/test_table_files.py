@@ -18,11 +18,14 @@ from asammdf import MDF, Signal
 from nptdms import ChannelObject, RootObject, TdmsWriter
 from tests.watching import Watching
 
+from torquebench.chain.readings import MEASURED
+from torquebench.columns import column_of
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv
+from torquebench.records import read_calibration_csv, read_readings_csv
 from torquebench.records.streams.arrow_table import ArrowReadings
 from torquebench.records.streams.readings_stream import compensate_file
 from torquebench.records.tables.files import open_table, read_table
+from torquebench.records.tables.readings import READING_COLUMNS
 
 Columns = dict[str, tuple[str, list[Any]]]
 
@@ -121,6 +124,17 @@ def test_units_come_from_headers_or_properties_and_channels_go_by_name(
     assert data.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert data.range_nm == 12.0
     assert read_calibration_csv(path, mapping=["reading=Drehmoment[Nm]"]).reading_nm[1] == 0.005
+
+
+@pytest.mark.parametrize("ending", ["parquet", "tdms", "mf4", "h5"])
+def test_every_quantity_of_readings_is_a_column_in_its_unit(tmp_path: Path, ending: str) -> None:
+    """A name such as acceleration_rad_s2 and its stated unit agree."""
+    path, values = tmp_path / f"readings.{ending}", [1.0, 2.0, 3.0]
+    WRITERS[ending](path, {name: (column_of(name).unit, values) for name in READING_COLUMNS})
+    readings = read_readings_csv(path).readings()
+    for name in ("reading_nm", "time_s", *MEASURED):
+        assert getattr(readings, name).tolist() == values
+    assert np.asarray(readings.counter_nm).tolist() == values
 
 
 @pytest.mark.parametrize("ending", WRITERS)

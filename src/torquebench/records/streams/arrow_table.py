@@ -23,16 +23,9 @@ from torquebench.records.tables.columns import (
 )
 from torquebench.records.tables.csv_text import CsvTable, what_number
 from torquebench.records.tables.files import cell_texts, headers, remarks_of
-from torquebench.records.tables.readings import (
-    READING_QUANTITIES,
-    ReadingsTable,
-    readings_of_columns,
-)
+from torquebench.records.tables.readings import READING_COLUMNS, ReadingsTable
 
-__all__ = ["NUMBERS", "ArrowReadings"]
-
-NUMBERS = ("reading_nm", *READING_QUANTITIES)
-"""Numeric columns of readings."""
+__all__ = ["ArrowReadings"]
 
 
 class ArrowReadings:
@@ -68,7 +61,7 @@ class ArrowReadings:
             Rows before it, for messages.
         """
         numbers = {}
-        for key in NUMBERS:
+        for key in READING_COLUMNS:
             if key in self._columns:
                 header, factor = self._columns[key]
                 column = batch.column(self.header.index(header))
@@ -78,7 +71,7 @@ class ArrowReadings:
         branch = self._words("branch", batch, before)
         self._check_direction(numbers["reading_nm"], batch, before)
         table = replace(self._table, lines=range(before + 1, before + 1 + batch.num_rows))
-        return readings_of_columns(table, numbers, branch, simulated=self.simulated)
+        return ReadingsTable(table, numbers, branch, self.simulated)
 
     def _numbers(self, column: Any, header: str, before: int) -> NDArray[np.float64]:
         try:

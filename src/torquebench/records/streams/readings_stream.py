@@ -20,20 +20,21 @@ import pyarrow.parquet as pq
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_file
+from torquebench.columns import column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Progress
 from torquebench.records.streams.arrow_stream import numbers_of
-from torquebench.records.streams.arrow_table import NUMBERS, ArrowReadings
+from torquebench.records.streams.arrow_table import ArrowReadings
 from torquebench.records.tables.columns import understood, word_values
 from torquebench.records.tables.csv_text import csv_encoding, is_comment, parse_csv
 from torquebench.records.tables.files import ArrowFile, open_table
 from torquebench.records.tables.formats import check_read, check_written, is_csv, is_parquet
 from torquebench.records.tables.readings import (
     ADDED_COLUMNS,
+    READING_COLUMNS,
     ReadingsTable,
     readings_of,
-    readings_of_columns,
 )
 
 __all__ = ["CompensatedFile", "compensate_file"]
@@ -322,7 +323,9 @@ class _CsvSource:
                 ),
                 pyarrow.csv.ConvertOptions(column_types=dict.fromkeys(self.header, text)),
             )
-            numbers = {key: self._numbers(cells, key) for key in NUMBERS if key in self._columns}
+            numbers = {
+                key: self._numbers(cells, key) for key in READING_COLUMNS if key in self._columns
+            }
             branch = self._words(cells, "branch")
         except (pa.ArrowInvalid, ValueError):
             return None
@@ -331,7 +334,7 @@ class _CsvSource:
         if not self._labels_are_fine(cells, numbers["reading_nm"]):
             return None
         table = replace(self._table, lines=range(before + 1, before + 1 + cells.num_rows))
-        readings = readings_of_columns(table, numbers, branch, simulated=self.simulated)
+        readings = ReadingsTable(table, numbers, branch, self.simulated)
         return _Block(cells, readings, b'"' not in content)
 
     def _labels_are_fine(self, cells: Any, reading: NDArray[np.float64]) -> bool:
@@ -389,7 +392,9 @@ class _CsvSource:
         table = parse_csv(f"{self._header_line}\n{text}", self.origin, before=before - 1)
         first = replace(self._table, rows=self._table.rows[:1], lines=self._table.lines[:1])
         both = replace(table, rows=first.rows + table.rows, lines=[*first.lines, *table.lines])
-        both.check_decimal_marks([self._columns[key][0] for key in NUMBERS if key in self._columns])
+        both.check_decimal_marks(
+            [self._columns[key][0] for key in READING_COLUMNS if key in self._columns]
+        )
         columns = zip(*table.rows, strict=True)
         cells = pa.table(
             {name: list(cells) for name, cells in zip(self.header, columns, strict=True)}
@@ -534,7 +539,7 @@ class _ParquetSink:
                 "correct the column, or write CSV",
             ) from error
         for name, values in zip(ADDED_COLUMNS, added, strict=True):
-            field = pa.field(name, pa.float64(), metadata={"unit": "N·m"})
+            field = pa.field(name, pa.float64(), metadata=column_of(name).attributes)
             table = table.append_column(field, _numbers(values))
         return table
 

@@ -12,11 +12,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.calibration import OPTIONAL_COLUMNS
+from torquebench.chain.readings import MEASURED
 from torquebench.compensation import BRANCH_WORDS
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.tables.csv_text import CsvTable
-from torquebench.units import DEGREE, TURN, UNITS, plain_unit
+from torquebench.units import TURN, UNIT_OF_ENDING, UNITS, plain_unit, unit_of_name
 
 __all__ = [
     "LABEL",
@@ -46,44 +48,44 @@ WORD = "word"
 Source = tuple[str, float]
 """A header, and the factor from its values to the unit of `UNITS`."""
 
-_OWN_UNITS = {
-    "torque": "nm",
-    "angle": "deg",
-    "speed": "rpm",
-    "temperature": "c",
-    "time": "s",
-    "acceleration": "rad_s2",
+_ENDINGS = {
+    kind: next(end for end, unit in UNIT_OF_ENDING.items() if plain_unit(unit) == next(iter(units)))
+    for kind, units in UNITS.items()
 }
-"""The unit of torquebench's own column names, such as ``torque_nm``."""
-_SHOWN_UNITS = {
-    **_OWN_UNITS,
-    **{"torque": "Nm", "temperature": "°C", "acceleration": "rad/s²"},
-}
-TORQUES = ("reading", "standard", "nominal", "standard_error", "true_torque")
+"""How torquebench's own column names end, such as ``torque_nm``, by kind."""
 LABELS = ("series", "branch", "direction")
-_CALIBRATION: Mapping[str, Kind] = {
-    **dict.fromkeys(TORQUES, "torque"),
-    "position": "angle",
-    "angle": "angle",
-    "speed": "speed",
-    "temperature": "temperature",
-    "zero_temperature": "temperature",
-    "zero": "torque",
-    "standard_temperature": "temperature",
-    "time": "time",
-    "acceleration": "acceleration",
-    **dict.fromkeys(LABELS, WORD),
-}
-"""Columns of calibration and reading tables."""
+NUMERIC_COLUMNS = tuple(
+    dict.fromkeys(("reading_nm", "standard_nm", *OPTIONAL_COLUMNS, "time_s", *MEASURED))
+)
+"""Columns of calibration and reading tables, each in the unit that its name ends in."""
 
 
 def _own_name(name: str, kind: Kind) -> str:
-    return f"{name}_{_OWN_UNITS[kind]}" if kind in _OWN_UNITS else name
+    return f"{name}{_ENDINGS.get(kind, '')}"
 
 
-NUMERIC_COLUMNS = tuple(
-    _own_name(name, kind) for name, kind in _CALIBRATION.items() if kind != WORD
-)
+def _shown_unit(kind: Kind) -> str:
+    """Return the unit of a kind as it is easily typed."""
+    return UNIT_OF_ENDING[_ENDINGS[kind]].replace("·", "")
+
+
+def _quantity(column: str) -> tuple[str, Kind, float]:
+    """Return what a column is called without its unit, its kind, and its unit's factor.
+
+    >>> _quantity("zero_temperature_c"), _quantity("acceleration_rad_s2")
+    (('zero_temperature', 'temperature', 1.0), ('acceleration', 'acceleration', 1.0))
+    """
+    ending = next(end for end in UNIT_OF_ENDING if column.endswith(end))
+    unit = plain_unit(UNIT_OF_ENDING[ending])
+    kind = next(kind for kind, units in UNITS.items() if unit in units)
+    return column.removesuffix(ending), kind, UNITS[kind][unit]
+
+
+_QUANTITIES = {column: _quantity(column) for column in NUMERIC_COLUMNS}
+_TABLES: Mapping[str, Kind] = {
+    **{name: kind for name, kind, _ in _QUANTITIES.values()},
+    **dict.fromkeys(LABELS, WORD),
+}
 
 _FOREIGN_TORQUE = {
     **dict.fromkeys(
@@ -330,16 +332,16 @@ def understood(
     >>> columns["standard_nm"], table.header[2]
     (('normal in knm', 1000.0), 'branch')
     """
-    names = {_own_name(name, kind): name for name, kind in _CALIBRATION.items()}
-    chosen = chosen_columns(table, _CALIBRATION, [names[key] for key in required], mapping)
+    wanted = [_QUANTITIES[column][0] for column in required]
+    chosen = chosen_columns(table, _TABLES, wanted, mapping)
     labels = {chosen.pop(name)[0]: name for name in LABELS if name in chosen}
     for header, name in labels.items():
         if name == "direction" and "branch" not in labels.values():
             labels[header] = "branch" if of_loading(table.texts(header)) else name
     renamed = tuple(labels.get(header, header) for header in table.header)
     numbers = {
-        key: (chosen[name][0], chosen[name][1] / (DEGREE if name == "position" else 1.0))
-        for key, name in names.items()
+        column: (chosen[name][0], chosen[name][1] / own)
+        for column, (name, _, own) in _QUANTITIES.items()
         if name in chosen
     }
     return replace(table, header=renamed), numbers
@@ -360,7 +362,7 @@ def with_unit(name: str, unit: str, origin: str) -> str:
     """
     if unit in ("", "1", "-"):
         return name
-    own = plain_unit(unit_of(name.lower()))
+    own = plain_unit(unit_of_name(name.lower()) or unit_of(name.lower()))
     known = {each for units in UNITS.values() for each in units}
     if own not in known or name.lower() == own:
         return name if own == plain_unit(unit) else f"{name} [{unit}]"
@@ -481,7 +483,7 @@ def _mapped(text: str, table: CsvTable, wanted: Mapping[str, Kind]) -> tuple[str
                 "as in --column '{name}={header}[{shown_units}]'",
                 name,
                 table.written(header),
-                _SHOWN_UNITS[kind],
+                _shown_unit(kind),
             ),
         )
     return name, (header, sign * factors[plain_unit(stated)])
@@ -529,19 +531,19 @@ def _remedy(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str:
             "or --column '{name}={name}[{shown_units}]'",
             name,
             own,
-            _SHOWN_UNITS[kind],
+            _shown_unit(kind),
         )
     header = _fitting(table, name, kind, taken)
     if header is None:
         return Message(
             "add it, or name it as in --column '{name}=Header[{shown_units}]'",
             name,
-            _SHOWN_UNITS[kind],
+            _shown_unit(kind),
         )
     header = table.written(header)
     unit = unit_of(header)
-    known = plain_unit(unit) in UNITS[kind] and plain_unit(unit) != plain_unit(_OWN_UNITS[kind])
-    shown = unit if known else _SHOWN_UNITS[kind]
+    known = plain_unit(unit) in UNITS[kind] and plain_unit(unit) != next(iter(UNITS[kind]))
+    shown = unit if known else _shown_unit(kind)
     stem = _HEADER_UNIT.sub("", header)
     return Message(
         "name the column and its unit: --column '{name}={stem}[{shown}]'", name, stem, shown
@@ -573,7 +575,7 @@ def _fitting(table: CsvTable, name: str, kind: Kind, taken: set[str]) -> str | N
 def quantity(
     table: CsvTable, columns: Mapping[str, Source], key: str
 ) -> NDArray[np.float64] | None:
-    """Return a numeric column in its SI unit, shape (n,), or None if there is none."""
+    """Return a numeric column in the unit of its name, shape (n,), or None if there is none."""
     if key not in columns:
         return None
     name, factor = columns[key]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import OPTIONAL_COLUMNS, RANGE_MARGIN, CalibrationData, infer_branch
 from torquebench.chain import EmptyRun, Readings, readings_of_rows, stretches
+from torquebench.chain.readings import MEASURED
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.reference_remarks import reference_in, reference_remarks
@@ -38,18 +39,8 @@ __all__ = [
     "write_torque_csv",
 ]
 
-READING_QUANTITIES = (
-    "time_s",
-    "speed_rpm",
-    "acceleration_rad_s2",
-    "angle_deg",
-    "temperature_c",
-    "standard_error_nm",
-)
-"""Optional columns of a file of readings."""
-_IN_FILES = {"angle_rad": "angle_deg"}
-_OF_FILES = {"angle_deg": "angle_rad"}
-"""Column that has another name in files than in torquebench, for its other unit."""
+READING_COLUMNS = ("reading_nm", "time_s", *MEASURED, "standard_error_nm")
+"""Numeric columns of a file of readings; all but the first are optional."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
 _STEADY = "steady"
@@ -198,7 +189,7 @@ def calibration_of(
         side=side or noted.get("side", ""),
         transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
         counter_identity=counter_identity or noted.get("counter_identity", ""),
-        **{name: quantity(table, columns, _IN_FILES.get(name, name)) for name in OPTIONAL_COLUMNS},
+        **{name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS},
         simulated=is_simulated(noted),
         reference=reference_in(noted, scale, table.origin),
         measured_on=_measured_on(table),
@@ -217,26 +208,23 @@ class ReadingsTable:
     ----------
     table : CsvTable
         The file's original cells, which `write_torque_csv` repeats.
-    reading_nm : array of float, shape (n,)
-        Readings in N·m.
-    branch, series, speed_rpm, temperature_c, standard_error_nm, time_s, acceleration_rad_s2,
-    angle_rad : array of shape (n,) or None
-        Further columns, if the file has them.
+    columns : mapping of str to array of float, shape (n,)
+        Columns out of `READING_COLUMNS` by name.
+    branch : array of int8, shape (n,), or None
+        +1, -1, or 0 where unknown.
     simulated : bool
         Whether the file states that its readings are simulated.
     """
 
     table: CsvTable
-    reading_nm: NDArray[np.float64]
+    columns: Mapping[str, NDArray[np.float64]]
     branch: NDArray[np.int8] | None
-    series: NDArray[np.int64] | None
-    speed_rpm: NDArray[np.float64] | None
-    temperature_c: NDArray[np.float64] | None
-    standard_error_nm: NDArray[np.float64] | None
-    time_s: NDArray[np.float64] | None
-    acceleration_rad_s2: NDArray[np.float64] | None
-    angle_rad: NDArray[np.float64] | None
     simulated: bool
+
+    @property
+    def reading_nm(self) -> NDArray[np.float64]:
+        """Readings in N·m, shape (n,)."""
+        return self.columns["reading_nm"]
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
@@ -261,7 +249,7 @@ class ReadingsTable:
             A comment that isn't a time or a day.
         """
         return readings_of_rows(
-            self,
+            {**self.columns, "branch": self.branch},
             steady=_is_stated(self.table.remarks, _STEADY),
             window_s=_window_s(self.table),
             zero_age_h=zero_age_h,
@@ -291,33 +279,12 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
 def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
     """Return the readings in a table; see `read_readings_csv`."""
     table, columns = understood(table, ("reading_nm",), mapping)
-    used = ("reading_nm", *READING_QUANTITIES)
-    table.check_decimal_marks([columns[key][0] for key in used if key in columns])
-    found = {key: quantity(table, columns, key) for key in used}
-    numbers = {key: values for key, values in found.items() if values is not None}
+    table.check_decimal_marks([columns[name][0] for name in READING_COLUMNS if name in columns])
+    read = {name: quantity(table, columns, name) for name in READING_COLUMNS}
+    numbers = {name: values for name, values in read.items() if values is not None}
     check_direction(table, numbers["reading_nm"])
-    return readings_of_columns(
-        table, numbers, branches(table), series(table), simulated=is_simulated(table.remarks)
-    )
-
-
-def readings_of_columns(
-    table: CsvTable,
-    numbers: Mapping[str, NDArray[np.float64]],
-    branch: NDArray[np.int8] | None,
-    series: NDArray[np.int64] | None = None,
-    *,
-    simulated: bool,
-) -> ReadingsTable:
-    """Return the readings in columns of numbers, which have the names of files."""
-    return ReadingsTable(
-        table=table,
-        reading_nm=numbers["reading_nm"],
-        branch=branch,
-        series=series,
-        simulated=simulated,
-        **{_OF_FILES.get(name, name): numbers.get(name) for name in READING_QUANTITIES},
-    )
+    series(table)  # refuses other than whole numbers
+    return ReadingsTable(table, numbers, branches(table), is_simulated(table.remarks))
 
 
 def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
@@ -353,7 +320,7 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
         raise InputError(
             Message("{path}: zero_nm = {noted}", path, noted), "a number, in N·m"
         ) from None
-    angle = quantity(table, columns, "angle_deg")
+    angle = quantity(table, columns, "angle_rad")
     return EmptyRun(
         Path(path).name,
         time_s,
