@@ -33,7 +33,7 @@ Work (`jobs`): one at a time, each needs the lease
     - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).
     - `jobs.start(actor, kind, request)` -> `JobView`; kinds and their requests (pydantic) are in
       `JOB_KINDS`: "calibrate", "resume-calibration", "compare-models", "fit", "verify", "zero",
-      "check", "record", "reducer-test", "standard-reducer". `panel.api.details` describes
+      "check", "record", "reducer-test", "standard-reducer". `jobs.details` has the types of
       `JobView.result.details`.
     - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,
       problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they arrive, with

@@ -1,11 +1,11 @@
 """Short jobs: zero, the daily check, and the certificate.
 
-`panel.api.details` describes the details of their results.
+`jobs.details` has the types of their details.
 """
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+from typing import Annotated, Literal
 
 from pydantic import Field
 
@@ -15,6 +15,12 @@ from torquebench.campaign.measuring import RunAbortedError
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.panel.service.fields import Flag, Identifier, Number, ProfileName
+from torquebench.panel.service.jobs.details import (
+    CertificateDetails,
+    CheckDetails,
+    ZeroDetails,
+    ZeroOfSide,
+)
 from torquebench.panel.service.jobs.previews import staircase_preview
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
@@ -75,21 +81,21 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
     if record.exit_status != "success":
         raise RunAbortedError(record)
     job.reach(len(sides))
-    details: dict[str, Any] = {}
+    zeros: dict[Side, ZeroOfSide] = {}
     for side in sides:
-        scale = station.description.module(side).transducer.scale()
         transducer = station.description.module(side).transducer
         frequency_hz = record.result[side].frequency_hz
-        away = (frequency_hz - scale.nominal_zero_hz) / transducer.nominal_sensitivity_hz_per_nm
-        details[side] = {"frequency_hz": frequency_hz, "zero_nm": away}
+        deviation_hz = frequency_hz - transducer.scale().nominal_zero_hz
+        zero_nm = deviation_hz / transducer.nominal_sensitivity_hz_per_nm
+        zeros[side] = ZeroOfSide(frequency_hz, zero_nm)
     words = Message.joined(
-        Message("{side} {zero_nm:+.3g} N·m", side, details[side]["zero_nm"]) for side in sides
+        Message("{side} {zero_nm:+.3g} N·m", side, zeros[side].zero_nm) for side in sides
     )
     return JobResult(
         headline=Message("Zero measured; difference from the nominal zero: {sides}.", words),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
-        details=details,
+        details=ZeroDetails(zeros.get("input"), zeros.get("output")),
     )
 
 
@@ -106,7 +112,7 @@ def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
 def run_check(context: JobContext, request: CheckRequest) -> JobResult:
     """Load a few steps against the check standard, judge and register."""
     station = context.station
-    found = check_module(
+    check = check_module(
         station,
         request.side,
         context.settings.profile(request.profile),
@@ -116,22 +122,22 @@ def run_check(context: JobContext, request: CheckRequest) -> JobResult:
     return JobResult(
         headline=Message(
             "{verdict}: worst {value:+.3g} % FS, tolerance ±{tolerance:g} % FS.",
-            found.verdict.label,
-            found.worst_percent_fs,
+            check.verdict.label,
+            check.worst_percent_fs,
             request.tolerance_percent_fs,
         ),
-        verdict=found.verdict.value,
-        simulated=found.data.simulated,
-        run_ids=(found.run_id,),
-        details={
-            "side": request.side,
-            "tolerance_percent_fs": request.tolerance_percent_fs,
-            "standard_nm": found.data.standard_nm,
-            "error_nm": found.error_nm,
-            "expanded_uncertainty_nm": found.expanded_uncertainty_nm,
-            "verdicts": [each.verdict.value for each in found.judged.decisions],
-            "not_in_u": list(found.judged.missing),
-        },
+        verdict=check.verdict.value,
+        simulated=check.data.simulated,
+        run_ids=(check.run_id,),
+        details=CheckDetails(
+            side=request.side,
+            tolerance_percent_fs=request.tolerance_percent_fs,
+            standard_nm=check.data.standard_nm,
+            error_nm=check.error_nm,
+            expanded_uncertainty_nm=check.expanded_uncertainty_nm,
+            verdicts=[decision.verdict for decision in check.judged.decisions],
+            not_in_u=check.judged.missing,
+        ),
     )
 
 
@@ -171,13 +177,13 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
         simulated=record.simulated,
         calibration_id=calibration.calibration_id,
         certificate=record.number,
-        details={
-            "files": [path.name for path in issued.files],
-            "deviations": [each.found for each in record.deviations],
-            "languages": list(record.languages),
-            "supersedes": record.supersedes,
-            "unreviewed": list(record.unreviewed),
-        },
+        details=CertificateDetails(
+            files=[path.name for path in issued.files],
+            deviations=[deviation.found for deviation in record.deviations],
+            languages=record.languages,
+            supersedes=record.supersedes,
+            unreviewed=record.unreviewed,
+        ),
     )
 
 

@@ -1,6 +1,6 @@
 """Recordings on demand: all signals, under a name, from now or from a trigger on.
 
-`panel.api.details` describes the details of their result.
+`jobs.details` has the types of their details.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from torquebench.campaign.measuring import RunAbortedError
 from torquebench.message import Message
 from torquebench.panel.run_in_process import ProcessEndedError
 from torquebench.panel.service.fields import Moment, Number, plain
+from torquebench.panel.service.jobs.details import RecordingDetails
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.panel.service.live.hub import SIGNAL_UNITS, torque_windows
@@ -140,13 +141,7 @@ def run_record(context: JobContext, request: RecordRequest) -> JobResult:
         headline=Message("Recorded {seconds:.1f} s: {name}", seconds, name),
         simulated=station.description.simulated,
         run_ids=(record.run_id,),
-        details={
-            "seconds": seconds,
-            "before_s": request.before_s,
-            "name": name,
-            "note": note,
-            "trigger": trigger,
-        },
+        details=RecordingDetails(seconds, request.before_s, name, note, trigger),
     )
 
 

@@ -1,12 +1,11 @@
 """Tests of a mounted reducer, and of the bench by a standard reducer, as jobs.
 
-`panel.api.details` describes the details of their results.
+`jobs.details` has the types of their details.
 """
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Annotated, Any
+from typing import Annotated
 
 import numpy as np
 from pydantic import Field
@@ -29,6 +28,13 @@ from torquebench.campaign.standard_reducer import (
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.fields import WHOLE, Flag, Number, ProfileName
+from torquebench.panel.service.jobs.details import (
+    LoopKeyPoint,
+    ReducerOutcome,
+    ReducerTestDetails,
+    StandardReducerDetails,
+    TorqueAngleLoop,
+)
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, MountedRequest, Workplace
 from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.panel.service.records.queries import report_path
@@ -128,15 +134,15 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
         verdict="pass" if check.kept else "fail",
         simulated=found.simulated,
         run_ids=(found.run_id,),
-        details={
-            "reducer": found.reducer.name,
-            "certificate": found.reducer.certificate,
-            "compensation": found.compensation,
-            "tolerance_percent_fs": check.tolerance_percent,
-            "error_percent_fs": check.error_percent,
-            "repeatability_percent_fs": check.repeatability_percent,
-            "points": check.points,
-        },
+        details=StandardReducerDetails(
+            reducer=found.reducer.name,
+            certificate=found.reducer.certificate,
+            compensation=found.compensation,
+            tolerance_percent_fs=check.tolerance_percent,
+            error_percent_fs=check.error_percent,
+            repeatability_percent_fs=check.repeatability_percent,
+            points=check.points,
+        ),
     )
 
 
@@ -217,14 +223,14 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
         verdict=record.verdict,
         simulated=record.simulated,
         run_ids=tuple(outcome.run.run_id for outcome in record.outcomes),
-        details={
-            "name": record.name,
-            "short": record.short,
-            "reducer_name": record.reducer_name,
-            "serial": record.serial,
-            "report": _report(context, record),
-            "outcomes": [_outcome(outcome) for outcome in record.outcomes],
-        },
+        details=ReducerTestDetails(
+            name=record.name,
+            short=record.short,
+            reducer_name=record.reducer_name,
+            serial=record.serial,
+            report=_report(context, record),
+            outcomes=[_outcome(outcome) for outcome in record.outcomes],
+        ),
     )
 
 
@@ -244,47 +250,35 @@ def _report(context: JobContext, record: ReducerTestRecord) -> str:
     return run_id
 
 
-def _loop(result: Any) -> dict[str, Any]:
-    """Return the first torque-angle loop about its middle at zero, and its key points."""
-    if not isinstance(result, HysteresisResult):
-        return {}
+def _loop(result: HysteresisResult) -> TorqueAngleLoop:
+    """Return the first torque-angle loop, in arc minutes about its middle."""
     curve = result.loops[0].curve
     rows = slice(None, None, max(1, curve.torque_nm.size // LOOP_ROWS))
     middle = 0.5 * sum(
         float(np.interp(0.0, curve.torque_nm, branch))
         for branch in (curve.rising_rad, curve.falling_rad)
     )
-    return {
-        "loop": {
-            "torque_nm": curve.torque_nm[rows],
-            "rising_arcmin": (curve.rising_rad[rows] - middle) / ARCMIN,
-            "falling_arcmin": (curve.falling_rad[rows] - middle) / ARCMIN,
-            "points": [
-                {
-                    "label": point.label,
-                    "torque_nm": point.torque_nm,
-                    "angle_arcmin": (point.angle_rad - middle) / ARCMIN,
-                }
-                for point in result.key_points
-            ],
-        }
-    }
-
-
-def _outcome(outcome: ReducerTestOutcome) -> dict[str, Any]:
-    """Return an outcome for display: without its folder; of its arrays only one loop."""
-    return {
-        "name": outcome.name,
-        "title": outcome.title,
-        "verdict": outcome.verdict,
-        "remarks": (*outcome.remarks, *map(str, outcome.findings)),
-        "run_id": outcome.run.run_id,
-        "quantities": [
-            {each.name: getattr(quantity, each.name) for each in fields(quantity)}
-            for quantity in outcome.quantities
+    return TorqueAngleLoop(
+        torque_nm=curve.torque_nm[rows],
+        rising_arcmin=(curve.rising_rad[rows] - middle) / ARCMIN,
+        falling_arcmin=(curve.falling_rad[rows] - middle) / ARCMIN,
+        points=[
+            LoopKeyPoint(point.label, point.torque_nm, (point.angle_rad - middle) / ARCMIN)
+            for point in result.key_points
         ],
-        **_loop(outcome.result),
-    }
+    )
+
+
+def _outcome(outcome: ReducerTestOutcome) -> ReducerOutcome:
+    return ReducerOutcome(
+        name=outcome.name,
+        title=outcome.title,
+        verdict=outcome.verdict,
+        remarks=(*outcome.remarks, *map(str, outcome.findings)),
+        run_id=outcome.run.run_id,
+        quantities=outcome.quantities,
+        loop=_loop(outcome.result) if isinstance(outcome.result, HysteresisResult) else None,
+    )
 
 
 def _title(request: ReducerTestRequest) -> str:

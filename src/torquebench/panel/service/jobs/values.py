@@ -152,7 +152,7 @@ class JobResult:
     certificate : str or None
         Number of the certificate that was issued.
     details : mapping
-        Tables and curves as JSON; `panel.api.details` describes them.
+        Tables and curves as JSON; given as a type of `jobs.details`.
     """
 
     headline: str
@@ -162,7 +162,7 @@ class JobResult:
     calibration_id: int | None = None
     model_ids: Mapping[str, int] = field(default_factory=dict)
     certificate: str | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
+    details: Any = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Hold the details as JSON does: plain lists, numbers and text."""
