@@ -31,6 +31,7 @@ from torquebench.chain import (
     Inertia,
     MeasuringChain,
     Readings,
+    Reference,
     Rotation,
     Shared,
     SwitchedOff,
@@ -169,7 +170,7 @@ def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
     checked = judge_check(
         point,
         chain,
-        standard=CertifiedUncertainty.of_range(0.0, RANGE_NM),
+        standard=Reference("none", CertifiedUncertainty.of_range(0.0, RANGE_NM)),
         tolerance_percent_fs=0.1,
     ).torque
     told["check"] = Told(float(checked.value_nm[0]), float(checked.expanded_uncertainty_nm[0]))

@@ -162,9 +162,8 @@ class ActiveChain:
         self.kind = kind
         self.zero: ZeroTaken | None = None
         self._calibration_age_h = calibration_age_h
-        self._zero_scatter_nm = next(
-            (each.zero_nm for each in chain.stored if isinstance(each, Zero)), 0.0
-        )
+        zero = chain.find(Zero)
+        self._zero_scatter_nm = 0.0 if zero is None else zero.zero_nm
         self._stream = chain.stream()
         self._recent = _Recent()
         self._fine: tuple[ChainStream, _Recent] | None = None
@@ -173,18 +172,18 @@ class ActiveChain:
     @property
     def accepted(self) -> Timebase | None:
         """The other counter's clock that was accepted for the model; None for its own."""
-        return next((each for each in self.chain.stored if isinstance(each, Timebase)), None)
+        return self.chain.find(Timebase)
 
     @property
     def corrects_rotation(self) -> bool:
         """Whether it corrects the effect of rotation on zero and drag."""
-        measured = any(isinstance(each, MeasuredRotation) for each in self.chain.stored)
+        measured = self.chain.find(MeasuredRotation) is not None
         return measured and "rotation" not in self.chain.switches
 
     @property
     def needs_angle(self) -> bool:
         """Whether it corrects what repeats with every turn of the shaft."""
-        return any(isinstance(each, Ripple) for each in self.chain.stored)
+        return self.chain.find(Ripple) is not None
 
     def warm_up(self) -> None:
         """Compile the kernels before the first block needs them; the past stays unknown."""

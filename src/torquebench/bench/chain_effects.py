@@ -83,9 +83,12 @@ def chain_effects(
         )
     if transducer.creep_percent is not None:
         effects.append(Creep(datasheet, transducer.creep_percent))
-    if transducer.zero_drift_percent_per_h is not None:
-        drift = 1e-2 * transducer.zero_drift_percent_per_h * nominal
-        effects.append(Zero(datasheet, drift, conditions.zero_interval_h))
+    drift = transducer.zero_drift_percent_per_h
+    effects.append(
+        Zero(
+            datasheet, None if drift is None else 1e-2 * drift * nominal, conditions.zero_interval_h
+        )
+    )
     if transducer.drift_percent_per_year is not None:
         interval_h = 24.0 * conditions.calibration_interval_days
         effects.append(Drift(datasheet, transducer.drift_percent_per_year, interval_h))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import Side
-from torquebench.chain import MeasuringChain, Reference, Zero
+from torquebench.chain import MeasuringChain, Reference
 
 __all__ = ["with_stated_limits"]
 
@@ -17,8 +17,7 @@ def with_stated_limits(
 
     A model that was fitted to a table knows nothing of the bench that it measures on. One that was
     calibrated on the bench has these effects already. The bench's reference standard is left out:
-    the chain wasn't calibrated against it. The zero is that of the bench, so its uncertainty counts
-    even without a limit of its drift.
+    the chain wasn't calibrated against it.
 
     Parameters
     ----------
@@ -26,7 +25,5 @@ def with_stated_limits(
     description : BenchDescription
     side : {"input", "output"}
     """
-    limits = [each for each in chain_effects(description, side) if not isinstance(each, Reference)]
-    if not any(isinstance(each, Zero) for each in limits):
-        limits.append(Zero("zeroing", None, description.conditions.zero_interval_h))
-    return chain.with_limits(limits)
+    effects = chain_effects(description, side)
+    return chain.with_limits(each for each in effects if not isinstance(each, Reference))

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import date
 from typing import Any
 
 import numpy as np
 
 from torquebench.bench.chain_effects import chain_effects, standard_effect
-from torquebench.bench.description import BenchDescription, stated_uncertainty
+from torquebench.bench.description import BenchDescription, StandardDescription, stated_uncertainty
 from torquebench.bench.roles import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData
@@ -18,19 +17,17 @@ from torquebench.chain import Effect, MeasuringChain, Reference, load_chain
 from torquebench.message import Message
 from torquebench.records import ModelEntry
 
-__all__ = ["bench_effects", "recorded_effects", "referenced", "used_chain"]
+__all__ = ["bench_effects", "check_standard", "recorded_effects", "referenced", "used_chain"]
 
 
-def bench_effects(
-    description: BenchDescription, data: CalibrationData, day: date | None = None
-) -> tuple[Effect, ...]:
-    """Return the effects of a calibration that was measured on a bench, on a day if it is known."""
+def bench_effects(description: BenchDescription, data: CalibrationData) -> tuple[Effect, ...]:
+    """Return the effects of a calibration that was measured on a bench."""
     temperature = data.temperature_c
     return chain_effects(
         description,
-        "input" if data.side == "input" else "output",
+        _side(data),
         None if temperature is None else float(np.mean(temperature)),
-        day,
+        data.measured_on,
         _standard_c(data),
     )
 
@@ -49,7 +46,9 @@ def recorded_effects(metadata: Mapping[str, Any], data: CalibrationData) -> tupl
     return (_recorded_standard(metadata["standard"], data),)
 
 
-def used_chain(entry: ModelEntry, metadata: Mapping[str, Any], side: str) -> MeasuringChain:
+def used_chain(
+    entry: ModelEntry, metadata: Mapping[str, Any], data: CalibrationData
+) -> MeasuringChain:
     """Return a model's chain as it is used on the bench of a run, with the bench's limits.
 
     Parameters
@@ -57,7 +56,8 @@ def used_chain(entry: ModelEntry, metadata: Mapping[str, Any], side: str) -> Mea
     entry : ModelEntry
     metadata : mapping
         Of the run: the bench's description at the time.
-    side : {"input", "output"}
+    data : CalibrationData
+        Points of the run.
 
     Raises
     ------
@@ -65,8 +65,7 @@ def used_chain(entry: ModelEntry, metadata: Mapping[str, Any], side: str) -> Mea
         The model's file is missing or was changed.
     """
     bench = BenchDescription.model_validate(metadata["bench"])
-    measured: Side = "input" if side == "input" else "output"
-    return with_stated_limits(load_chain(entry.check_file()), bench, measured)
+    return with_stated_limits(load_chain(entry.check_file()), bench, _side(data))
 
 
 def _recorded_standard(standard: Mapping[str, Any], data: CalibrationData) -> Reference:
@@ -100,13 +99,34 @@ def referenced(
         return replace(data, reference=known)
     description = BenchDescription.model_validate(metadata["bench"])
     mounted = description.verification_standard
-    effect = standard_effect(
-        description,
-        "input" if data.side == "input" else "output",
-        standard_c=_standard_c(data),
-        mounted=mounted if mounted.serial == serial else None,
-    )
+    effect = _mounted_standard(description, data, mounted if mounted.serial == serial else None)
     return replace(data, reference=effect)
+
+
+def check_standard(metadata: Mapping[str, Any], data: CalibrationData) -> Reference:
+    """Return the effect of the standard that a check or a verification compares its points with.
+
+    Parameters
+    ----------
+    metadata : mapping
+        Of the run: the bench's description at the time.
+    data : CalibrationData
+        Points of the run.
+    """
+    description = BenchDescription.model_validate(metadata["bench"])
+    return _mounted_standard(description, data, description.verification_standard)
+
+
+def _mounted_standard(
+    description: BenchDescription, data: CalibrationData, mounted: StandardDescription | None
+) -> Reference:
+    return standard_effect(
+        description, _side(data), data.measured_on, _standard_c(data), mounted=mounted
+    )
+
+
+def _side(data: CalibrationData) -> Side:
+    return "input" if data.side == "input" else "output"
 
 
 def _standard_c(data: CalibrationData) -> tuple[float, ...]:

@@ -99,13 +99,10 @@ def stated_effects(
     zero_nm : float, optional
         Standard uncertainty of the zero, N·m.
     """
-    known = {type(effect): effect for effect in chain.stored}
     record = "stated on the command line"
     effects: list[Effect] = [] if reference is None else [Reference(record, reference)]
     if span_percent_per_10k is not None or zero_percent_per_10k is not None:
-        warmth = known.get(Temperature)
-        assert warmth is None or isinstance(warmth, Temperature)
-        warmth = warmth or Temperature(record, None, None)
+        warmth = chain.find(Temperature) or Temperature(record, None, None)
         if zero_percent_per_10k is not None:
             warmth = replace(warmth, zero_nm_per_k=1e-3 * zero_percent_per_10k * range_nm)
         if span_percent_per_10k is not None:
@@ -113,7 +110,7 @@ def stated_effects(
         effects.append(replace(warmth, record=record))
     if drift_percent_per_year is not None:
         effects.append(Drift(record, drift_percent_per_year))
-    if zero_nm is not None and Zero not in known:
+    if zero_nm is not None and chain.find(Zero) is None:
         effects.append(Zero(record, None))
     return tuple(effects)
 

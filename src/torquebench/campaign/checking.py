@@ -9,23 +9,36 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.description import stated_uncertainty
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
-from torquebench.campaign.bench_chains import used_chain
+from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
 from torquebench.campaign.registering import registered_patiently
-from torquebench.chain import Component, MeasuringChain, Shared, Torque, load_chain
+from torquebench.chain import (
+    Component,
+    MeasuringChain,
+    Readings,
+    Reference,
+    Shared,
+    Torque,
+    load_chain,
+)
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
-from torquebench.uncertainty import CertifiedUncertainty, Decision, Tolerance, Verdict, decide
+from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
 
 __all__ = ["CheckResult", "JudgedPoints", "check_module", "finish_check", "judge_check"]
 
-CHECK_STANDARD = "check standard"
-"""Component of U by the standard that points are compared with."""
+CHECK_STANDARD = {
+    "reference standard": "check standard",
+    "temperature of standard": "temperature of check standard",
+    "drift of standard": "drift of check standard",
+}
+"""Components of U by the standard that points are compared with, and their names beside those of
+the calibration's standard.
+"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +112,7 @@ def judge_check(
     data: CalibrationData,
     chain: MeasuringChain | None,
     *,
-    standard: CertifiedUncertainty | None,
+    standard: Reference | None,
     tolerance_percent_fs: float,
 ) -> JudgedPoints:
     """Return compensated torque with U and a decision for every point.
@@ -109,26 +122,25 @@ def judge_check(
     data : CalibrationData
     chain : MeasuringChain or None
         In use; None judges the reading itself.
-    standard : CertifiedUncertainty or None
-        Expanded uncertainty (k = 2) of the check standard over the torque; None if it isn't known.
+    standard : Reference or None
+        The check standard, as `check_standard` returns it; None if it isn't known.
     tolerance_percent_fs : float
         Largest error allowed, % of the range.
     """
-    missing = ["temperature and drift of the check standard"]
     if chain is not None:
         torque = chain.torque(data.readings())
-        missing = [*chain.missing(), *missing]
+        missing = [*chain.missing()]
     else:
-        missing = ["uncertainty of the uncompensated reading", *missing]
+        missing = ["uncertainty of the uncompensated reading"]
         torque = Torque(data.reading_nm, ())
         if data.standard_error_nm is not None:
             scatter = Component("scatter", Shared.NOTHING, data.standard_error_nm)
             torque = torque.and_also(scatter)
     if standard is None:
-        missing.append("check standard")
+        missing.append(CHECK_STANDARD["reference standard"])
     else:
-        half = 0.5 * standard.at(data.standard_nm)
-        torque = torque.and_also(Component(CHECK_STANDARD, Shared.CALIBRATION, half))
+        parts = standard.components(Readings(data.standard_nm), data.standard_nm)
+        torque = torque.and_also(*(each._replace(name=CHECK_STANDARD[each.name]) for each in parts))
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")
     decisions = tuple(
         decide(float(error), float(u), tolerance, full_scale=data.range_nm)
@@ -205,13 +217,9 @@ def finish_check(
 
     def register() -> CheckResult:
         entry = None if model_id is None else registry.model(int(model_id))
-        chain = None if entry is None else used_chain(entry, known, data.side)
-        standard = known["bench"]["verification_standard"]
+        chain = None if entry is None else used_chain(entry, known, data)
         judged = judge_check(
-            data,
-            chain,
-            standard=stated_uncertainty(standard, data.side, data.range_nm),
-            tolerance_percent_fs=tolerance,
+            data, chain, standard=check_standard(known, data), tolerance_percent_fs=tolerance
         )
         result = CheckResult(
             data=data,

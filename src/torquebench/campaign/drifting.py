@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date, datetime, timedelta
-from typing import Protocol, TypeVar
+from typing import Protocol
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.calibration_comparison import SAME_RANGE
-from torquebench.chain import Effect, Inertia, MeasuredRotation, MeasuredTemperature, load_chain
+from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature, load_chain
 from torquebench.message import Message
 from torquebench.records import (
     CalibrationEntry,
@@ -159,7 +159,9 @@ def drift_of(
         if "signed_worst_percent_fs" in check.summary
     ]
     found.append(("Largest error of the check standard's verification", "% FS", checks, False))
-    found += [(title, unit, known, False) for title, unit, known in _effects_over_time(models)]
+    performed = {entry.calibration_id: entry.performed for entry in calibrations}
+    effects = _effects_over_time(models, performed)
+    found += [(title, unit, known, False) for title, unit, known in effects]
     return tuple(
         _series(title, unit, known, tolerance_percent, base, calibrations=calibrated)
         for title, unit, known, calibrated in found
@@ -168,26 +170,27 @@ def drift_of(
 
 
 def _effects_over_time(
-    models: Sequence[ModelEntry],
+    models: Sequence[ModelEntry], performed: Mapping[int, datetime]
 ) -> list[tuple[str, str, list[tuple[datetime, float, bool]]]]:
     """Return temperature, rotation and inertia from the empty runs of two or more models.
 
-    Speeds and accelerations are the largest that all models cover.
+    They belong to the days of the models' calibrations, by their numbers. Speeds and accelerations
+    are the largest that all models cover.
     """
     chains = [
-        (entry, load_chain(entry.file).stored)
-        for entry in sorted(models, key=lambda each: each.created)
+        (entry, load_chain(entry.file))
+        for entry in sorted(models, key=lambda each: performed[each.calibration_id])
         if _has_empty_runs(entry)
     ]
-    rotations = [_first(stored, MeasuredRotation) for _, stored in chains]
-    inertias = [_first(stored, Inertia) for _, stored in chains]
+    rotations = [chain.find(MeasuredRotation) for _, chain in chains]
+    inertias = [chain.find(Inertia) for _, chain in chains]
     rpm = min((max(each.speeds_rpm) for each in rotations if each is not None), default=0.0)
     rad_s2 = min((each.largest_rad_s2 for each in inertias if each is not None), default=0.0)
     found: dict[tuple[str, str], list[tuple[datetime, float, bool]]] = {}
-    for (entry, stored), rotation, inertia in zip(chains, rotations, inertias, strict=True):
+    for (entry, chain), rotation, inertia in zip(chains, rotations, inertias, strict=True):
         percent = 100.0 / entry.range_nm
         values: dict[tuple[str, str], float] = {}
-        warmth = _first(stored, MeasuredTemperature)
+        warmth = chain.find(MeasuredTemperature)
         if warmth is not None and warmth.high_c > warmth.low_c:
             per_10k = 10.0 / (warmth.high_c - warmth.low_c)
             ends = [warmth.low_c, warmth.high_c]
@@ -215,16 +218,9 @@ def _effects_over_time(
                 percent * torque
             )
         for name, size in values.items():
-            found.setdefault(name, []).append((entry.created, size, entry.simulated))
+            moment = performed[entry.calibration_id]
+            found.setdefault(name, []).append((moment, size, entry.simulated))
     return [(title, unit, known) for (title, unit), known in found.items() if len(known) > 1]
-
-
-_Kind = TypeVar("_Kind", bound=Effect)
-
-
-def _first(effects: Sequence[Effect], kind: type[_Kind]) -> _Kind | None:
-    """Return the first effect of a kind; None if there is none."""
-    return next((each for each in effects if isinstance(each, kind)), None)
 
 
 def _has_empty_runs(entry: ModelEntry) -> bool:

@@ -351,9 +351,7 @@ def _verification(registry: Registry, folder: RunFolder, progress: Progress) -> 
     def register() -> None:
         models = {name: registry.model(int(number)) for name, number in numbers.items()}
         data = measured.result.data
-        loaded = {
-            name: used_chain(entry, folder.metadata, data.side) for name, entry in models.items()
-        }
+        loaded = {name: used_chain(entry, folder.metadata, data) for name, entry in models.items()}
         result = verify(data, loaded)
         register_verification(registry, models, result, measured.record)
 

@@ -137,6 +137,16 @@ class Effect(ABC):
         """Name parts of the effect that weren't identified: U doesn't contain them."""
         return ()
 
+    def left_of(self, limit: Effect) -> Effect | None:  # noqa: ARG002 - most replace all of it
+        """Return the part of a limit that this measured effect doesn't replace; None for nothing.
+
+        Parameters
+        ----------
+        limit : Effect
+            Of the kind that `influence` names.
+        """
+        return None
+
     def stream(self) -> Effect:
         """Return an object that follows one stream of readings; here, without memory."""
         return self

@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields, replace
 from datetime import date
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from torquebench.message import Message
 
 __all__ = ["ChainStream", "MeasuringChain", "RecordedStream", "effect_from", "load_chain"]
 
+_Kind = TypeVar("_Kind", bound=Effect)
 GAP_STEPS = 3.0  # windows: fewer missing ones can't hide a significant reversal
 
 
@@ -120,22 +121,31 @@ class MeasuringChain:
 
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
-        """All effects in the order in which they add to a reading.
-
-        Limits of a measured influence are left out.
-        """
+        """All effects in the order in which they add to a reading."""
         widening = student_widening(float(self.model.degrees_of_freedom_))
         scatter = Scatter("residuals of the calibration", widening * float(self.model.scatter_nm))
-        measured = {effect.influence for effect in self.stored}
-        counted = tuple(effect for effect in self.stored if effect.kind not in measured)
-        own = tuple(effect for effect in counted if effect.corrects_reading)
-        after = tuple(effect for effect in counted if not effect.corrects_reading)
+        own = tuple(effect for effect in self.counted if effect.corrects_reading)
+        after = tuple(effect for effect in self.counted if not effect.corrects_reading)
         return (*own, self.curve, scatter, *after)
+
+    @cached_property
+    def counted(self) -> tuple[Effect, ...]:
+        """Stored effects; of limits only what no measured effect replaces."""
+        measured = {effect.influence: effect for effect in self.stored if effect.influence}
+        left = (
+            measured[effect.kind].left_of(effect) if effect.kind in measured else effect
+            for effect in self.stored
+        )
+        return tuple(effect for effect in left if effect is not None)
 
     @cached_property
     def dynamics(self) -> Dynamics | None:
         """The filter of quick changes, if the chain has one."""
-        return next((each for each in self.stored if isinstance(each, Dynamics)), None)
+        return self.find(Dynamics)
+
+    def find(self, kind: type[_Kind]) -> _Kind | None:
+        """Return the stored effect of a class; None if there is none."""
+        return next((effect for effect in self.stored if isinstance(effect, kind)), None)
 
     @cached_property
     def switched_off(self) -> frozenset[str]:
@@ -160,7 +170,8 @@ class MeasuringChain:
         limits : iterable of Effect
         """
         own = {effect.kind: effect for effect in self.stored}
-        lacking, added = set(self._lacking()), list[Effect]()
+        partly = {effect.influence for effect in self.stored if effect.gaps()} - set(own)
+        lacking, added = {*self._lacking(), *partly}, list[Effect]()
         for limit in limits:
             if limit.kind in lacking:
                 added.append(limit)
@@ -191,9 +202,11 @@ class MeasuringChain:
 
     def missing(self) -> tuple[str, ...]:
         """Return the influences without any record: U doesn't contain them."""
+        limited = {effect.kind for effect in self.counted}
+        open_ = (effect for effect in self.counted if effect.influence not in limited)
         return (
             *sorted(EFFECTS[kind].title for kind in self._lacking()),
-            *(gap for effect in self.stored for gap in effect.gaps()),
+            *(gap for effect in open_ for gap in effect.gaps()),
         )
 
     def _lacking(self) -> tuple[str, ...]:

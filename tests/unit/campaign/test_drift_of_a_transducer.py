@@ -132,5 +132,7 @@ def test_effects_of_empty_runs_have_their_charts(registry, tmp_path):
     assert found["Zero over temperature"].values == pytest.approx([0.1, 0.1])
     assert found["Inertia's torque at 30 rad/s²"].values == pytest.approx([0.15, 0.15])
     assert not any(each.calibrations for title, each in found.items() if "1/min" in title)
+    days = tuple(START + timedelta(days=number) for number in range(2))  # not those of the fits
+    assert found["Zero over temperature"].moments == days
     (tmp_path / "model-0.json").unlink()
     assert "Bearing drag at 1000 1/min" not in charts()

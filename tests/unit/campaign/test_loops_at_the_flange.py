@@ -1,18 +1,20 @@
 """What a bench's description says of its flange comes to the loops that are evaluated."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 from tests.swinging_flange import RATED_NM, swinging_loop
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import SynchronousRecording
 from torquebench.campaign.reducers.kinds.hysteresis import WORK as HYSTERESIS
 from torquebench.campaign.reducers.uncertainty import Bench
-from torquebench.chain import TorqueParts
-from torquebench.procedures.reducers.loop import Loop, LoopRecording
-from torquebench.reducers import load_reducer
+from torquebench.chain import Inertia, MeasuringChain, TorqueParts
+from torquebench.compensation import make_model
+from torquebench.procedures.reducers.loop import Loop, LoopRecording, _flange
+from torquebench.reducers import FlangeInertia, load_reducer
 
 REDUCER = load_reducer("harmonic-20")
 
@@ -52,6 +54,25 @@ def test_the_described_flange_is_taken_off_and_said():
         "0.25 kg·m² ± 10 %, is subtracted" in taken.remarks
     )
     assert any("the inertia of the output flange isn't described" in each for each in left.remarks)
+
+
+def test_the_flange_that_empty_runs_have_identified_is_taken_before_the_described_one():
+    bench = Bench(described(0.1), {}, {})
+    measured = loops(0.02 * RATED_NM)
+    identified = replace(measured, flange=FlangeInertia(0.25, 2.0))
+    found = HYSTERESIS.evaluate(bench, REDUCER, identified)
+    same = HYSTERESIS.evaluate(Bench(described(0.25), {}, {}), REDUCER, measured)
+    assert found.result.backlash.value == same.result.backlash.value
+    assert any("0.25 kg·m² ± 2 %" in each for each in found.remarks)
+
+
+def test_the_loops_record_the_flange_of_the_model_in_use():
+    model = make_model("polynomial", range_nm=50.0)
+    model.fit(np.linspace(-50.0, 50.0, 11)[:, None], np.linspace(-50.0, 50.0, 11))
+    chain = MeasuringChain(model, (Inertia("empty runs", 0.25, 0.0025, 30.0),))
+    assert _flange(ActiveChain(chain, "1", "polynomial")) == FlangeInertia(0.25, 2.0)
+    assert _flange(ActiveChain(MeasuringChain(model), "1", "polynomial")) is None
+    assert _flange(None) is None
 
 
 @pytest.mark.parametrize("inertia", [0.25, None])

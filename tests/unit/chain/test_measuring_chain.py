@@ -227,6 +227,27 @@ def test_limits_count_only_where_a_chain_has_no_record(model: CompensationModel)
     assert complete.with_limits([Drift("data sheet", 5.0)]).stored == complete.stored
 
 
+def test_a_span_that_was_not_identified_takes_the_limit_that_is_stated(
+    model: CompensationModel,
+) -> None:
+    measured = MeasuredTemperature(
+        "empty run", 30.0, 12.0, 38.0, (0.0, 60.0), (-2.0, 3.0), (0.1, 0.2)
+    )
+    bare = MeasuringChain(model, (measured,))
+    assert "temperature of span" in bare.missing()
+    limit = Temperature("data sheet", 0.3, 9e-5, 23.0, 18.0, 28.0)
+    for chain in (bare.with_limits([limit]), MeasuringChain(model, (limit, measured))):
+        assert not {"temperature of span", "temperature of zero"} & set(chain.missing())
+        torque = chain.torque(rows(1000.0, temperature_c=34.0, zero_temperature_c=34.0))
+        names = [each.name for each in torque.components]
+        assert names.count("temperature of span") == names.count("temperature of zero") == 1
+        change_k = np.hypot(4.0, 0.5 / sqrt(3))  # since the calibration of the chain
+        assert torque.component("temperature of span")[0] == pytest.approx(
+            9e-5 * change_k * torque.value_nm[0] / sqrt(3)
+        )
+        assert torque.component("temperature of zero")[0] == 0.0  # as measured
+
+
 def test_a_limit_that_is_not_known_is_named(model: CompensationModel) -> None:
     chain = MeasuringChain(model, (Zero("zeros", None, zero_nm=0.1), Temperature("", None, 1e-5)))
     assert {"zero drift", "temperature of zero"} <= set(chain.missing())

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench, points
 
+from torquebench.bench import default_bench
 from torquebench.calibration import load_profile, verify
+from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.checking import judge_check
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.compensation import make_model
@@ -29,7 +31,7 @@ from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import Party, Reference
 from torquebench.reports.certificate.results import evaluate_results
-from torquebench.uncertainty import CertifiedUncertainty, Verdict
+from torquebench.uncertainty import Verdict
 
 ISSUE = Issue(["A. Boss"], issued=date(2026, 3, 5), refuse_unreviewed=False)
 
@@ -190,8 +192,8 @@ def test_the_certificates_verdict_is_that_of_the_verification(
         off = np.array(fresh.reading_nm)
         off[3] += 2.5
         fresh = replace(fresh, reading_nm=off)
-    bench_of_run = {"verification_standard": {"expanded_uncertainty_percent": 0.02}}
-    with RunFolder.create(registry.root / "runs", {"bench": bench_of_run}, kind="verify") as writer:
+    run = {"bench": default_bench()}
+    with RunFolder.create(registry.root / "runs", run, kind="verify") as writer:
         writer.write_results({"data": fresh})
         run_id = writer.seal().run_id
     started = datetime(2026, 3, 3, tzinfo=UTC)
@@ -205,8 +207,8 @@ def test_the_certificates_verdict_is_that_of_the_verification(
     tolerance = {Verdict.PASS: 1.0, Verdict.CONDITIONAL_PASS: 1.01 * worst}.get(wanted, 0.05)
     judged = judge_check(
         fresh,
-        chain,
-        standard=CertifiedUncertainty.of_range(2e-4, 2000.0),
+        used_chain(entry, run, fresh),
+        standard=check_standard(run, fresh),
         tolerance_percent_fs=tolerance,
     )  # as the panel judges it
     assert judged.verdict is wanted

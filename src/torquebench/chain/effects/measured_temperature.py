@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
 from typing import Any, ClassVar, Self
@@ -12,6 +12,7 @@ import numpy as np
 
 from torquebench.chain._kernels import temperature
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
+from torquebench.chain.effects.temperature import Temperature
 from torquebench.chain.grid import Numbers, between, linear, located, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
@@ -124,6 +125,13 @@ class MeasuredTemperature(Effect):
         """Name the span if it wasn't identified."""
         return () if self.span else ("temperature of span",)
 
+    def left_of(self, limit: Effect) -> Effect | None:
+        """Return the limit of the span if the span wasn't identified."""
+        assert isinstance(limit, Temperature)
+        if self.span or limit.span_per_k is None:
+            return None
+        return replace(limit, zero_nm_per_k=0.0, calibrated_c=self.calibrated_c)
+
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return zero, span and what a gradient may change at the temperature of each reading."""
         zero_u, zero, span_u, span, place, slope = temperature(
@@ -137,13 +145,16 @@ class MeasuredTemperature(Effect):
             CORRELATION_K,
         )
         where = place[:, None]
-        return (
-            Component("temperature of zero", Shared.ZEROING, zero_u, zero, where),
-            Component("temperature of span", Shared.CALIBRATION, span_u, span, where),
+        parts = [Component("temperature of zero", Shared.ZEROING, zero_u, zero, where)]
+        if self.span:
+            parts.append(Component("temperature of span", Shared.CALIBRATION, span_u, span, where))
+        gradient = self.deviation_k / sqrt(3.0) * slope
+        parts.append(
             Component(
                 "temperature gradient",
                 Shared.LOADING,
-                self.deviation_k / sqrt(3.0) * slope,
+                gradient,
                 distribution=Distribution.RECTANGULAR,
-            ),
+            )
         )
+        return tuple(parts)

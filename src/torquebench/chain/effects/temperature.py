@@ -59,7 +59,7 @@ class Temperature(Effect):
         """Return zero and span; the same transducer has the same coefficients at all readings."""
         now, zeroed = readings.temperature_c, readings.zero_temperature_c
         components = []
-        if self.zero_nm_per_k is not None:
+        if self.zero_nm_per_k:
             half_k = 0.5 * (self.high_c - self.low_c)
             zero = self.zero_nm_per_k * self._change(now, zeroed, half_k)
             components.append(_limit(_NAMES[0], Shared.ZEROING, zero))

@@ -10,8 +10,10 @@ from typing import Any
 import numpy as np
 
 from torquebench import __version__
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
+from torquebench.chain import Inertia
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, loading_limits
@@ -37,6 +39,7 @@ from torquebench.procedures.setup import (
     set_up,
 )
 from torquebench.procedures.zeroing import measure_zero, zero
+from torquebench.reducers import FlangeInertia
 
 __all__ = [
     "BenchTwistRecording",
@@ -146,12 +149,15 @@ class LoopRecording:
         Whether the side's active model was applied.
     temperature_c : float
         Of the reducer; NaN without a probe.
+    flange : FlangeInertia or None
+        Of the output's active model: identified by empty runs, or as described.
     """
 
     loops: tuple[Loop, ...]
     torque_nm: float
     compensated: dict[Side, bool]
     temperature_c: float
+    flange: FlangeInertia | None = None
 
 
 def hysteresis_loops(
@@ -211,7 +217,17 @@ def hysteresis_loops(
         torque_nm=torque,
         compensated={side: compensation(side) is not None for side in sides},
         temperature_c=float(np.mean(temperature)),
+        flange=_flange(compensation("output")),
     )
+
+
+def _flange(active: ActiveChain | None) -> FlangeInertia | None:
+    """Return what turns between transducer and flange, by the model of a side."""
+    inertia = None if active is None else active.chain.find(Inertia)
+    if inertia is None or not inertia.moment_nm_s2 > 0.0:
+        return None
+    share = inertia.uncertainty_nm_s2 / inertia.moment_nm_s2
+    return FlangeInertia(inertia.moment_nm_s2, 200.0 * share)
 
 
 def _near(position_deg: float, ratio: float, phase: float) -> float:

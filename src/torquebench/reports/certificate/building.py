@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench import __version__
-from torquebench.bench.description import stated_uncertainty
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import (
     RAW,
@@ -17,6 +16,7 @@ from torquebench.calibration import (
     find_deviations,
     refuse_deviations,
 )
+from torquebench.campaign.bench_chains import check_standard, used_chain
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import InputError, RecordError
@@ -177,7 +177,6 @@ def build_record(
     static, zero_hysteresis = static_tables(
         data, source.profile, source.chain, source.reference, source.resolution_nm
     )
-    title, kind = _compensation(source)
     measured_by = calibration.measured_by or source.run.operator
     verification = _verification(registry, source, issue.tolerance_percent_fs)
     unreviewed = _unreviewed(registry, source, calibration, issue, verification)
@@ -211,8 +210,7 @@ def build_record(
         run_id=source.run.run_id,
         calibration_id=calibration.calibration_id,
         temperature_c=_extremes(data.temperature_c),
-        compensation=title,
-        compensation_kind=kind,
+        compensation=_compensation(source),
         results=results.rows,
         budget=results.budget,
         budget_step=results.budget_step,
@@ -222,8 +220,7 @@ def build_record(
         static=static,
         zero_hysteresis=zero_hysteresis,
         deviations=tuple(
-            DeviationStatement(each.clause, each.found, each.allowed, each.key, each.values)
-            for each in deviations
+            DeviationStatement(each.clause, each.found, each.allowed) for each in deviations
         ),
         measured_by=measured_by,
         checked_by=_checked_by(registry, calibration),
@@ -319,14 +316,12 @@ def _method(source: Source, calibration: CalibrationEntry) -> Method:
     )
 
 
-def _compensation(source: Source) -> tuple[str, str]:
-    """Return the model in words, and its kind for other languages; empty without a model."""
+def _compensation(source: Source) -> str:
+    """Return the model in words; empty without a model."""
     if source.chain is None:
-        return "", ""
+        return ""
     model = source.chain.model
-    kind, parameters = model.kind, model.kind_parameters
-    degree = f"-{parameters['degree']}" if kind == "polynomial" else ""
-    return model_title(kind, parameters), f"{kind}{degree}"
+    return model_title(model.kind, model.kind_parameters)
 
 
 def _placement(source: Source) -> tuple[int, int, int] | None:
@@ -390,11 +385,11 @@ def _judged_points(
             "the points as they were registered",
             "restore them from a backup, or verify again",
         )
-    standard = folder.metadata["bench"]["verification_standard"]
+    entry = source.model_entry
     judged = judge_check(
         data,
-        source.chain,
-        standard=stated_uncertainty(standard, data.side, data.range_nm),
+        None if entry is None else used_chain(entry, folder.metadata, data),
+        standard=check_standard(folder.metadata, data),
         tolerance_percent_fs=tolerance_percent_fs,
     )
     return conformity_of(

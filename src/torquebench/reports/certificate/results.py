@@ -173,7 +173,7 @@ def turning_budget(
     chain : MeasuringChain
     reference : Reference
     """
-    rotation = next((each for each in chain.stored if isinstance(each, MeasuredRotation)), None)
+    rotation = chain.find(MeasuredRotation)
     if rotation is None:
         return None
     farthest = max((rotation.low_c, rotation.high_c), key=lambda c: abs(c - rotation.calibrated_c))
@@ -274,7 +274,7 @@ class _Compensated:
             half_width = resolution_nm / sqrt(2.0)
             self.torque = self.torque.and_also(
                 Component(
-                    "resolution",
+                    "resolution of indication and zero",
                     Shared.CALIBRATION,
                     half_width / sqrt(3.0),
                     distribution=Distribution.RECTANGULAR,
@@ -296,7 +296,7 @@ def reference_of(reference: Reference, range_nm: float, chain: MeasuringChain) -
     """Return the effect of the standard that a certificate names, with a chain's other limits."""
     record = f"certificate {reference.certificate_number} of {reference.serial}"
     certified = reference.uncertainty(range_nm)
-    known = next((each for each in chain.stored if isinstance(each, ReferenceEffect)), None)
+    known = chain.find(ReferenceEffect)
     if known is None:
         return ReferenceEffect(record, certified)
     return replace(known, record=record, certified=certified)
@@ -331,7 +331,7 @@ class _Raw:
         """Return the budget of the error at one step: a sum, every sensitivity is 1."""
         quantities = [
             Quantity(
-                "repeatability",
+                "repeatability and noise",
                 float(self.error_nm[place]),
                 self.scatter_nm / sqrt(float(self.count[place])),
                 self.freedom,
@@ -340,14 +340,21 @@ class _Raw:
             Quantity.from_certificate("reference standard", 0.0, reference_nm, unit="N·m"),
         ]
         if self.zero_nm is not None:
-            quantities.append(Quantity.rectangular("zero", 0.0, self.zero_nm / 2.0, unit="N·m"))
+            quantities.append(
+                Quantity.rectangular("zero return", 0.0, self.zero_nm / 2.0, unit="N·m")
+            )
         if self.resolution_nm > 0.0:  # of the indication and of the zero, together
             half_width = self.resolution_nm / sqrt(2.0)
-            quantities.append(Quantity.rectangular("resolution", 0.0, half_width, unit="N·m"))
+            quantities.append(
+                Quantity.rectangular(
+                    "resolution of indication and zero", 0.0, half_width, unit="N·m"
+                )
+            )
         if self.drift_k is not None:
             share = TEMPERATURE_PERCENT_PER_10K / 100.0 * self.drift_k / 10.0
             half_width = share * self.range_nm / 2.0
-            quantities.append(Quantity.rectangular("temperature", 0.0, half_width, unit="N·m"))
+            name = "temperature drift during the calibration"
+            quantities.append(Quantity.rectangular(name, 0.0, half_width, unit="N·m"))
         return propagate(
             lambda *values: sum(values),
             quantities,

@@ -88,7 +88,7 @@ def _loop_uncertainty(
 
 def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -> Evaluated:
     """Evaluate torque-angle loops of the output's angle against the input's."""
-    flange = _flange(bench)
+    flange = loops.flange or _described_flange(bench)
     parts = [loop.recording for loop in loops.loops]
     recording = SynchronousRecording.joined(parts)
     sizes = [part.time_s.size for part in parts]
@@ -123,7 +123,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, loops: LoopRecording) -
     return Evaluated(result, tuple(remarks))
 
 
-def _flange(bench: Bench) -> FlangeInertia | None:
+def _described_flange(bench: Bench) -> FlangeInertia | None:
     """Return the part that twists between the output's transducer and the reducer, if described."""
     module = bench.description.output
     if module.flange_inertia_kgm2 is None:

@@ -492,7 +492,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
         context.job,
     )
     return verification_result(
-        station,
+        measured.record.metadata,
         entry,
         loaded,
         data,

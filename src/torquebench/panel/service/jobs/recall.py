@@ -125,12 +125,12 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     folder = RunFolder(station.registry.run(str(last.run_id)).folder)
     fresh = run_data(folder)
     judged = {
-        key: used_chain(entries[key], folder.metadata, fresh.side)
+        key: used_chain(entries[key], folder.metadata, fresh)
         for found, key in verifications
         if found.run_id == last.run_id
     }
     verified = verification_result(
-        station,
+        folder.metadata,
         entry,
         judged,
         fresh,

@@ -5,13 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from torquebench.bench.description import stated_uncertainty
 from torquebench.calibration import (
     CalibrationData,
     ErrorSummary,
     VerificationResult,
     summarise_errors,
 )
+from torquebench.campaign.bench_chains import check_standard
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.chain import MeasuringChain
@@ -147,7 +147,7 @@ def models_of(station: Station, entry: CalibrationEntry) -> dict[str, ModelEntry
 
 
 def verification_result(
-    station: Station,
+    metadata: Mapping[str, Any],
     entry: CalibrationEntry,
     models: Mapping[str, MeasuringChain],
     data: CalibrationData,
@@ -157,9 +157,8 @@ def verification_result(
     tolerance_percent_fs: float,
     seed: int | None = None,
 ) -> JobResult:
-    """Judge every model at the points of a verification."""
-    described = station.description.verification_standard.model_dump()
-    standard = stated_uncertainty(described, data.side, data.range_nm)
+    """Judge every model at the points of a verification, by the metadata of its run."""
+    standard = check_standard(metadata, data)
     details: dict[str, Any] = {}
     verdicts = {}
     for name in ("raw", *models):
