@@ -3,13 +3,18 @@
 import importlib
 import inspect
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import is_dataclass
+from datetime import date
 from pathlib import Path
-from types import UnionType
-from typing import Any, Literal, Union, get_args, get_origin, get_type_hints, is_typeddict
+from types import NoneType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
+import numpy as np
 from pydantic import BaseModel
 from sphinx.util import logging
+
+from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record, dataclass_of
 
 PYTHON = {
     "torquebench": "For notebooks and scripts: import torquebench as tb",
@@ -92,8 +97,6 @@ def _commands() -> str:
 
 
 def _answers() -> str:
-    from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
-
     lines = [
         "# Answers in JSON",
         "",
@@ -113,51 +116,73 @@ def _answers() -> str:
         "",
     ]
     lines += [f"`{name}` has no `--json`: it {why}." for name, why in WITHOUT_ANSWER.items()]
-    shapes: dict[type, list[str]] = {}
-    waiting = [(kind, name) for name, kind in ANSWERS.items()]
-    for kind, name in waiting:
-        shapes.setdefault(kind, []).append(f"`{name}`")
-    for kind in list(shapes):
-        _parts(kind, shapes)
-    for kind, names in shapes.items():
-        heading = ", ".join(names) if names else kind.__name__
-        lines += ["", f"(answer-{kind.__name__})=", f"## {heading}", "", kind.__doc__ or "", ""]
+    names: dict[Any, list[str]] = {}
+    for command, records in ANSWERS.items():
+        for record in records:
+            names.setdefault(record, []).append(f"`{command}`")
+    parts = list(names)
+    for part in parts:  # grows by the parts of its parts
+        for kind in _inside(list(_kinds(part).values())):
+            if kind not in parts:
+                parts.append(kind)
+    for part in parts:
+        about = part.about if isinstance(part, Record) else inspect.getdoc(part).split("\n")[0]
+        heading = ": ".join(each for each in (", ".join(names.get(part, ())), about) if each)
+        lines += ["", f"({_anchor(part)})=", f"## {heading.rstrip('.')}", ""]
         lines += ["| key | value | |", "| --- | --- | --- |"]
-        for key, value in get_type_hints(kind).items():
-            # mypy takes `kind` for any class; ANSWERS holds typed dictionaries only.
-            when = "" if key in kind.__required_keys__ else "if"  # type: ignore[attr-defined]
-            lines.append(f"| `{key}` | {_shape(value)} | {when} |")
+        sometimes = part.sometimes if isinstance(part, Record) else ()
+        for key, kind in _kinds(part).items():
+            lines.append(f"| `{key}` | {_shape(kind)} | {'if' if key in sometimes else ''} |")
     return "\n".join(lines) + "\n"
 
 
-def _parts(kind: Any, shapes: dict[type, list[str]]) -> None:
-    """Add the shapes that a shape is made of."""
-    for value in get_type_hints(kind).values():
-        for part in _inside(value):
-            if part not in shapes:
-                shapes[part] = []
-                _parts(part, shapes)
+def _kinds(part: Any) -> dict[str, Any]:
+    """Return the kind of every key of a record, or of a dataclass."""
+    record = part if isinstance(part, Record) else Record("", f"{part.__module__}:{part.__name__}")
+    return record.kinds()
 
 
-def _inside(value: Any) -> Iterator[type]:
-    if is_typeddict(value):
-        yield value
-    for part in get_args(value):
-        yield from _inside(part)
+def _anchor(part: Any) -> str:
+    about = part.about if isinstance(part, Record) else f"{part.__module__} {part.__name__}"
+    return "answer-" + re.sub(r"\W+", "-", about.lower()).strip("-")
 
 
-def _shape(value: Any) -> str:
-    if is_typeddict(value):
-        return f"[{value.__name__}](#answer-{value.__name__})"
-    origin, parts = get_origin(value), get_args(value)
-    if origin is list:
+def _inside(kind: Any) -> Iterator[Any]:
+    """Yield the records and dataclasses that a kind is made of."""
+    if isinstance(kind, str):
+        kind = dataclass_of(kind)
+    if isinstance(kind, Record) or is_dataclass(kind):
+        yield kind
+    if get_origin(kind) is Literal:
+        return
+    below = kind if isinstance(kind, list) else get_args(kind)
+    for each in kind.values() if isinstance(kind, dict) else below:
+        yield from _inside(each)
+
+
+def _shape(kind: Any) -> str:
+    if isinstance(kind, str):
+        kind = dataclass_of(kind)
+    if isinstance(kind, Record) or is_dataclass(kind):
+        about = kind.about if isinstance(kind, Record) else kind.__name__
+        return f"[{about.rstrip('.')}](#{_anchor(kind)})"
+    origin, parts = get_origin(kind), get_args(kind)
+    if isinstance(kind, list):
+        return f"list of {_shape(kind[0])}"
+    if isinstance(kind, dict):
+        return f"object of {_shape(kind[str])}"
+    if origin in (list, tuple, Sequence):
         return f"list of {_shape(parts[0])}"
-    if origin is dict:
+    if origin in (dict, Mapping):
         return f"object of {_shape(parts[1])}"
+    if origin is np.ndarray:
+        return "list of number"
     if origin in (Union, UnionType):
-        return " or ".join(_shape(each) for each in parts)
-    names = {str: "text", float: "number", int: "integer", bool: "true or false"}
-    return names.get(value, "null" if value is type(None) else "value")
+        return " or ".join(dict.fromkeys(_shape(each) for each in parts))
+    if origin is Literal or (inspect.isclass(kind) and issubclass(kind, str | date | Path)):
+        return "text"
+    names = {float: "number", int: "integer", bool: "true or false", NoneType: "null"}
+    return names.get(kind, "value")
 
 
 def _bounds(field: Any) -> str:

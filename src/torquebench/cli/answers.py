@@ -1,938 +1,526 @@
-"""What each command answers with `--json`: one table of facts a command.
+"""What each command answers with `--json`: fields of the records that it computes, and few more.
 
-A new command needs its answer here. The documentation's page of answers is generated from this
+A new command needs its record here. The documentation's page of answers is generated from this
 file, and tests compare it with what commands print. Names end with their unit; `None` stands for a
 value that is unknown or doesn't exist.
 """
 
-from typing import Any, NotRequired, TypedDict
-
-__all__ = ["ANSWERS", "WITHOUT_ANSWER"]
-
-
-class Errors(TypedDict):
-    """Worst and RMS error of points, in N·m, in % of full scale and in % of reading."""
-
-    points: int
-    worst_nm: float
-    rms_nm: float
-    worst_at_nm: float
-    worst_percent_fs: float
-    rms_percent_fs: float
-    worst_percent_reading: float | None
-    rms_percent_reading: float | None
-    reading_rule: str
-
-
-class Repeatability(TypedDict):
-    """Scatter of readings of one torque between groups."""
-
-    pooled_nm: float
-    worst_nm: float
-    pooled_percent_fs: float
-    worst_percent_fs: float
-    places: int
-    rule: str
-
-
-class VerifiedModel(TypedDict):
-    """Errors of one model, or of the raw reading, at points that it wasn't fitted to."""
-
-    name: str
-    against_standard: Errors
-    against_truth: Errors | None
-    groups: list[Errors]
-    averaged: Errors | None
-    repeatability: Repeatability | None
-    expanded_uncertainty_nm: float | None
-
-
-class Contradiction(TypedDict):
-    """Contradictory points of a calibration."""
-
-    kind: str
-    clause: str
-    found: str
-    allowed: str
-    cause: str
-
-
-class Deviation(TypedDict):
-    """Deviations of a calibration from its profile, and their treatment in the certificate."""
-
-    kind: str
-    clause: str
-    found: str
-    allowed: str
-    consequence: str
-    key: str
-    values: dict[str, str | float]
-
-
-class Finding(TypedDict):
-    """Findings of a reducer test besides its quantities."""
-
-    name: str
-    message: str
-    remedy: str
-    severe: bool
-
-
-class DemoModule(TypedDict):
-    """One module of the demo."""
-
-    side: str
-    range_nm: float
-    transducer: str
-    recommended: str
-    models: list[VerifiedModel]
-    runs: list[str]
-
-
-class Demo(TypedDict):
-    """Both modules, raw and by each model."""
-
-    simulated: bool
-    modules: list[DemoModule]
-    bench_seconds: float
-    files: list[str]
-
-
-class CalibratedModule(TypedDict):
-    """One module after its calibration."""
-
-    side: str
-    range_nm: float
-    transducer: str
-    simulated: bool
-    points: int
-    kind: str
-    raw: Errors
-    fitted: Errors
-    loading_accuracy_percent: float | None
-    model: str
-    calibration: str
-    in_use: bool
-    run: str
-    unsettled: int
-    contradictions: list[Contradiction]
-
-
-class Plan(TypedDict):
-    """Loads of a `--dry-run`."""
-
-    side: str
-    points: int
-    duration_s: float
-
-
-class Calibrated(TypedDict):
-    """Calibrated modules, or the plans of a dry run."""
-
-    modules: NotRequired[list[CalibratedModule]]
-    plans: NotRequired[list[Plan]]
-    files: NotRequired[list[str]]
-
-
-class CheckedPoint(TypedDict):
-    """One point against the check standard."""
-
-    standard_nm: float
-    error_nm: float
-    expanded_uncertainty_nm: float
-    verdict: str
-
-
-class Check(TypedDict):
-    """A module against the check standard."""
-
-    side: str
-    range_nm: float
-    transducer: str
-    simulated: bool
-    model: str | None
-    points: list[CheckedPoint]
-    verdict: str
-    worst_percent_fs: float
-    tolerance_percent_fs: float
-    run: str
-    not_in_u: list[str]
-
-
-class Certificate(TypedDict):
-    """A certificate that was issued, or that was checked."""
-
-    number: str
-    simulated: NotRequired[bool]
-    verdict: NotRequired[str | None]
-    tolerance_percent_fs: NotRequired[float | None]
-    unreviewed: NotRequired[list[str]]
-    deviations: NotRequired[list[Deviation]]
-    supersedes: NotRequired[str]
-    files: NotRequired[list[str]]
-    matches: NotRequired[bool]
-    findings: NotRequired[list[str]]
-    schema: NotRequired[str]
-    replaced_by: NotRequired[str]
-
-
-class ComparedModel(TypedDict):
-    """One kind of model at steps that it wasn't fitted to."""
-
-    name: str
-    worst_nm: float
-    rms_nm: float
-    worst_averaged_nm: float
-    worst_percent_fs: float
-    rms_percent_fs: float
-    worst_percent_reading: float
-    effective_parameters: float
-    fit_time_s: float
-    complexity: int
-    mean_square_difference: float
-    standard_error: float
-    reason: str
-
-
-class Fitted(TypedDict):
-    """A model that was fitted to a table; `comparison` with `--compare`."""
-
-    points: int
-    range_nm: float
-    simulated: bool
-    kind: str
-    title: str
-    raw: Errors
-    fitted: Errors
-    scatter_nm: float | None
-    comparison: NotRequired[list[ComparedModel]]
-    contradictions: list[Contradiction]
-    files: list[str]
-
-
-class Applied(TypedDict):
-    """Readings that were compensated."""
-
-    rows: int
-    simulated: bool
-    lowest_nm: float
-    highest_nm: float
-    largest_uncertainty_nm: float
-    unmeasured: list[str]
-    files: list[str]
-
-
-class Cell(TypedDict):
-    """Errors and coverage of U in a range of speed, temperature and torque."""
-
-    speed_rpm: list[float] | None
-    temperature_c: list[float] | None
-    torque_share: list[float]
-    points: int
-    rms_percent_fs: float
-    worst_percent_fs: float
-    coverage: float
-
-
-class Verified(TypedDict):
-    """Models at points that they weren't fitted to; the verdict is that of the second entry."""
-
-    range_nm: float
-    groups: int
-    points: int
-    simulated: bool
-    models: list[VerifiedModel]
-    tolerance_percent_fs: float
-    passed: bool
-    not_in_u: list[str]
-    cells: NotRequired[list[Cell]]
-    run: NotRequired[str]
-    files: NotRequired[list[str]]
-
-
-class ExportedModel(TypedDict):
-    """A model's table for other programs."""
-
-    intervals: int
-    degree: int
-    branch_aware: bool
-    low_nm: float
-    high_nm: float
-    largest_deviation_nm: float
-    files: list[str]
-
-
-class DataSheet(TypedDict):
-    """A transducer's electronic data sheet, as `teds read` writes it."""
-
-    basic: dict[str, Any]
-    templates: list[dict[str, Any]]
-    text: NotRequired[str]
-    free_bits: NotRequired[str]
-    unread: NotRequired[dict[str, str]]
-
-
-class DataSheetShown(TypedDict):
-    """What a memory holds."""
-
-    sheet: DataSheet
-
-
-class DataSheetRead(TypedDict):
-    """Content of a memory, and the file that it was written to."""
-
-    sheet: DataSheet
-    files: list[str]
-
-
-class CalibrationCurve(TypedDict):
-    """A compensation as calibration curve, and how far it deviates from the compensation."""
-
-    segments: int
-    power: int
-    residual_nm: float
-    residual_percent_fs: float
-    branch_residual_nm: float
-    branch_residual_percent_fs: float
-
-
-class DataSheetWritten(TypedDict):
-    """Written content of a memory; `bytes` without checksums."""
-
-    sheet: DataSheet
-    bytes: int
-    curve: CalibrationCurve | None
-    files: list[str]
-
-
-class BudgetLine(TypedDict):
-    """One quantity of a budget; `share` is of the variance, 0 to 1.
-
-    `shared` names what its errors are common to: "calibration", "mounting", "zeroing", "loading",
-    or "nothing".
+from __future__ import annotations
+
+import builtins
+import importlib
+import inspect
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from types import NoneType
+from typing import Any, get_args, get_type_hints
+
+__all__ = ["ANSWERS", "WITHOUT_ANSWER", "Record", "dataclass_of"]
+
+
+@dataclass(frozen=True, eq=False)
+class Record:
+    """A JSON object: fields of a dataclass under the names of the answer, and further facts.
+
+    A kind of a fact is a type, a record, a dataclass as ``module:Name``, or one of them in a list
+    or as the value of ``{str: …}``.
+
+    Parameters
+    ----------
+    about : str
+        What it holds, in a sentence.
+    source : str
+        The dataclass, as ``module:Name``.
+    chosen : str
+        Its fields, properties and methods, ``key`` or ``key=path`` each; empty for all fields.
+    facts : mapping of str to kind
+        What the command states beside them.
+    sometimes : mapping of str to kind
+        What it states if an option or the result brings it.
     """
 
-    name: str
-    unit: str
-    value: float
-    standard_uncertainty: float
-    degrees_of_freedom: float | None
-    distribution: str
-    sensitivity: float
-    contribution: float
-    share: float
-    shared: str
-
-
-class BudgetedReading(TypedDict):
-    """The budget of one compensated reading, and the interval of Monte Carlo."""
-
-    reading_nm: float
-    branch: str
-    torque_nm: float
-    standard_uncertainty_nm: float
-    coverage_factor: float
-    expanded_uncertainty_nm: float
-    lines: list[BudgetLine]
-    monte_carlo_low_nm: float
-    monte_carlo_high_nm: float
-    agrees: bool
-
-
-class Budgets(TypedDict):
-    """One budget a reading."""
-
-    readings: list[BudgetedReading]
-
-
-class MeasuredTorque(TypedDict):
-    """Torque of one side: `state` is compensated, raw, beyond range or the fault's name.
-
-    Beyond a range, `detail` names the effect that refuses, the value and the range.
-    """
-
-    torque_nm: float | None
-    expanded_uncertainty_nm: float | None
-    state: str
-    detail: str
-
-
-class MeasuredLine(TypedDict):
-    """One averaged interval; `measure` prints each as a line of its own under `line`."""
-
-    time_s: float
-    input: MeasuredTorque
-    output: MeasuredTorque
-    speed_rpm: float | None
-    acceleration_rpm_s: float | None
-    temperature_c: float
-
-
-class Measured(TypedDict):
-    """Models in use; the measured lines precede it, one JSON object each."""
-
-    simulated: bool
-    compensation: dict[str, str]
-    not_in_u: dict[str, list[str]]
-    lines: int
-
-
-class Turned(TypedDict):
-    """A turning run, or its plan (`--dry-run`)."""
-
-    side: str
-    profile: str
-    simulated: bool
-    rows: NotRequired[int]
-    bench_seconds: NotRequired[float]
-    run: NotRequired[str]
-    files: NotRequired[list[str]]
-    points: NotRequired[int]
-    duration_s: NotRequired[float]
-
-
-class PaperItem(TypedDict):
-    """One item of the source papers."""
-
-    item: str
-    verdict: str
-
-
-class Papers(TypedDict):
-    """The items of the source papers."""
-
-    simulated: bool
-    items: list[PaperItem]
-    files: list[str]
-
-
-class InPlace(TypedDict):
-    """Worst error of fresh readings in the chain, for each calibration."""
-
-    side: str
-    range_nm: float
-    simulated: bool
-    worst_percent_fs: dict[str, float | None]
-    files: NotRequired[list[str]]
-
-
-class DoctorFinding(TypedDict):
-    """One thing that was examined: `state` is ok, note or problem."""
-
-    what: str
-    state: str
-    found: str
-    remedy: str
-
-
-class Doctor(TypedDict):
-    """Everything that was examined."""
-
-    findings: list[DoctorFinding]
-    problems: int
-
-
-class TestQuantity(TypedDict):
-    """One quantity of a reducer test, with U (95.45 % coverage)."""
-
-    key: str
-    title: str
-    value: float
-    expanded_uncertainty: float
-    unit: str
-    limit: str
-    verdict: str
-    rule: str
-
-
-class TestPart(TypedDict):
-    """One test of a reducer."""
-
-    test: str
-    title: str
-    run: str
-    quantities: list[TestQuantity]
-    findings: list[Finding]
-    remarks: list[str]
-
-
-class TestFailure(TypedDict):
-    """A test without a result."""
-
-    name: str
-    title: str
-    message: str
-    remedy: str
-
-
-class TestPlan(TypedDict):
-    """Rehearsal of a test (`--dry-run`)."""
-
-    name: str
-    title: str
-    duration_s: float
-    longest_s: float
-    longest_warm_up_s: float
-    points: int
-    largest_torque_nm: dict[str, float]
-    largest_speed_rpm: dict[str, float]
-
-
-class ReducerTest(TypedDict):
-    """Tests of a mounted reducer against its data sheet, or their plans."""
-
-    reducer: str
-    serial: str
-    simulated: bool
-    short: NotRequired[bool]
-    parts: NotRequired[list[TestPart]]
-    failures: NotRequired[list[TestFailure]]
-    verdict: NotRequired[str]
-    plans: NotRequired[list[TestPlan]]
-    files: NotRequired[list[str]]
-
-
-class FrictionPoint(TypedDict):
-    """Known and measured friction at one speed."""
-
-    speed_rpm: float
-    known_nm: float
-    measured_nm: list[float]
-    error_percent_fs: float
-    repeatability_percent_fs: float
-
-
-class StandardReducer(TypedDict):
-    """A standard reducer's certified friction against measured friction."""
-
-    reducer: str
-    simulated: bool
-    compensation: str
-    points: list[FrictionPoint]
-    error_percent_fs: float
-    repeatability_percent_fs: float
-    tolerance_percent_fs: float
-    passed: bool
-    run: str
-    files: NotRequired[list[str]]
-
-
-class ComparedQuantity(TypedDict):
-    """One quantity of several specimens: the change of one, or the mean of many."""
-
-    key: str
-    title: str
-    unit: str
-    value: float
-    expanded_uncertainty: float
-    specimens: list[float]
-    significant: NotRequired[bool]
-    spread: NotRequired[float]
-    outliers: NotRequired[list[str]]
-
-
-class ComparedSpecimens(TypedDict):
-    """Specimens of one type, or one specimen before and after."""
-
-    reducer: str
-    test: str
-    simulated: bool
-    serials: list[str]
-    runs: list[str]
-    quantities: list[ComparedQuantity]
-    files: NotRequired[list[str]]
-
-
-class TableOfNumbers(TypedDict):
-    """A table as it is printed: the headers name quantity and unit."""
-
-    header: list[str]
-    rows: list[list[str | float]]
-
-
-class Mechanics(TypedDict):
-    """Results, in words and as tables."""
-
-    result: str
-    tables: list[TableOfNumbers]
-    facts: dict[str, str]
-    files: NotRequired[list[str]]
-
-
-class Defect(TypedDict):
-    """A record that has changed since its entry."""
-
-    kind: str
-    where: str
-    found: str
-    remedy: str
-
-
-class RecordsVerified(TypedDict):
-    """All records and files compared with their entries."""
-
-    intact: bool
-    records: int
-    runs: int
-    files_compared: int
-    audit_lines: int
-    chain_end: str
-    defects: list[Defect]
-
-
-class Entered(TypedDict):
-    """Entries in the registry."""
-
-    record: str
-
-
-class BackedUp(TypedDict):
-    """Result of a backup."""
-
-    runs: int
-    known_runs: int
-    open_runs: list[str]
-    files_copied: int
-    outside: list[str]
-    problems: list[str]
-    chain_end: str
-
-
-class Restored(TypedDict):
-    """Result of a restore."""
-
-    restored: list[str]
-    replaced: list[str]
-    kept: list[str]
-    aside: str | None
-
-
-class Rebuilt(TypedDict):
-    """Content of a rebuilt registry."""
-
-    anew: bool
-    mended: list[str]
-    aside: str | None
-    runs: list[str]
-    calibrations: list[str]
-    models: list[str]
-    certificates: list[str]
-    unfitted: list[str]
-    problems: list[str]
-
-
-class ExportedRun(TypedDict):
-    """An exported run."""
-
-    folder: str
-    files: list[str]
-
-
-class ExportedData(TypedDict):
-    """A run's samples or edges for other programs."""
-
-    run: str
-    stream: str
-    format: str
-    files: list[str]
-
-
-class CalibrationStep(TypedDict):
-    """One reading on one branch (1 rising, -1 falling) by two calibrations."""
-
-    reading_nm: float
-    branch: int
-    before_nm: float
-    after_nm: float
-    change_nm: float
-    expanded_uncertainty_nm: float
-    normalised_error: float
-    significant: bool
-
-
-class ComparedCalibrations(TypedDict):
-    """Two calibrations of one transducer."""
-
-    before: str
-    after: str
-    transducer: str
-    simulated: bool
-    steps: list[CalibrationStep]
-    verdict: str
-    files: NotRequired[list[str]]
-
-
-class Chart(TypedDict):
-    """One quantity of a transducer over time."""
-
-    title: str
-    unit: str
-    simulated: bool
-    moments: list[str]
-    values: list[float]
-    tolerance: float
-    mean: float | None
-    lower: float | None
-    upper: float | None
-    in_control: bool | None
-    per_year: float | None
-    significant: bool | None
-    leaves_tolerance: str | None
-
-
-class Drift(TypedDict):
-    """Control charts of one transducer."""
-
-    transducer: str
-    charts: list[Chart]
-    due: str | None
-
-
-class Audit(TypedDict):
-    """Lines of the audit log as they are written in its files."""
-
-    lines: list[dict[str, Any]]
-    earlier: int
-
-
-class ListedRun(TypedDict):
-    """One run."""
-
-    run: str
-    started: str
-    status: str
-    bench: str
-    simulated: bool
-
-
-class ListedCalibration(TypedDict):
-    """One calibration."""
-
-    name: str
-    performed: str
-    transducer: str
-    points: int
-    range_nm: float
-    profile: str
-    simulated: bool
-
-
-class ListedModel(TypedDict):
-    """One model."""
-
-    name: str
-    created: str
-    kind: str
-    transducer: str
-    range_nm: float
-    in_use: bool
-    simulated: bool
-
-
-class ListedEquipment(TypedDict):
-    """One piece of equipment."""
-
-    kind: str
-    serial: str
-    manufacturer: str
-    model: str
-    range_nm: float | None
-
-
-class Listed(TypedDict):
-    """Content of the registry, the newest first; `more` names lists that go on."""
-
-    runs: NotRequired[list[ListedRun]]
-    calibrations: NotRequired[list[ListedCalibration]]
-    models: NotRequired[list[ListedModel]]
-    equipment: NotRequired[list[ListedEquipment]]
-    more: list[str]
-
-
-class Shown(TypedDict):
-    """One record: `facts` as printed, `record` as registered."""
-
-    name: str
-    facts: dict[str, str]
-    record: dict[str, Any]
-    verifications: NotRequired[list[dict[str, Any]]]
-
-
-class EquipmentShown(TypedDict):
-    """Equipment of one serial number with everything that was entered about it."""
-
-    equipment: list[dict[str, Any]]
-
-
-class FinishedRuns(TypedDict):
-    """Finished runs, and their calibrations."""
-
-    finished: list[str]
-    unfinished: NotRequired[list[str]]
-    modules: NotRequired[list[CalibratedModule]]
-
-
-class EvaluatedStatic(TypedDict):
-    """A calibration in steps; `results` as in the file of `--out`."""
-
-    profile: dict[str, str]
-    data_sha256: str
-    points: int
-    range_nm: float
-    deviations: list[Deviation]
-    steps_of_profile: bool
-    left_out: list[str]
-    results: dict[str, Any] | None
-    calibration: NotRequired[str]
-    model: NotRequired[str | None]
-    run: NotRequired[str]
-    files: NotRequired[list[str]]
-
-
-class EstimatedValue(TypedDict):
-    """A value with U (k = 2)."""
-
-    value: float
-    expanded_uncertainty: float
-    unit: str
-
-
-class EvaluatedDynamics(TypedDict):
-    """Resonance, damping and lag of a chain, and the filter that inverts them."""
-
-    simulated: bool
-    parameters: dict[str, EstimatedValue]
-    bandwidth_hz: float
-    noise_gain: float
-    delay_s: float
-    files: list[str]
-
-
-class EvaluatedLubrication(TypedDict):
-    """Factor on the drag of the bearings by the present lubricant."""
-
-    factor: EstimatedValue
-    record: str
-    files: list[str]
-
-
-class EvaluatedQuantity(TypedDict):
-    """One quantity with U (95.45 % coverage)."""
-
-    key: str
-    title: str
-    rule: str
-    value: float
-    expanded_uncertainty: float
-    coverage_factor: float
-    unit: str
-    limit: NotRequired[str]
-    verdict: NotRequired[str]
-
-
-class EvaluatedReducer(TypedDict):
-    """A reducer test from a table."""
-
-    test: str
-    data: str
-    quantities: list[EvaluatedQuantity]
-    findings: list[Finding]
-    files: NotRequired[list[str]]
-
-
-class PlantBench(TypedDict):
-    """One bench of a plant; the URL only where it was registered just now."""
-
-    number: int
-    name: str
-    place: NotRequired[str]
-    entries: NotRequired[int]
-    runs: NotRequired[int]
-    folders: NotRequired[int]
-    last_contact: NotRequired[str | None]
-    replaced_by: NotRequired[int | None]
-    url: NotRequired[str]
-
-
-class PlantBenches(TypedDict):
-    """Benches of a plant."""
-
-    benches: list[PlantBench]
-
-
-class PlantMade(TypedDict):
-    """A plant's registry, or a user of it."""
-
-    plant: str
-    folders: NotRequired[str]
-    url: NotRequired[str]
-
-
-class PlantSent(TypedDict):
-    """Data sent by a bench."""
-
-    bench: str
-    entries: int
-    folders: int
-    bytes: int
-    chain_end: str
-    withdrawn: list[str]
-    problems: list[str]
-
-
-class PlantRunListed(TypedDict):
-    """One run of a plant."""
-
-    run: str
-    bench: str
-    kind: str
-    started: str
-    status: str
-    specimen_type: str
-    serial: str
-    batch: str
-    simulated: bool
-    withdrawn: bool
-
-
-class PlantRuns(TypedDict):
-    """Runs of a plant, the newest first."""
-
-    runs: list[PlantRunListed]
-
-
-class PlantWithdrawn(TypedDict):
-    """A run that was withdrawn, and in how many registries it was known."""
-
-    run: str
-    bench: str
-    known: int
-
-
-class PlantVerifiedBench(TypedDict):
-    """One bench's hash chain in the plant."""
-
-    bench: str
-    entries: int
-    defects: list[str]
-
-
-class PlantVerified(TypedDict):
-    """All chains of a plant."""
-
-    benches: list[PlantVerifiedBench]
-
-
-class PlantAnswer(TypedDict):
-    """An answer of the plant as a table: names end with their unit, values are in the rows."""
-
-    title: str
-    simulated: bool
-    rows: list[dict[str, Any]]
-    facts: dict[str, Any]
-    notes: list[str]
-    files: NotRequired[list[str]]
-
+    about: str
+    source: str = ""
+    chosen: str = ""
+    facts: Mapping[str, Any] = field(default_factory=dict)
+    sometimes: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def paths(self) -> dict[str, str]:
+        """Where each field is found in the dataclass, by its key."""
+        if self.source and not self.chosen:
+            return {each.name: each.name for each in fields(dataclass_of(self.source))}
+        pairs = (each.partition("=") for each in self.chosen.split())
+        return {key: path or key for key, _, path in pairs}
+
+    def of(self, entry: object, **facts: Any) -> dict[str, Any]:
+        """Return the record of an entry, with further facts."""
+        return {key: _value(entry, path) for key, path in self.paths.items()} | facts
+
+    def kinds(self) -> dict[str, Any]:
+        """Return the kind of every key, for documentation and tests."""
+        kinds = {key: _kind(dataclass_of(self.source), path) for key, path in self.paths.items()}
+        return kinds | dict(self.facts) | dict(self.sometimes)
+
+
+def _value(entry: Any, path: str) -> Any:
+    for name in path.split("."):
+        if entry is None:
+            return None
+        entry = getattr(entry, name)
+        entry = entry() if callable(entry) else entry
+    return entry
+
+
+def dataclass_of(source: str) -> Any:
+    """Return a dataclass by ``module:Name``."""
+    module, _, name = source.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def _kind(owner: Any, path: str) -> Any:
+    """Return the annotation of a field, property or method; ``Any`` where it isn't known."""
+    missing = False
+    for name in path.split("."):
+        missing = missing or NoneType in get_args(owner)
+        owner = _without_none(owner)
+        member = inspect.getattr_static(owner, name, None)
+        member = member.fget if isinstance(member, property) else member
+        if inspect.isfunction(member):
+            owner = _hints(member)["return"]
+        else:
+            owner = _hints(owner).get(name, Any)
+    return owner | None if missing else owner
+
+
+def _hints(annotated: Any) -> dict[str, Any]:
+    """Return annotations; names that only type checkers import stand for ``Any``."""
+
+    class Names(dict[str, Any]):
+        def __missing__(self, name: str) -> Any:
+            return Any
+
+    known = vars(builtins) | vars(inspect.getmodule(annotated))
+    return {} if annotated is Any else get_type_hints(annotated, localns=Names(known))
+
+
+def _without_none(kind: Any) -> Any:
+    inside = [each for each in get_args(kind) if each is not NoneType]
+    return inside[0] if NoneType in get_args(kind) else kind
+
+
+_ERRORS = "torquebench.calibration:ErrorSummary"
+_CONTRADICTIONS = ["torquebench.calibration:Contradiction"]
+_FILES = {"files": [str]}
+
+DEMO_MODULE = Record(
+    "One module of the demo.",
+    "torquebench.campaign.results:ModuleResult",
+    "side range_nm transducer=transducer_serial recommended=recommended.name runs=run_ids",
+    {"models": ["torquebench.calibration:ModelVerification"]},
+)
+DEMO = Record(
+    "Both modules, raw and by each model.",
+    "torquebench.campaign.results:DemoResult",
+    "simulated bench_seconds",
+    {"modules": [DEMO_MODULE], **_FILES},
+)
+CALIBRATED_MODULE = Record(
+    "One module after its calibration.",
+    "torquebench.calibration:CalibrationData",
+    "side range_nm transducer=transducer_serial simulated loading_accuracy_percent",
+    {
+        "points": int,
+        "kind": str,
+        "raw": _ERRORS,
+        "fitted": _ERRORS,
+        "model": str,
+        "calibration": str,
+        "in_use": bool,
+        "run": str,
+        "unsettled": int,
+        "contradictions": _CONTRADICTIONS,
+    },
+)
+CALIBRATED = Record("Calibrated modules.", facts={"modules": [CALIBRATED_MODULE]}, sometimes=_FILES)
+PLAN = Record(
+    "Loads of one module.",
+    "torquebench.procedures.rehearsal:Rehearsal",
+    "points duration_s",
+    {"side": str},
+)
+PLANNED = Record("Plans (`--dry-run`).", facts={"plans": [PLAN]})
+CHECKED_POINT = Record(
+    "One point against the check standard.",
+    facts={
+        "standard_nm": float,
+        "error_nm": float,
+        "expanded_uncertainty_nm": float,
+        "verdict": str,
+    },
+)
+CHECK = Record(
+    "A module against the check standard.",
+    "torquebench.campaign.checking:CheckResult",
+    "side=data.side range_nm=data.range_nm transducer=data.transducer_serial "
+    "simulated=data.simulated verdict worst_percent_fs run=run_id not_in_u=judged.missing",
+    {"model": str | None, "points": [CHECKED_POINT], "tolerance_percent_fs": float},
+)
+CERTIFICATE = Record(
+    "A certificate that was issued.",
+    "torquebench.reports.certificate:CertificateRecord",
+    "number simulated verdict=conformity.verdict "
+    "tolerance_percent_fs=conformity.tolerance_percent_fs unreviewed deviations supersedes",
+    _FILES,
+)
+CERTIFICATE_CHECKED = Record(
+    "A certificate that was checked.",
+    "torquebench.reports.certificate:CertificateCheck",
+    "number matches findings schema replaced_by",
+)
+FITTED = Record(
+    "A model that was fitted to a table; `comparison` with `--compare`.",
+    "torquebench.campaign.results:FitResult",
+    "range_nm=data.range_nm simulated=data.simulated kind=name title raw fitted "
+    "scatter_nm=noise.standard_deviation_nm contradictions",
+    {"points": int, **_FILES},
+    {"comparison": ["torquebench.compensation.selection:ModelScore"]},
+)
+APPLIED = Record(
+    "Readings that were compensated.",
+    "torquebench.records.streams.readings_stream:CompensatedFile",
+    facts={"unmeasured": [str], **_FILES},
+)
+VERIFIED = Record(
+    "Models at points that they weren't fitted to; the verdict is that of the second entry.",
+    "torquebench.calibration:VerificationResult",
+    "range_nm groups points simulated models",
+    {"tolerance_percent_fs": float, "passed": bool, "not_in_u": [str]},
+    {"cells": ["torquebench.calibration:Cell"], "run": str, **_FILES},
+)
+EXPORTED_MODEL = Record(
+    "A model's table for other programs.",
+    "torquebench.compensation.table:CompensationTable",
+    "intervals=curve.intervals degree=curve.degree branch_aware=curve.branch_aware "
+    "low_nm=reading_low_nm high_nm=reading_high_nm largest_deviation_nm=bound_nm",
+    _FILES,
+)
+DATA_SHEET = Record(
+    "A transducer's electronic data sheet, as `teds read` writes it.",
+    facts={"basic": {str: Any}, "templates": [{str: Any}]},
+    sometimes={"text": str, "free_bits": str, "unread": {str: str}},
+)
+DATA_SHEET_SHOWN = Record("Content of a memory.", facts={"sheet": DATA_SHEET}, sometimes=_FILES)
+CALIBRATION_CURVE = Record(
+    "A compensation as calibration curve, and how far it deviates from the compensation.",
+    "torquebench.teds:CurveFit",
+    "segments power residual_nm residual_percent_fs branch_residual_nm branch_residual_percent_fs",
+)
+DATA_SHEET_WRITTEN = Record(
+    "Written content of a memory; `bytes` without checksums, `curve` of a model.",
+    facts={"sheet": DATA_SHEET, "bytes": int, "curve": CALIBRATION_CURVE, **_FILES},
+)
+BUDGETED_READING = Record(
+    "The budget of one compensated reading, and the interval of Monte Carlo.",
+    "torquebench.uncertainty:Validation",
+    "torque_nm=budget.value standard_uncertainty_nm=budget.standard_uncertainty "
+    "coverage_factor=budget.coverage_factor expanded_uncertainty_nm=budget.expanded_uncertainty "
+    "lines=budget.lines monte_carlo_low_nm=monte_carlo.low monte_carlo_high_nm=monte_carlo.high "
+    "agrees",
+    {"reading_nm": float, "branch": str},
+)
+BUDGETS = Record("One budget a reading.", facts={"readings": [BUDGETED_READING]})
+MEASURED_LINE = Record(
+    "One averaged interval; each is printed as a line of its own under `line`.",
+    "torquebench.cli.measure:MeasuredInterval",
+)
+MEASURED = Record(
+    "Models in use; the measured lines precede it.",
+    facts={"simulated": bool, "compensation": {str: str}, "not_in_u": {str: [str]}, "lines": int},
+)
+TURNED = Record(
+    "A turning run.",
+    "torquebench.campaign.turning_runs:TurningRun",
+    "run=run_id rows bench_seconds",
+    {"side": str, "profile": str, "simulated": bool, **_FILES},
+)
+TURN_PLANNED = Record(
+    "Plan of a turning run (`--dry-run`).",
+    "torquebench.procedures.rehearsal:Rehearsal",
+    "points duration_s",
+    {"side": str, "profile": str, "simulated": bool},
+)
+PAPER_ITEM = Record("One item of the source papers.", facts={"item": str, "verdict": str})
+PAPERS = Record(
+    "The items of the source papers.",
+    facts={"simulated": bool, "items": [PAPER_ITEM], **_FILES},
+)
+IN_PLACE = Record(
+    "Worst error of fresh readings in the chain, for each calibration.",
+    facts={
+        "side": str,
+        "range_nm": float,
+        "simulated": bool,
+        "worst_percent_fs": {str: float | None},
+    },
+    sometimes=_FILES,
+)
+DOCTOR = Record(
+    "Everything that was examined.",
+    facts={"findings": ["torquebench.cli.doctor.bench:Finding"], "problems": int},
+)
+TEST_PART = Record(
+    "One test of a reducer.",
+    "torquebench.campaign.reducers.results:ReducerTestOutcome",
+    "test=name title run=run.run_id quantities findings remarks",
+)
+REDUCER_TEST = Record(
+    "Tests of a mounted reducer against its data sheet.",
+    "torquebench.campaign.reducers.results:ReducerTestRecord",
+    "reducer=reducer_name serial simulated short failures verdict",
+    {"parts": [TEST_PART]},
+    _FILES,
+)
+TEST_PLAN = Record(
+    "Rehearsal of a test.",
+    "torquebench.campaign.reducers.results:ReducerTestRehearsal",
+    "name title duration_s longest_s longest_warm_up_s points largest_torque_nm largest_speed_rpm",
+)
+REDUCER_TEST_PLANNED = Record(
+    "Plans of tests of a reducer (`--dry-run`).",
+    facts={"reducer": str, "serial": str, "simulated": bool, "plans": [TEST_PLAN]},
+)
+FRICTION_POINT = Record(
+    "Known and measured friction at one speed.",
+    "torquebench.reducers.standard_reducer:FrictionCheckPoint",
+    "speed_rpm known_nm measured_nm error_percent_fs=error_percent "
+    "repeatability_percent_fs=spread_percent",
+)
+STANDARD_REDUCER = Record(
+    "A standard reducer's certified friction against measured friction.",
+    "torquebench.campaign.standard_reducer:StandardReducerCheck",
+    "reducer=reducer.name simulated compensation error_percent_fs=check.error_percent "
+    "repeatability_percent_fs=check.repeatability_percent "
+    "tolerance_percent_fs=check.tolerance_percent passed=check.kept run=run_id",
+    {"points": [FRICTION_POINT]},
+    _FILES,
+)
+COMPARED_QUANTITY = Record(
+    "One quantity of several specimens: the change of one, or the mean of many.",
+    "torquebench.uncertainty:Budget",
+    "unit value expanded_uncertainty",
+    {"key": str, "title": str, "specimens": [float]},
+    {"significant": bool, "spread": float, "outliers": [str]},
+)
+COMPARED_SPECIMENS = Record(
+    "Specimens of one type, or one specimen before and after.",
+    facts={
+        "reducer": str,
+        "test": str,
+        "simulated": bool,
+        "serials": [str],
+        "runs": [str],
+        "quantities": [COMPARED_QUANTITY],
+    },
+    sometimes=_FILES,
+)
+TABLE_OF_NUMBERS = Record(
+    "A table as it is printed: the headers name quantity and unit.",
+    facts={"header": [str], "rows": [[str | float]]},
+)
+MECHANICS = Record(
+    "Results, in words and as tables.",
+    facts={"result": str, "tables": [TABLE_OF_NUMBERS], "facts": {str: str}},
+    sometimes=_FILES,
+)
+DEFECT = Record(
+    "A record that has changed since its entry.",
+    "torquebench.records.integrity:Finding",
+    "kind where=place found=what remedy=way_back",
+)
+RECORDS_VERIFIED = Record(
+    "All records and files compared with their entries.",
+    "torquebench.records.integrity:IntegrityReport",
+    "intact records runs files_compared=files audit_lines chain_end=head.__str__",
+    {"defects": [DEFECT]},
+)
+ENTERED = Record("Entries in the registry.", facts={"record": str})
+BACKED_UP = Record(
+    "Result of a backup.",
+    "torquebench.station.backup:Backup",
+    "runs known_runs open_runs files_copied=files outside problems chain_end=head.__str__",
+)
+RESTORED = Record("Result of a restore.", "torquebench.station.backup:Restored")
+REBUILT = Record("Content of a rebuilt registry.", "torquebench.station.rebuilding:Rebuilt")
+EXPORTED_RUN = Record("An exported run.", facts={"folder": str, **_FILES})
+EXPORTED_DATA = Record(
+    "A run's samples or edges for other programs.",
+    facts={"run": str, "stream": str, "format": str, **_FILES},
+)
+CALIBRATION_STEP = Record(
+    "One reading on one branch (1 rising, -1 falling) by two calibrations.",
+    "torquebench.campaign.calibration_comparison:CalibrationStep",
+    "reading_nm branch before_nm after_nm change_nm expanded_uncertainty_nm normalised_error "
+    "significant",
+)
+COMPARED_CALIBRATIONS = Record(
+    "Two calibrations of one transducer.",
+    "torquebench.campaign.calibration_comparison:CalibrationComparison",
+    "before=before.name after=after.name transducer=after.entry.transducer_serial simulated "
+    "verdict",
+    {"steps": [CALIBRATION_STEP]},
+    _FILES,
+)
+CHART = Record(
+    "One quantity of a transducer over time.",
+    "torquebench.campaign.drifting:DriftSeries",
+    "title unit simulated moments values tolerance mean=chart.centre lower=chart.lower "
+    "upper=chart.upper in_control=chart.in_control per_year=trend.per_year "
+    "significant=trend.significant leaves_tolerance=prediction.expected",
+)
+DRIFT = Record(
+    "Control charts of one transducer.",
+    facts={"transducer": str, "charts": [CHART], "due": str | None},
+)
+AUDIT = Record(
+    "Lines of the audit log as they are written in its files.",
+    facts={"lines": [{str: Any}], "earlier": int},
+)
+LISTED_RUN = Record(
+    "One run.",
+    "torquebench.records:RunSummary",
+    "run=run_id started status bench simulated",
+)
+LISTED_CALIBRATION = Record(
+    "One calibration.",
+    "torquebench.records:CalibrationEntry",
+    "performed transducer=transducer_serial points range_nm profile=profile_name simulated",
+    {"name": str},
+)
+LISTED_MODEL = Record(
+    "One model.",
+    "torquebench.records:ModelEntry",
+    "created kind transducer=transducer_serial range_nm simulated",
+    {"name": str, "in_use": bool},
+)
+LISTED_EQUIPMENT = Record(
+    "One piece of equipment.",
+    "torquebench.records:Equipment",
+    "kind serial manufacturer model range_nm",
+)
+LISTED = Record(
+    "Content of the registry, the newest first; `more` names lists that go on.",
+    facts={"more": [str]},
+    sometimes={
+        "runs": [LISTED_RUN],
+        "calibrations": [LISTED_CALIBRATION],
+        "models": [LISTED_MODEL],
+        "equipment": [LISTED_EQUIPMENT],
+    },
+)
+SHOWN = Record(
+    "One record: `facts` as printed, `record` as registered.",
+    facts={"name": str, "facts": {str: str}, "record": {str: Any}},
+    sometimes={"verifications": [{str: Any}]},
+)
+EQUIPMENT_SHOWN = Record(
+    "Equipment of one serial number with everything that was entered about it.",
+    facts={"equipment": [{str: Any}]},
+)
+FINISHED_RUNS = Record(
+    "Finished runs, and their calibrations.",
+    facts={"finished": [str]},
+    sometimes={"unfinished": [str], "modules": [CALIBRATED_MODULE]},
+)
+EVALUATED_STATIC = Record(
+    "A calibration in steps; `results` as in the file of `--out`.",
+    facts={
+        "profile": {str: str},
+        "data_sha256": str,
+        "points": int,
+        "range_nm": float,
+        "deviations": ["torquebench.calibration:Deviation"],
+        "steps_of_profile": bool,
+        "left_out": [str],
+        "results": Any,
+    },
+    sometimes={"calibration": str, "model": str | None, "run": str, **_FILES},
+)
+ESTIMATED_VALUE = Record(
+    "A value with U (k = 2).",
+    facts={"value": float, "expanded_uncertainty": float, "unit": str},
+)
+EVALUATED_DYNAMICS = Record(
+    "Resonance, damping and lag of a chain, and the filter that inverts them.",
+    "torquebench.campaign.dynamics:IdentifiedDynamics",
+    "simulated bandwidth_hz=designed.bandwidth_hz noise_gain=designed.noise_gain "
+    "delay_s=designed.delay_s",
+    {"parameters": {str: ESTIMATED_VALUE}, **_FILES},
+)
+EVALUATED_LUBRICATION = Record(
+    "Factor on the drag of the bearings by the present lubricant.",
+    facts={"factor": ESTIMATED_VALUE, "record": str, **_FILES},
+)
+EVALUATED_QUANTITY = Record(
+    "One quantity with U (95.45 % coverage).",
+    "torquebench.reducers:ResultQuantity",
+    "key title rule value=estimate.value unit=estimate.unit "
+    "expanded_uncertainty=estimate.expanded_uncertainty coverage_factor=estimate.coverage_factor",
+    sometimes={"limit": str, "verdict": str},
+)
+EVALUATED_REDUCER = Record(
+    "A reducer test from a table.",
+    facts={
+        "test": str,
+        "data": str,
+        "quantities": [EVALUATED_QUANTITY],
+        "findings": ["torquebench.reducers:Finding"],
+    },
+    sometimes=_FILES,
+)
+REGISTERED_BENCH = Record(
+    "A bench, and the URL with which it sends.",
+    facts={"number": int, "name": str, "place": str, "url": str},
+)
+PLANT_REGISTERED = Record("The new bench of a plant.", facts={"benches": [REGISTERED_BENCH]})
+PLANT_BENCH = Record(
+    "One bench of a plant.",
+    "torquebench.plant:BenchState",
+    "number name place entries=head.sequence runs folders last_contact replaced_by",
+)
+PLANT_BENCHES = Record("Benches of a plant.", facts={"benches": [PLANT_BENCH]})
+PLANT_MADE = Record(
+    "A plant's registry, or a user of it.",
+    facts={"plant": str},
+    sometimes={"folders": str, "url": str},
+)
+PLANT_SENT = Record(
+    "Data sent by a bench.",
+    "torquebench.plant:Forwarded",
+    "bench entries folders bytes=size withdrawn problems chain_end=head.__str__",
+)
+PLANT_RUN = Record(
+    "One run of a plant.",
+    "torquebench.plant:PlantRun",
+    "run=run_id bench kind started status specimen_type serial batch simulated",
+    {"withdrawn": bool},
+)
+PLANT_RUNS = Record("Runs of a plant, the newest first.", facts={"runs": [PLANT_RUN]})
+PLANT_WITHDRAWN = Record(
+    "A run that was withdrawn, and in how many registries it was known.",
+    facts={"run": str, "bench": str, "known": int},
+)
+PLANT_VERIFIED_BENCH = Record(
+    "One bench's hash chain in the plant.",
+    facts={"bench": str, "entries": int, "defects": [str]},
+)
+PLANT_VERIFIED = Record("All chains of a plant.", facts={"benches": [PLANT_VERIFIED_BENCH]})
+PLANT_ANSWER = Record(
+    "An answer of the plant as a table: names end with their unit, values are in the rows.",
+    "torquebench.plant:Answer",
+    "title simulated rows facts notes",
+    sometimes=_FILES,
+)
 
 _PLANT_QUESTIONS = (
     "due",
@@ -962,67 +550,67 @@ _REDUCER_EVALUATIONS = (
     "efficiency",
 )
 
-ANSWERS: dict[str, type] = {
-    "demo": Demo,
-    "calibrate": Calibrated,
-    "check": Check,
-    "certificate": Certificate,
-    "fit": Fitted,
-    "apply": Applied,
-    "verify": Verified,
-    "verification": Verified,
-    "export": ExportedModel,
-    "budget": Budgets,
-    "measure": Measured,
-    "turn": Turned,
-    "papers": Papers,
-    "in-place": InPlace,
-    "doctor": Doctor,
-    **{f"test {name}": ReducerTest for name in _REDUCER_TESTS},
-    "test standard-reducer": StandardReducer,
-    "test compare": ComparedSpecimens,
-    "mechanics additional-torque": Mechanics,
-    "mechanics sections": Mechanics,
-    "mechanics supports": Mechanics,
-    "records verify": RecordsVerified,
-    "records review": Entered,
-    "records amend": Entered,
-    "records use": Entered,
-    "records backup": BackedUp,
-    "records restore": Restored,
-    "records rebuild": Rebuilt,
-    "records export": ExportedRun,
-    "records export-data": ExportedData,
-    "records compare": ComparedCalibrations,
-    "records drift": Drift,
-    "records audit": Audit,
-    "records equipment": EquipmentShown,
-    "records add-equipment": Entered,
-    "records add-certificate": Entered,
-    "records fit-part": Entered,
-    "records adjust": Entered,
-    "records finish": FinishedRuns,
-    "records discard": Entered,
-    "records list": Listed,
-    "records show": Shown,
-    "teds show": DataSheetShown,
-    "teds read": DataSheetRead,
-    "teds write": DataSheetWritten,
-    "evaluate static": EvaluatedStatic,
-    "evaluate dynamics": EvaluatedDynamics,
-    "evaluate lubrication": EvaluatedLubrication,
-    **{f"evaluate {name}": EvaluatedReducer for name in _REDUCER_EVALUATIONS},
-    "plant init": PlantMade,
-    "plant register": PlantBenches,
-    "plant add-reader": PlantMade,
-    "plant push": PlantSent,
-    "plant status": PlantBenches,
-    "plant runs": PlantRuns,
-    "plant withdraw": PlantWithdrawn,
-    "plant verify": PlantVerified,
-    **{f"plant {name}": PlantAnswer for name in _PLANT_QUESTIONS},
+ANSWERS: dict[str, tuple[Record, ...]] = {
+    "demo": (DEMO,),
+    "calibrate": (CALIBRATED, PLANNED),
+    "check": (CHECK,),
+    "certificate": (CERTIFICATE, CERTIFICATE_CHECKED),
+    "fit": (FITTED,),
+    "apply": (APPLIED,),
+    "verify": (VERIFIED,),
+    "verification": (VERIFIED,),
+    "export": (EXPORTED_MODEL,),
+    "budget": (BUDGETS,),
+    "measure": (MEASURED, MEASURED_LINE),
+    "turn": (TURNED, TURN_PLANNED),
+    "papers": (PAPERS,),
+    "in-place": (IN_PLACE,),
+    "doctor": (DOCTOR,),
+    **{f"test {name}": (REDUCER_TEST, REDUCER_TEST_PLANNED) for name in _REDUCER_TESTS},
+    "test standard-reducer": (STANDARD_REDUCER,),
+    "test compare": (COMPARED_SPECIMENS,),
+    "mechanics additional-torque": (MECHANICS,),
+    "mechanics sections": (MECHANICS,),
+    "mechanics supports": (MECHANICS,),
+    "records verify": (RECORDS_VERIFIED,),
+    "records review": (ENTERED,),
+    "records amend": (ENTERED,),
+    "records use": (ENTERED,),
+    "records backup": (BACKED_UP,),
+    "records restore": (RESTORED,),
+    "records rebuild": (REBUILT,),
+    "records export": (EXPORTED_RUN,),
+    "records export-data": (EXPORTED_DATA,),
+    "records compare": (COMPARED_CALIBRATIONS,),
+    "records drift": (DRIFT,),
+    "records audit": (AUDIT,),
+    "records equipment": (EQUIPMENT_SHOWN,),
+    "records add-equipment": (ENTERED,),
+    "records add-certificate": (ENTERED,),
+    "records fit-part": (ENTERED,),
+    "records adjust": (ENTERED,),
+    "records finish": (FINISHED_RUNS,),
+    "records discard": (ENTERED,),
+    "records list": (LISTED,),
+    "records show": (SHOWN,),
+    "teds show": (DATA_SHEET_SHOWN,),
+    "teds read": (DATA_SHEET_SHOWN,),
+    "teds write": (DATA_SHEET_WRITTEN,),
+    "evaluate static": (EVALUATED_STATIC,),
+    "evaluate dynamics": (EVALUATED_DYNAMICS,),
+    "evaluate lubrication": (EVALUATED_LUBRICATION,),
+    **{f"evaluate {name}": (EVALUATED_REDUCER,) for name in _REDUCER_EVALUATIONS},
+    "plant init": (PLANT_MADE,),
+    "plant register": (PLANT_REGISTERED,),
+    "plant add-reader": (PLANT_MADE,),
+    "plant push": (PLANT_SENT,),
+    "plant status": (PLANT_BENCHES,),
+    "plant runs": (PLANT_RUNS,),
+    "plant withdraw": (PLANT_WITHDRAWN,),
+    "plant verify": (PLANT_VERIFIED,),
+    **{f"plant {name}": (PLANT_ANSWER,) for name in _PLANT_QUESTIONS},
 }
-"""The answer of each command, by its name."""
+"""The records of which a command prints one, by its name."""
 
 WITHOUT_ANSWER = {
     "panel": "serves the panel until it is ended",

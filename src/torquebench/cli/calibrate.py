@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli.answers import PLAN
 from torquebench.cli.calibrating import run_calibrations
 from torquebench.cli.models.parameters import ParameterOption, model_parameters
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
@@ -210,10 +211,5 @@ def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> Non
             rehearsal = rehearse_calibration(station, side, profile)
             for part in staircase_tables(description, side, profile, rehearsal):
                 out().print(part)
-            plan = {
-                "side": side,
-                "points": rehearsal.points,
-                "duration_s": rehearsal.duration_s,
-            }
-            answer(plans=[plan])
+            answer(plans=[PLAN.of(rehearsal, side=side)])
     say("Limits and interlocks checked; nothing was moved.")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from torquebench.cli.answers import CALIBRATED_MODULE
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.reports import write_reports
 from torquebench.cli.terminal.console import (
@@ -137,21 +138,17 @@ def report_calibration(finished: FinishedCalibration) -> None:
         warn(f"{result.unsettled} points still drifted at the end of their waiting time")
     for remark in fitted.remarks:
         warn(remark)
-    module = {
-        "side": data.side,
-        "range_nm": data.range_nm,
-        "transducer": data.transducer_serial,
-        "simulated": data.simulated,
-        "points": len(data),
-        "kind": fitted.name,
-        "raw": rows[0][1],
-        "fitted": rows[1][1],
-        "loading_accuracy_percent": data.loading_accuracy_percent,
-        "model": f"model-{entry.model_id}",
-        "calibration": f"calibration-{entry.calibration_id}",
-        "in_use": not fitted.contradictions and finished.active == fitted.name,
-        "run": finished.measured.record.run_id,
-        "unsettled": result.unsettled,
-        "contradictions": fitted.contradictions,
-    }
+    module = CALIBRATED_MODULE.of(
+        data,
+        points=len(data),
+        kind=fitted.name,
+        raw=rows[0][1],
+        fitted=rows[1][1],
+        model=f"model-{entry.model_id}",
+        calibration=f"calibration-{entry.calibration_id}",
+        in_use=not fitted.contradictions and finished.active == fitted.name,
+        run=finished.measured.record.run_id,
+        unsettled=result.unsettled,
+        contradictions=fitted.contradictions,
+    )
     answer(modules=[module])

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import dataclasses
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import CALIBRATION_STEP, COMPARED_CALIBRATIONS
 from torquebench.cli.options import (
     CSV_ENDINGS,
     DEFAULT_DATA,
@@ -51,21 +51,8 @@ def compare(
     with Registry.open(data_directory(data)) as registry:
         found = compare_calibrations(registry, *numbers)
     _print(found)
-    answer(
-        before=found.before.name,
-        after=found.after.name,
-        transducer=found.after.entry.transducer_serial,
-        simulated=found.simulated,
-        steps=[
-            {
-                **dataclasses.asdict(step),
-                "normalised_error": step.normalised_error,
-                "significant": step.significant,
-            }
-            for step in found.steps
-        ],
-        verdict=found.verdict(),
-    )
+    steps = [CALIBRATION_STEP.of(step) for step in found.steps]
+    answer(**COMPARED_CALIBRATIONS.of(found, steps=steps))
     if result is not None:
         _write(found, result)
         say_file("Steps", result)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import CERTIFICATE, CERTIFICATE_CHECKED
 from torquebench.cli.export import find_run
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
@@ -222,15 +223,7 @@ def _issued(issued: IssuedCertificate) -> None:
         say_file("", path)
     for deviation in record.deviations:
         warn(f"it states a deviation: {deviation.found} (clause {deviation.clause})")
-    answer(
-        number=record.number,
-        simulated=record.simulated,
-        verdict=None if conformity is None else conformity.verdict,
-        tolerance_percent_fs=None if conformity is None else conformity.tolerance_percent_fs,
-        unreviewed=list(record.unreviewed),
-        deviations=list(record.deviations),
-        supersedes=record.supersedes,
-    )
+    answer(**CERTIFICATE.of(record))
     if record.compensation and record.verification is None:
         warn(
             "no verification at fresh points is registered for this "
@@ -248,13 +241,7 @@ def _check(registry: Registry, given: str) -> None:
 
 
 def _say_check(found: CertificateCheck) -> None:
-    answer(
-        number=found.number,
-        matches=found.matches,
-        findings=list(found.findings),
-        schema=found.schema,
-        replaced_by=found.replaced_by,
-    )
+    answer(**CERTIFICATE_CHECKED.of(found))
     for finding in found.findings:
         say(f"[red]no match[/red]  {escape(finding)}")
     if found.matches and found.entry is not None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.answers import CHECK
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
@@ -109,17 +110,12 @@ def _report(result: CheckResult, tolerance: float) -> None:
     tell_missing(result.judged.missing)
     say(f"Run: {result.run_id}")
     answer(
-        side=data.side,
-        range_nm=data.range_nm,
-        transducer=data.transducer_serial,
-        simulated=data.simulated,
-        model=None if model is None else f"model-{model.model_id}",
-        points=points,
-        verdict=result.verdict,
-        worst_percent_fs=result.worst_percent_fs,
-        tolerance_percent_fs=tolerance,
-        run=result.run_id,
-        not_in_u=list(result.judged.missing),
+        **CHECK.of(
+            result,
+            model=None if model is None else f"model-{model.model_id}",
+            points=points,
+            tolerance_percent_fs=tolerance,
+        )
     )
     if not inside:
         raise typer.Exit(CHECK_FAILED)

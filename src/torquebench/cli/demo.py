@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.answers import DEMO, DEMO_MODULE
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -180,14 +181,7 @@ def _print(result: DemoResult) -> None:
         f"{result.bench_seconds:.0f} s of simulated bench time in {result.elapsed_seconds:.0f} s."
     )
     modules = [
-        {
-            "side": each.side,
-            "range_nm": each.range_nm,
-            "transducer": each.transducer_serial,
-            "recommended": each.recommended.name,
-            "models": [found.verification for found in (each.raw, *each.models)],
-            "runs": each.run_ids,
-        }
+        DEMO_MODULE.of(each, models=[found.verification for found in (each.raw, *each.models)])
         for each in result.modules
     ]
-    answer(simulated=result.simulated, modules=modules, bench_seconds=result.bench_seconds)
+    answer(**DEMO.of(result, modules=modules))

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 from rich.text import Text
 
+from torquebench.cli.answers import CHART
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 from torquebench.errors import InputError
@@ -64,28 +65,9 @@ def drift(
     for series in found:
         _print_series(series)
     due = next_due(found, longest_days=longest_days)
-    answer(transducer=serial, charts=[_chart(series) for series in found], due=due)
+    answer(transducer=serial, charts=[CHART.of(series) for series in found], due=due)
     if due is not None:
         say(f"[bold]Calibrate again by {due.isoformat()}[/bold]")
-
-
-def _chart(series: DriftSeries) -> dict[str, Any]:
-    chart, trend, prediction = series.chart, series.trend, series.prediction
-    return {
-        "title": series.title,
-        "unit": series.unit,
-        "simulated": series.simulated,
-        "moments": series.moments,
-        "values": series.values,
-        "tolerance": series.tolerance,
-        "mean": None if chart is None else chart.centre,
-        "lower": None if chart is None else chart.lower,
-        "upper": None if chart is None else chart.upper,
-        "in_control": None if chart is None else chart.in_control,
-        "per_year": None if trend is None else trend.per_year,
-        "significant": None if trend is None else trend.significant,
-        "leaves_tolerance": None if prediction is None else prediction.expected,
-    }
 
 
 def _print_series(series: DriftSeries) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import CALIBRATION_CURVE
 from torquebench.cli.options import HELP_MARKUP, check_output
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
 from torquebench.errors import InputError
@@ -141,7 +142,7 @@ def write(
     say(f"{len(data)} bytes of data sheet")
     if fit is not None:
         _tell_fit(fit)
-    _answer(wanted, bytes=len(data), curve=None if fit is None else _fit_facts(fit))
+    _answer(wanted, bytes=len(data), curve=None if fit is None else CALIBRATION_CURVE.of(fit))
 
 
 def _sheet(memory: Path, checksums: bool) -> Sheet:
@@ -205,17 +206,6 @@ def _with_curve(
     curve = Section(CALIBRATION_CURVE, {**fit.values, **dated})
     others = tuple(each for each in sheet.sections if each is not old)
     return dataclasses.replace(sheet, sections=(*others, curve)), fit
-
-
-def _fit_facts(fit: CurveFit) -> dict[str, Any]:
-    return {
-        "segments": fit.segments,
-        "power": fit.power,
-        "residual_nm": fit.residual_nm,
-        "residual_percent_fs": fit.residual_percent_fs,
-        "branch_residual_nm": fit.branch_residual_nm,
-        "branch_residual_percent_fs": fit.branch_residual_percent_fs,
-    }
 
 
 def _tell_fit(fit: CurveFit) -> None:

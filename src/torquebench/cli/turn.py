@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli.answers import TURN_PLANNED, TURNED
 from torquebench.cli.options import (
     CSV_ENDINGS,
     DEFAULT_DATA,
@@ -118,7 +119,7 @@ def _run(
     say(f"{done.rows} rows{simulated} in {done.bench_seconds / 60.0:.3g} min of bench time")
     say_file("Table", result)
     say(f"Run: {done.run_id}")
-    answer(rows=done.rows, bench_seconds=done.bench_seconds, run=done.run_id)
+    answer(**TURNED.of(done))
 
 
 def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
@@ -142,7 +143,7 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
         table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min")
         out().print(table)
         say("Limits and interlocks checked; nothing was moved.")
-        answer(points=rehearsal.points, duration_s=rehearsal.duration_s)
+        answer(**TURN_PLANNED.of(rehearsal))
         return
     top = profile.top_rpm(side.value)
     speeds = ", ".join(f"{share * top:g}" for share in profile.speed_shares)
@@ -170,7 +171,7 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
     table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min{waiting}")
     out().print(table)
     say("Limits and interlocks checked; nothing was moved.")
-    answer(points=rehearsal.points, duration_s=rehearsal.duration_s)
+    answer(**TURN_PLANNED.of(rehearsal))
 
 
 def _describe_steps(

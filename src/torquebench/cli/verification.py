@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.answers import VERIFIED
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.commands import write_verification
@@ -96,15 +97,13 @@ def verification(
     tell_missing(missing)
     say(f"Run: {run_id}")
     answer(
-        range_nm=result.range_nm,
-        groups=result.groups,
-        points=result.points,
-        simulated=result.simulated,
-        models=result.models,
-        tolerance_percent_fs=tolerance,
-        passed=kept,
-        not_in_u=list(missing),
-        run=run_id,
+        **VERIFIED.of(
+            result,
+            tolerance_percent_fs=tolerance,
+            passed=kept,
+            not_in_u=list(missing),
+            run=run_id,
+        )
     )
     if report:
         from torquebench.bench.mounting_record import mounting_facts

@@ -1,12 +1,13 @@
 """Every command takes `--quiet`, and those that answer with data take `--json`."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 import typer
 
 from torquebench.cli import app
-from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER
+from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record
 from torquebench.cli.failure import guarded
 from torquebench.cli.output_options import HELP_OPTIONS, leave_out_types_of_flags
 from torquebench.cli.terminal.console import (
@@ -42,6 +43,18 @@ def test_every_command_answers_in_json_or_is_named_with_the_reason() -> None:
     assert not set(ANSWERS) & set(WITHOUT_ANSWER)
     for name, options in commands().items():
         assert ("--json" in options) == (name in ANSWERS), name
+
+
+def test_every_chosen_field_of_an_answer_is_one_of_its_dataclass() -> None:
+    for record in {each for records in ANSWERS.values() for each in records}:
+        unknown = [key for key in record.paths if record.kinds()[key] is Any]
+        assert unknown == [], record.about
+
+
+def test_an_answer_holds_null_where_a_part_of_the_entry_is_missing() -> None:
+    record = Record("A fit.", "torquebench.campaign.results:FitResult", "u=noise.missing name")
+    entry = SimpleNamespace(noise=None, name="hybrid")
+    assert record.of(entry, points=3) == {"u": None, "name": "hybrid", "points": 3}
 
 
 def test_every_command_can_be_quiet() -> None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.answers import EVALUATED_DYNAMICS
 from torquebench.cli.options import check_output
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
 
@@ -122,13 +123,7 @@ def _print(found: IdentifiedDynamics) -> None:
             table.add_row(words, f"{value:.4g}", f"{2.0 * u:.2g}", unit)
             parameters[words] = _estimated(value, u, unit)
     out().print(table)
-    answer(
-        simulated=found.simulated,
-        parameters=parameters,
-        bandwidth_hz=designed.bandwidth_hz,
-        noise_gain=designed.noise_gain,
-        delay_s=designed.delay_s,
-    )
+    answer(**EVALUATED_DYNAMICS.of(found, parameters=parameters))
     for words, step in (("raw", designed.raw), ("with the filter", designed.compensated)):
         say(
             f"{words}: bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "

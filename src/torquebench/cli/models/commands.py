@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import APPLIED, FITTED, VERIFIED
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.parameters import ParameterOption, model_parameters
@@ -243,17 +244,7 @@ def _print_fit(fitted: FitResult) -> None:
     rows = [("raw reading", fitted.raw), (f"*{fitted.title}", fitted.fitted)]
     for part in error_blocks([("on the points that it was fitted to", rows)]):
         out().print(part)
-    answer(
-        points=len(data),
-        range_nm=data.range_nm,
-        simulated=data.simulated,
-        kind=fitted.name,
-        title=fitted.title,
-        raw=fitted.raw,
-        fitted=fitted.fitted,
-        scatter_nm=None if noise is None else noise.standard_deviation_nm,
-        contradictions=fitted.contradictions,
-    )
+    answer(**FITTED.of(fitted, points=len(data)))
     if comparison is not None:
         answer(comparison=comparison.scores)
 
@@ -352,14 +343,7 @@ def apply(
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
     say_file("Torque", result)
-    answer(
-        rows=done.rows,
-        simulated=done.simulated,
-        lowest_nm=done.lowest_nm,
-        highest_nm=done.highest_nm,
-        largest_uncertainty_nm=done.largest_uncertainty_nm,
-        unmeasured=list(unmeasured),
-    )
+    answer(**APPLIED.of(done, unmeasured=list(unmeasured)))
     if filtering is not None:
         say(
             f"each torque belongs to the time of its row; the filter uses readings up to "
@@ -470,16 +454,8 @@ def verify(
     )
     worst = compensated.against_standard.worst_percent_fs
     passed = worst <= tolerance
-    answer(
-        range_nm=result.range_nm,
-        groups=result.groups,
-        points=result.points,
-        simulated=result.simulated,
-        models=result.models,
-        tolerance_percent_fs=tolerance,
-        passed=passed,
-        not_in_u=list(chain.missing()),
-    )
+    missing = list(chain.missing())
+    answer(**VERIFIED.of(result, tolerance_percent_fs=tolerance, passed=passed, not_in_u=missing))
     verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:

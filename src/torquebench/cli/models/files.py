@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import BUDGETED_READING, EXPORTED_MODEL
 from torquebench.cli.options import ReferenceOption, check_output, stated_reference
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 
@@ -68,15 +69,7 @@ def export(
         f"{escape(str(result))}: {table.curve.intervals} {degree} intervals for {branches}, "
         f"{table.reading_low_nm:g} to {table.reading_high_nm:g} N·m"
     )
-    answer(
-        intervals=table.curve.intervals,
-        degree=table.curve.degree,
-        branch_aware=table.curve.branch_aware,
-        low_nm=table.reading_low_nm,
-        high_nm=table.reading_high_nm,
-        largest_deviation_nm=table.bound_nm,
-        files=[str(result)],
-    )
+    answer(**EXPORTED_MODEL.of(table, files=[str(result)]))
     percent = 100.0 * table.bound_nm / table.full_scale_nm
     say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
     if no_uncertainty or not table.curve.branch_aware:
@@ -165,19 +158,7 @@ def budget(
         checked = torque.check(row, generator=np.random.default_rng(seed))
         say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
         _print_budget(checked.budget)
-        budgeted = {
-            "reading_nm": value,
-            "branch": branch,
-            "torque_nm": checked.budget.value,
-            "standard_uncertainty_nm": checked.budget.standard_uncertainty,
-            "coverage_factor": checked.budget.coverage_factor(),
-            "expanded_uncertainty_nm": checked.budget.expanded_uncertainty(),
-            "lines": checked.budget.lines,
-            "monte_carlo_low_nm": checked.monte_carlo.low,
-            "monte_carlo_high_nm": checked.monte_carlo.high,
-            "agrees": checked.agrees,
-        }
-        answer(readings=[budgeted])
+        answer(readings=[BUDGETED_READING.of(checked, reading_nm=value, branch=branch)])
         (say if checked.agrees else warn)(checked.sentence())
         if not checked.agrees:
             found = checked.monte_carlo

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import PLANT_BENCH, PLANT_RUN, PLANT_SENT
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -166,15 +167,7 @@ def push(
 
 
 def _print_sent(done: Forwarded) -> None:
-    answer(
-        bench=done.bench,
-        entries=done.entries,
-        folders=done.folders,
-        bytes=done.size,
-        chain_end=str(done.head),
-        withdrawn=done.withdrawn,
-        problems=done.problems,
-    )
+    answer(**PLANT_SENT.of(done))
     say(
         f"bench {escape(done.bench)}: {done.entries} entries and {done.folders} run folders "
         f"({done.size / 1e6:.1f} MB) sent"
@@ -189,23 +182,7 @@ def status(plant: PlantOption = "") -> None:
     """List the benches, how much of each has arrived, and the time of the last contact."""
     with opened(plant) as found:
         states = found.benches()
-    answer(
-        benches=[
-            {
-                "number": each.number,
-                "name": each.name,
-                "place": each.place,
-                "entries": each.head.sequence,
-                "runs": each.runs,
-                "folders": each.folders,
-                "last_contact": None
-                if each.last_contact is None
-                else each.last_contact.isoformat(timespec="seconds"),
-                "replaced_by": each.replaced_by,
-            }
-            for each in states
-        ]
-    )
+    answer(benches=[PLANT_BENCH.of(each) for each in states])
     now = datetime.now(UTC)
     table = narrow_table(caption=f"{len(states)} benches")
     table.add_column("no.", justify="right")
@@ -265,23 +242,7 @@ def runs(
             operator=operator,
             withdrawn=withdrawn,
         )
-    answer(
-        runs=[
-            {
-                "run": run.run_id,
-                "bench": run.bench,
-                "kind": run.kind,
-                "started": run.started.isoformat(timespec="seconds"),
-                "status": run.status,
-                "specimen_type": run.specimen_type,
-                "serial": run.serial,
-                "batch": run.batch,
-                "simulated": run.simulated,
-                "withdrawn": run.withdrawn is not None,
-            }
-            for run in listed
-        ]
-    )
+    answer(runs=[PLANT_RUN.of(run, withdrawn=run.withdrawn is not None) for run in listed])
     table = narrow_table(caption=f"{len(listed)} runs, the newest first")
     table.add_column("run", overflow="fold")
     table.add_column("bench", overflow="fold")

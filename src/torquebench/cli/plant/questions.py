@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from datetime import UTC, date, datetime
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.text import Text
 
+from torquebench.cli.answers import PLANT_ANSWER
 from torquebench.cli.options import moment_in_utc
 from torquebench.cli.plant.commands import PlantOption, app, opened
 from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
@@ -45,14 +46,7 @@ BaseOption = Annotated[
 
 def show(found: Answer, path: Path | None) -> None:
     """Print an answer within 80 columns, and write it where a file is named."""
-    facts = {name: _plain(value) for name, value in found.facts.items()}
-    answer(
-        title=found.title,
-        simulated=found.simulated,
-        rows=[{name: _plain(value) for name, value in row.items()} for row in found.rows()],
-        facts=facts,
-        notes=list(found.notes),
-    )
+    answer(**PLANT_ANSWER.of(found))
     simulated = " - simulated" if found.simulated else ""
     out().print(Text(f"{found.title}{simulated}", style="bold"))
     rows = found.rows()
@@ -102,10 +96,6 @@ def _short(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)
-
-
-def _plain(value: Any) -> Any:
-    return value.isoformat() if isinstance(value, datetime | date) else value
 
 
 def _wanted(

@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from torquebench.cli.answers import BACKED_UP, REBUILT, RESTORED
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, say, warn
@@ -33,15 +34,7 @@ def backup(
 
     with TerminalProgress() as progress:
         done = back_up(data_directory(data), target, progress)
-    answer(
-        runs=done.runs,
-        known_runs=done.known_runs,
-        open_runs=done.open_runs,
-        files_copied=done.files,
-        outside=done.outside,
-        problems=done.problems,
-        chain_end=str(done.head),
-    )
+    answer(**BACKED_UP.of(done))
     say(
         f"{done.runs} run folders and {done.files} other files copied to {target}, "
         f"{done.known_runs} run folders were there already"
@@ -75,7 +68,7 @@ def restore(
     from torquebench.station.backup import restore as restore_backup
 
     done = restore_backup(source, data, replace=replace)
-    answer(restored=done.restored, replaced=done.replaced, kept=done.kept, aside=done.aside)
+    answer(**RESTORED.of(done))
     say(f"{len(done.restored)} restored, {len(done.replaced)} replaced, {len(done.kept)} kept")
     for title, names in (("restored", done.restored), ("replaced", done.replaced)):
         for name in names[:20]:
@@ -106,7 +99,7 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
 
     with TerminalProgress() as progress:
         done = rebuild_registry(checked_directory(data), operator_name(), progress)
-    answer(**vars(done))
+    answer(**REBUILT.of(done))
     if done.aside is not None:
         say(f"the previous registry is in {done.aside}")
     for what in done.mended:

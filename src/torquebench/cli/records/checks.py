@@ -7,6 +7,7 @@ from typing import Annotated, Any
 
 import typer
 
+from torquebench.cli.answers import DEFECT, RECORDS_VERIFIED
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
@@ -58,24 +59,8 @@ def verify(
     compared += f", {report.audit_lines} lines of the audit log"
     for remark in report.remarks:
         warn(remark)
-    defects = [
-        {
-            "kind": each.kind,
-            "where": each.place,
-            "found": each.what,
-            "remedy": each.way_back,
-        }
-        for each in report.findings
-    ]
-    answer(
-        intact=report.intact,
-        records=report.records,
-        runs=report.runs,
-        files_compared=report.files,
-        audit_lines=report.audit_lines,
-        chain_end=str(report.head),
-        defects=defects,
-    )
+    defects = [DEFECT.of(each) for each in report.findings]
+    answer(**RECORDS_VERIFIED.of(report, defects=defects))
     if report.intact:
         say(compared)
         say("All are [green]unchanged[/green].")

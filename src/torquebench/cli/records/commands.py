@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from torquebench.cli.answers import LISTED_CALIBRATION, LISTED_EQUIPMENT, LISTED_MODEL, LISTED_RUN
 from torquebench.cli.audit import audit
 from torquebench.cli.calibration_compare import compare
 from torquebench.cli.drift import drift
@@ -157,14 +158,7 @@ def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
     for run in runs[:limit]:
         where = "simulated" if run.simulated else run.bench
         table.add_row(run.run_id, _moment(run.started), run.status, where)
-        line = {
-            "run": run.run_id,
-            "started": run.started,
-            "status": run.status,
-            "bench": run.bench,
-            "simulated": run.simulated,
-        }
-        answer(runs=[line])
+        answer(runs=[LISTED_RUN.of(run)])
     _print_list(table, Kind.runs, more=len(runs) > limit)
 
 
@@ -183,16 +177,8 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             entry.profile_name,
         )
-        line = {
-            "name": f"calibration-{entry.calibration_id}",
-            "performed": entry.performed,
-            "transducer": entry.transducer_serial,
-            "points": entry.points,
-            "range_nm": entry.range_nm,
-            "profile": entry.profile_name,
-            "simulated": entry.simulated,
-        }
-        answer(calibrations=[line])
+        name = f"calibration-{entry.calibration_id}"
+        answer(calibrations=[LISTED_CALIBRATION.of(entry, name=name)])
     _print_list(table, Kind.calibrations, more=len(found) > limit)
 
 
@@ -212,16 +198,8 @@ def _list_models(registry: Registry, limit: int) -> None:
             f"{entry.range_nm:g} N·m",
             "yes" if in_use else "",
         )
-        line = {
-            "name": f"model-{entry.model_id}",
-            "created": entry.created,
-            "kind": entry.kind,
-            "transducer": entry.transducer_serial,
-            "range_nm": entry.range_nm,
-            "in_use": in_use,
-            "simulated": entry.simulated,
-        }
-        answer(models=[line])
+        name = f"model-{entry.model_id}"
+        answer(models=[LISTED_MODEL.of(entry, name=name, in_use=in_use)])
     _print_list(table, Kind.models, more=len(found) > limit)
 
 
@@ -235,8 +213,7 @@ def _list_equipment(registry: Registry, limit: int) -> None:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
         what = f"{entry.manufacturer} {entry.model}".strip()
         table.add_row(entry.kind, entry.serial, what, span)
-    names = ("kind", "serial", "manufacturer", "model", "range_nm")
-    answer(equipment=[{name: getattr(each, name) for name in names} for each in found[:limit]])
+    answer(equipment=[LISTED_EQUIPMENT.of(each) for each in found[:limit]])
     _print_list(table, Kind.equipment, more=len(found) > limit)
 
 

@@ -12,6 +12,7 @@ import typer
 from typer.core import TyperGroup
 
 from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.cli.answers import TEST_PLAN
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
@@ -267,22 +268,7 @@ def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
         reducer=wanted.reducer.name,
         serial=wanted.serial,
         simulated=described.simulated,
-        plans=[
-            {
-                name: getattr(part, name)
-                for name in (
-                    "name",
-                    "title",
-                    "duration_s",
-                    "longest_s",
-                    "longest_warm_up_s",
-                    "points",
-                    "largest_torque_nm",
-                    "largest_speed_rpm",
-                )
-            }
-            for part in parts
-        ],
+        plans=[TEST_PLAN.of(part) for part in parts],
     )
     say("Limits and interlocks checked; nothing was moved.")
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import COMPARED_QUANTITY
 from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.reports import check_reports, report_option, write_reports
@@ -67,26 +68,18 @@ def compare(
 
 
 def _quantities(found: ReducerComparison, *, change: bool) -> list[dict[str, Any]]:
-    def values(key: str) -> list[float]:
-        return [each.quantities[key].estimate.value for each in found.specimens]
-
-    def estimated(key: str, estimate: Budget) -> dict[str, Any]:
-        return {
-            "key": key,
-            "title": found.title(key),
-            "unit": estimate.unit,
-            "value": estimate.value,
-            "expanded_uncertainty": estimate.expanded_uncertainty(),
-            "specimens": values(key),
-        }
+    def compared(key: str, estimate: Budget, **facts: Any) -> dict[str, Any]:
+        values = [each.quantities[key].estimate.value for each in found.specimens]
+        title = found.title(key)
+        return COMPARED_QUANTITY.of(estimate, key=key, title=title, specimens=values, **facts)
 
     if change:
         return [
-            {**estimated(key, each.change), "significant": each.significant}
+            compared(key, each.change, significant=each.significant)
             for key, each in found.changes.items()
         ]
     return [
-        {**estimated(key, each.mean), "spread": each.spread, "outliers": each.outliers}
+        compared(key, each.mean, spread=each.spread, outliers=each.outliers)
         for key, each in found.values.items()
     ]
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from rich.markup import escape
 from rich.table import Table
 
+from torquebench.cli.answers import REDUCER_TEST, TEST_PART
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
 
 if TYPE_CHECKING:
@@ -57,26 +58,8 @@ def print_record(record: ReducerTestRecord) -> None:
     say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
     for outcome in record.outcomes:
         _print_outcome(outcome)
-    parts = [
-        {
-            "test": each.name,
-            "title": each.title,
-            "run": each.run.run_id,
-            "quantities": each.quantities,
-            "findings": each.findings,
-            "remarks": each.remarks,
-        }
-        for each in record.outcomes
-    ]
-    answer(
-        reducer=record.reducer_name,
-        serial=record.serial,
-        simulated=record.simulated,
-        short=record.short,
-        parts=parts,
-        failures=record.failures,
-        verdict=record.verdict,
-    )
+    parts = [TEST_PART.of(each) for each in record.outcomes]
+    answer(**REDUCER_TEST.of(record, parts=parts))
     for failure in record.failures:
         say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
     if record.verdict:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.answers import FRICTION_POINT, STANDARD_REDUCER
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
@@ -164,23 +165,5 @@ def _print(found: StandardReducerCheck) -> None:
         verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
         say(f"{what} {number(value)} % FS: {verdict} {check.tolerance_percent:g} % FS")
     say(f"Run: {found.run_id}")
-    answer(
-        reducer=found.reducer.name,
-        simulated=found.simulated,
-        compensation=found.compensation,
-        points=[
-            {
-                "speed_rpm": point.speed_rpm,
-                "known_nm": point.known_nm,
-                "measured_nm": point.measured_nm,
-                "error_percent_fs": point.error_percent,
-                "repeatability_percent_fs": point.spread_percent,
-            }
-            for point in check.points
-        ],
-        error_percent_fs=check.error_percent,
-        repeatability_percent_fs=check.repeatability_percent,
-        tolerance_percent_fs=check.tolerance_percent,
-        passed=check.kept,
-        run=found.run_id,
-    )
+    points = [FRICTION_POINT.of(point) for point in check.points]
+    answer(**STANDARD_REDUCER.of(found, points=points))

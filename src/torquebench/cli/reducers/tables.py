@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 from rich.markup import escape
 
+from torquebench.cli.answers import EVALUATED_QUANTITY
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import check_kept, check_output_folder
 from torquebench.cli.terminal.console import answer, narrow_table, out, say_file, stderr_console
@@ -72,19 +73,7 @@ def _plain_quantities(
     verdicts = {
         each.key: {"limit": each.limit, "verdict": each.decision.verdict} for each in judged
     }
-    return [
-        {
-            "key": each.key,
-            "title": each.title,
-            "rule": each.rule,
-            "value": each.estimate.value,
-            "expanded_uncertainty": each.estimate.expanded_uncertainty(),
-            "coverage_factor": each.estimate.coverage_factor(),
-            "unit": each.estimate.unit,
-            **verdicts.get(each.key, {}),
-        }
-        for each in quantities
-    ]
+    return [EVALUATED_QUANTITY.of(each, **verdicts.get(each.key, {})) for each in quantities]
 
 
 def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
