@@ -303,6 +303,9 @@ def test_the_registrys_active_model_compensates(station: Station) -> None:
     assert station.activate_compensation("output").kind == "polynomial"
     row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
     assert row["torque_nm"] == pytest.approx(1.01 * row["reading_nm"], abs=1e-3)
+    model = station.acquisition.compensation("output").chain.model
+    assert station.activate_compensation("output").chain.model is not model
+    assert station.activate_compensation("output", fitted=model).chain.model is model
     (summary,) = station.registry.runs()
     kept = RunFolder.open(summary.folder).metadata["compensation"]
     assert kept["output"]["kind"] == "polynomial"

@@ -111,7 +111,7 @@ def run_demo(
     modules = _modules(station, settings, progress, begin, verified)
     friction = None
     if settings.friction is not None:
-        station.activate_compensation("input")
+        station.activate_compensation("input", fitted=modules[0].recommended.model)
         friction = measure_friction(station, settings.friction, progress=progress)
     description = station.description
     return DemoResult(

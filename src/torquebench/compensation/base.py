@@ -184,6 +184,7 @@ class CompensationModel(Estimator, ABC):
             `range_nm`, an outlier (with ``outliers="refuse"``), a parameter out of its limits.
         """
         self.check_parameters()
+        vars(self).pop("_table", None)  # of an earlier fit
         X_checked, y_checked = self._validated(by_names(X), y)
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()

@@ -191,6 +191,7 @@ class DiscrepancyUncertainty(CompensationModel):
         return type(self)(self.estimator.with_range(range_nm), self.posterior)
 
     def _take(self, fitted: CompensationModel, uncertainty: CurveUncertainty | None) -> None:
+        vars(self).pop("_table", None)  # of an earlier fit
         self.estimator_, self.uncertainty_ = fitted, uncertainty
         self.n_features_in_ = fitted.n_features_in_
         self.full_scale_nm_ = fitted.full_scale_nm_

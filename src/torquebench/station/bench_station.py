@@ -29,6 +29,7 @@ from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm, SafetySuperv
 from torquebench.bench.safety.priority import available_priority
 from torquebench.bench.state import CommandState
 from torquebench.chain import Timebase
+from torquebench.compensation import CompensationModel
 from torquebench.errors import BenchError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
@@ -557,7 +558,12 @@ class Station:
 
     # -- compensation -----------------------------------------------------------------------
 
-    def activate_compensation(self, side: Side, accepted: Timebase | None = None) -> ActiveChain:
+    def activate_compensation(
+        self,
+        side: Side,
+        accepted: Timebase | None = None,
+        fitted: CompensationModel | None = None,
+    ) -> ActiveChain:
         """Compensate a side by the registry's active model of its transducer and counter.
 
         Parameters
@@ -566,6 +572,8 @@ class Station:
         accepted : Timebase, optional
             Where there is no model of this counter, one of that counter is used with more
             uncertainty.
+        fitted : CompensationModel, optional
+            It is used if it is the active one: its table is compiled already.
 
         Raises
         ------
@@ -576,7 +584,7 @@ class Station:
         """
         description, counter = self.description, self.drivers.counter.clock_identity
         active = self.registry.patiently(
-            lambda: compensation_for(self.registry, description, counter, side, accepted)
+            lambda: compensation_for(self.registry, description, counter, side, accepted, fitted)
         )
         if side in self._switched_off:
             active.switch_off(self._switched_off[side])

@@ -14,7 +14,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.chain import MeasuringChain, Timebase
-from torquebench.compensation import load_model
+from torquebench.compensation import CompensationModel, load_model
 from torquebench.errors import ModelMismatchError
 from torquebench.message import Message
 from torquebench.records import Registry
@@ -28,6 +28,7 @@ def compensation_for(
     counter: str,
     side: Side,
     accepted: Timebase | None = None,
+    fitted: CompensationModel | None = None,
 ) -> ActiveChain:
     """Return the compensation by the registry's active model of a transducer and a counter.
 
@@ -42,6 +43,8 @@ def compensation_for(
     side : {"input", "output"}
     accepted : Timebase, optional
         Where there is no model of the counter that measures, one of that counter is used.
+    fitted : CompensationModel, optional
+        It is used if it is the active one: its table is compiled already.
 
     Raises
     ------
@@ -75,6 +78,8 @@ def compensation_for(
         )
     stored = load_model(entry.check_file())
     stored.check_fits(transducer.serial, counter, module.range_nm)
+    if fitted is not None and fitted.get_state() == stored.model.get_state():
+        stored = replace(stored, model=fitted)
     zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
     chain = with_stated_limits(MeasuringChain.of(stored), description, side)
     if accepted is not None:

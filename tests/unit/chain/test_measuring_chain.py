@@ -248,6 +248,17 @@ def test_a_span_that_was_not_identified_takes_the_limit_that_is_stated(
         assert torque.component("temperature of zero")[0] == 0.0  # as measured
 
 
+def test_chains_of_one_model_compile_it_once(chain: MeasuringChain) -> None:
+    """A switch of a correction in the live stream took as long as a compilation."""
+    table = chain.curve.table
+    assert table is not None
+    assert chain.switched("a person", ["hysteresis"]).curve.table is table
+    again = make_model("polynomial", range_nm=RANGE_NM).fit(*calibration())
+    first = MeasuringChain(again).curve.table
+    again.fit(*calibration(noise_nm=0.0))
+    assert MeasuringChain(again).curve.table is not first
+
+
 def test_a_limit_that_is_not_known_is_named(model: CompensationModel) -> None:
     chain = MeasuringChain(model, (Zero("zeros", None, zero_nm=0.1), Temperature("", None, 1e-5)))
     assert {"zero drift", "temperature of zero"} <= set(chain.missing())

@@ -63,13 +63,20 @@ class StaticCurve(Effect):
         """Whether the model has branches."""
         return "branch" in self.model.used_features and self._columns > FEATURES.index("branch")
 
-    @cached_property
+    @property
     def table(self) -> CompensationTable | None:
         """The model, compiled once within 1e-6 of full scale, or 1e-5 if that takes too long.
 
-        It compensates every reading. None if the model uses speed or temperature, or has jumps: it
-        is then evaluated itself.
+        It compensates every reading, and is kept with the model, which several chains share. None
+        if the model uses speed or temperature, or has jumps: it is then evaluated itself.
         """
+        known = vars(self.model)
+        if "_table" not in known:
+            known["_table"] = self._compiled()
+        table: CompensationTable | None = known["_table"]
+        return table
+
+    def _compiled(self) -> CompensationTable | None:
         if _STATE.intersection(self.model.used_features):
             return None
         try:
