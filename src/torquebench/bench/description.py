@@ -16,7 +16,7 @@ from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import FrequencyScale
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import RAD_S_PER_RPM, RPM_PER_RAD_S
 from torquebench.validation import ConflictError, parse_toml, validated
 
 if TYPE_CHECKING:
@@ -136,6 +136,10 @@ class DriveDescription(_Section):
     def speed_rate_rad_per_s2(self) -> float:
         """Rate of the speed, rad/s²."""
         return self.speed_rate_rpm_per_s * RAD_S_PER_RPM
+
+    def rate(self, quantity: Literal["torque", "speed"]) -> float:
+        """Return the rate of a quantity, N·m/s or rad/s²."""
+        return self.torque_rate_nm_per_s if quantity == "torque" else self.speed_rate_rad_per_s2
 
 
 class EncoderDescription(_Section):
@@ -392,6 +396,10 @@ class SafetyDescription(_Section):
     unloaded_percent: Annotated[float, Field(gt=0, le=10.0, description="% of range")] = 1.0
     standstill_rpm: Annotated[float, Field(gt=0, le=100.0, description="rpm")] = 0.5
 
+    def at_standstill(self, speed_rad_s: float) -> bool:
+        """Whether a side with this speed counts as standing; an unknown speed doesn't."""
+        return abs(speed_rad_s) * RPM_PER_RAD_S <= self.standstill_rpm
+
 
 class RecordingDescription(_Section):
     """Recorded data beside a run's samples: with `edges` every edge of every channel.
@@ -484,6 +492,10 @@ class BenchDescription(_Section):
     def module(self, side: Side) -> ModuleDescription:
         """Return the description of a side's module."""
         return self.input if side == "input" else self.output
+
+    def unloaded_nm(self, side: Side) -> float:
+        """Return the largest torque with which a side counts as unloaded, N·m."""
+        return self.safety.unloaded_percent / 100.0 * self.module(side).range_nm
 
     def standard(self, mounting: Mounting) -> StandardDescription | None:
         """Calibrator or verification standard; None for any other mounting."""

@@ -26,7 +26,7 @@ from torquebench.bench.roles import (
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.bench.safety.limits import SideLimits
-from torquebench.bench.state import CommandState
+from torquebench.bench.state import CommandState, Quantity
 from torquebench.errors import InputError, InterlockError, LimitError
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
@@ -45,8 +45,9 @@ __all__ = [
     "check_procedure",
     "check_rail",
     "check_seating",
-    "check_speed",
-    "check_torque",
+    "check_set_point",
+    "check_speed_limit",
+    "check_torque_limit",
     "check_unloaded",
     "standard_serial",
 ]
@@ -101,6 +102,9 @@ class BenchState(Protocol):
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
 
+    def has_rail(self) -> bool:
+        """Whether the bench moves a guide rail."""
+
     def rail(self) -> RailPosition:
         """Position of the guide rail; "end" if the bench has none."""
 
@@ -140,9 +144,14 @@ class PresentState:
         rail, supply = drivers.rail, drivers.supply
         self.rail = _always_at_end if rail is None else rail.position
         self.supplied = _always_on if supply is None else supply.supplies
+        self._has_rail = rail is not None
         self._supervisor = supervisor
         self._commands = commands
         self._acquisition = acquisition
+
+    def has_rail(self) -> bool:
+        """Whether the bench moves a guide rail."""
+        return self._has_rail
 
     def enabled(self, side: Side) -> bool:
         """Whether a drive has power."""
@@ -165,40 +174,42 @@ class PresentState:
 # -- torque and speed --------------------------------------------------------------------------
 
 
-def check_torque(state: BenchState, side: Side, torque_nm: float) -> None:
-    """Torque needs a closed clamp, a driven side, an enabled drive, no alarm, no excess."""
-    limit = state.limits(side).torque_nm
-    if not abs(torque_nm) <= limit:
+def check_set_point(state: BenchState, side: Side, quantity: Quantity, value: float) -> None:
+    """Check a torque (N·m) or a speed (rad/s) that a drive is about to be commanded.
+
+    Any but zero needs a driven side, an enabled drive and no alarm; a torque needs a closed clamp,
+    a speed too if anything is mounted.
+    """
+    limits = state.limits(side)
+    if quantity == "torque":
+        check_torque_limit(side, value, limits.torque_nm)
+    else:
+        check_speed_limit(side, value * RPM_PER_RAD_S, limits.speed_rpm)
+    if value == 0.0:
+        return
+    _check_may_drive(state, side, quantity)
+    if quantity == "torque" or state.mounted() != "nothing":
+        _check_clamped(state, quantity)
+
+
+def check_torque_limit(side: Side, torque_nm: float, limit_nm: float) -> None:
+    """Refuse a torque beyond a limit of the bench, or an undefined one."""
+    if not abs(torque_nm) <= limit_nm:
         raise LimitError(
             Message("{torque_nm:g} N·m requested from the {side} drive", torque_nm, side),
-            Message("±{limit:g} N·m", limit),
+            Message("±{limit:g} N·m", limit_nm),
             Message("raise {side}.limits.torque_nm only if the whole chain withstands it", side),
         )
-    if torque_nm != 0.0:
-        _check_may_drive(state, side, "torque")
-        _check_clamped(state, "torque")
 
 
-def check_speed(state: BenchState, side: Side, speed_rad_s: float) -> None:
-    """Speed needs a driven side, an enabled drive, no alarm and no excess.
-
-    With anything mounted it needs the clamp too.
-    """
-    limit = state.limits(side).speed_rpm
-    if not abs(speed_rad_s) * RPM_PER_RAD_S <= limit * (1.0 + _ROUNDING):
+def check_speed_limit(side: Side, speed_rpm: float, limit_rpm: float) -> None:
+    """Refuse a speed beyond a limit of the bench, or an undefined one."""
+    if not abs(speed_rpm) <= limit_rpm * (1.0 + _ROUNDING):
         raise LimitError(
-            Message(
-                "{speed_rad_s:g} rpm requested from the {side} drive",
-                speed_rad_s * RPM_PER_RAD_S,
-                side,
-            ),
-            Message("±{limit:g} rpm", limit),
+            Message("{speed_rpm:g} rpm requested from the {side} drive", speed_rpm, side),
+            Message("±{limit:g} rpm", limit_rpm),
             Message("raise {side}.limits.speed_rpm only if the whole chain withstands it", side),
         )
-    if speed_rad_s != 0.0:
-        _check_may_drive(state, side, "speed")
-        if state.mounted() != "nothing":
-            _check_clamped(state, "speed")
 
 
 def check_enable(state: BenchState, side: Side) -> None:
@@ -285,10 +296,8 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
             "zero torque and standstill",
             Message("unload the side first to {purpose}", purpose),
         )
-    safety = state.description.safety
-    limit = safety.unloaded_percent / 100.0 * state.description.module(side).range_nm
-    reading = state.reading_nm(side)
-    if abs(reading) > limit:
+    reading, limit = state.reading_nm(side), state.description.unloaded_nm(side)
+    if not abs(reading) <= limit:
         raise InterlockError(
             Message("{side} transducer reads {reading:.2f} N·m", side, reading),
             Message("±{limit:g} N·m", limit),
@@ -298,10 +307,10 @@ def check_unloaded(state: BenchState, side: Side, purpose: str) -> None:
                 purpose,
             ),
         )
-    speed = abs(state.speed_rad_s(side)) * RPM_PER_RAD_S
-    if speed > safety.standstill_rpm:
+    safety, speed_rad_s = state.description.safety, state.speed_rad_s(side)
+    if not safety.at_standstill(speed_rad_s):
         raise InterlockError(
-            Message("{side} side turns at {speed:.2f} rpm", side, speed),
+            Message("{side} side turns at {speed:.2f} rpm", side, abs(speed_rad_s) * RPM_PER_RAD_S),
             Message("at most {standstill_rpm:g} rpm", safety.standstill_rpm),
             Message("stop the side first to {purpose}", purpose),
         )
@@ -347,6 +356,12 @@ def check_rail(state: BenchState, position: RailPosition) -> None:
     """Move the rail only with the clamp open, the drives off, no load and both sides at rest."""
     if position not in RAIL_TARGETS:
         raise InputError(Message("guide rail to {position!r}", position), ", ".join(RAIL_TARGETS))
+    if not state.has_rail():
+        raise InputError(
+            Message("the guide rail of {name}", state.description.name),
+            "a bench with a section [driver.guide_rail]",
+            "move it by hand",
+        )
     if state.clamped():
         raise InterlockError(
             "moving the guide rail with the clamp closed", "an open clamp", "open the clamp"
@@ -365,6 +380,20 @@ def check_mounting(state: BenchState, mounting: Mounting) -> None:
     """Something else is mounted only with the clamp open and the drives off."""
     if mounting not in MOUNTINGS:
         raise InputError(Message("mounting {what!r}", mounting), ", ".join(MOUNTINGS))
+    if mounting != state.mounted():
+        _check_accessible(state, mounting)
+
+
+def check_seating(state: BenchState) -> None:
+    """Require something between the flanges, an open clamp and drives that are off."""
+    if state.mounted() == "nothing":
+        raise InterlockError(
+            "seating with nothing mounted", "something between the flanges", "mount it first"
+        )
+    _check_accessible(state, state.mounted())
+
+
+def _check_accessible(state: BenchState, mounting: Mounting) -> None:
     if state.clamped():
         raise InterlockError(
             Message("mounting {what} with the clamp closed", mounting),
@@ -378,15 +407,6 @@ def check_mounting(state: BenchState, mounting: Mounting) -> None:
                 "both drives off",
                 "switch the drives off",
             )
-
-
-def check_seating(state: BenchState) -> None:
-    """Require something between the flanges, an open clamp and drives that are off."""
-    if state.mounted() == "nothing":
-        raise InterlockError(
-            "seating with nothing mounted", "something between the flanges", "mount it first"
-        )
-    check_mounting(state, state.mounted())
 
 
 # -- procedures --------------------------------------------------------------------------------

@@ -76,6 +76,10 @@ class SideCommands:
         default_factory=lambda: {"torque": SetPoint(), "speed": SetPoint()}
     )
 
+    def value(self, quantity: Quantity) -> float:
+        """Return the last commanded torque or speed, N·m or rad/s."""
+        return self.torque_nm if quantity == "torque" else self.speed_rad_s
+
     @property
     def uncertain_s(self) -> float:
         """Ramp time to zero if it is unknown whether the drive got a command, s; else 0."""

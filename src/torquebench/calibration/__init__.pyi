@@ -79,10 +79,7 @@ from .series import (
     loading_series as loading_series,
     zero_hysteresis as zero_hysteresis,
 )
-from .steps import (
-    Step as Step,
-    check_limits as check_limits,
-)
+from .steps import Step as Step
 from .verification import (
     RAW as RAW,
     ErrorSummary as ErrorSummary,

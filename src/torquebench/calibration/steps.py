@@ -1,14 +1,10 @@
-"""One step of a loading sequence, and its limits, checked before it runs."""
+"""One step of a loading sequence."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 from pydantic import BaseModel, ConfigDict
 
-from torquebench.errors import LimitError
-from torquebench.message import Message
-
-__all__ = ["Step", "check_limits"]
+__all__ = ["Step"]
 
 
 class Step(BaseModel):
@@ -53,34 +49,3 @@ class Step(BaseModel):
     def recorded(self) -> bool:
         """Whether the step gives a point of the calibration table."""
         return self.kind == "point"
-
-
-def check_limits(steps: Sequence[Step], limit_nm: float) -> None:
-    """Check, before anything moves, that no step exceeds the torque limit.
-
-    Parameters
-    ----------
-    steps : sequence of Step
-        The sequence.
-    limit_nm : float
-        Largest allowed |torque| in N·m.
-
-    Raises
-    ------
-    LimitError
-        Naming the first step beyond the limit.
-    """
-    for number, step in enumerate(steps, start=1):
-        if abs(step.target_nm) > limit_nm:
-            raise LimitError(
-                Message(
-                    "step {number} of {count} (series {series}, {kind}) loads {target_nm:.6g} N·m",
-                    number,
-                    len(steps),
-                    step.series,
-                    step.kind,
-                    step.target_nm,
-                ),
-                Message("at most {limit_nm:.6g} N·m in either direction", limit_nm),
-                "choose a smaller range or raise the limit of the bench description",
-            )

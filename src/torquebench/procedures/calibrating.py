@@ -12,7 +12,7 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
-from torquebench.calibration import CalibrationData, Placement, Profile, Step, check_limits
+from torquebench.calibration import CalibrationData, Placement, Profile, Step
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
 from torquebench.procedures.guarding import loading_limits
@@ -213,7 +213,6 @@ def _staircase(
     table: _Table,
 ) -> Plan[StaircaseResult]:
     range_nm = _range_nm(devices, setup.side)
-    check_limits(steps, devices.context.description.module(setup.side).limits.torque_nm)
     metadata = {
         **staircase_metadata(devices, setup.side, profile),
         "plan_name": plan_name,

@@ -10,6 +10,7 @@ from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
+from torquebench.bench.interlocks import check_speed_limit, check_torque_limit
 from torquebench.bench.safety.limits import StepLimits
 
 __all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
@@ -40,8 +41,14 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
         The driven module.
     largest_nm : float
         Largest commanded magnitude, N·m.
+
+    Raises
+    ------
+    LimitError
+        The bench doesn't allow it.
     """
     module = devices.context.description.module(side)
+    check_torque_limit(side, largest_nm, module.limits.torque_nm)
     return StepLimits(
         side,
         torque_nm=TORQUE_MARGIN * abs(largest_nm) + ZERO_MARGIN * module.range_nm,
@@ -52,12 +59,19 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
 
 
 def turning_limits(devices: BenchDevices, side: Side, largest_rpm: float) -> StepLimits:
-    """Return the limits needed for turning a side up to a speed, rpm."""
-    drive = devices.context.description.module(side).drive
+    """Return the limits needed for turning a side up to a speed, rpm.
+
+    Raises
+    ------
+    LimitError
+        The bench doesn't allow it.
+    """
+    module = devices.context.description.module(side)
+    check_speed_limit(side, largest_rpm, module.limits.speed_rpm)
     return StepLimits(
         side,
         speed_rpm=SPEED_MARGIN * abs(largest_rpm) + SPEED_MARGIN_RPM,
-        speed_rate_rpm_per_s=RATE_MARGIN * drive.speed_rate_rpm_per_s,
+        speed_rate_rpm_per_s=RATE_MARGIN * module.drive.speed_rate_rpm_per_s,
     )
 
 

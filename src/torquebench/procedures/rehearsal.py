@@ -6,14 +6,17 @@ description and against the predicted mounting, clamping and coupling.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
+from math import inf
 from typing import Any, Generic, TypeVar
 
 from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
+from torquebench.bench.devices.drive import DriveAxis
+from torquebench.bench.devices.ramp import DriveRamp
 from torquebench.bench.interlocks import (
     check_clamp,
     check_enable,
@@ -22,11 +25,12 @@ from torquebench.bench.interlocks import (
     check_procedure,
     check_rail,
     check_seating,
-    check_speed,
-    check_torque,
+    check_set_point,
 )
 from torquebench.bench.roles import SIDES, Mode, Mounting, RailPosition, Seating, Side
-from torquebench.errors import InterlockError, LimitError
+from torquebench.bench.safety.limits import LimitBook
+from torquebench.bench.state import Quantity
+from torquebench.errors import TorquebenchError
 from torquebench.procedures.setup import Plan, ProcedureGate
 from torquebench.units import RPM_PER_RAD_S
 
@@ -109,9 +113,9 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
             return Rehearsal(stage.moves, stage.points, stage.steps, stage.now_s, end.value)
         try:
             answer = stage.answer(message)
-        except (LimitError, InterlockError) as refusal:
+        except TorquebenchError:
             plan.close()
-            raise refusal
+            raise
 
 
 class _Books:
@@ -122,9 +126,10 @@ class _Books:
     """
 
     def __init__(self, devices: BenchDevices) -> None:
-        present = devices.context.state
+        self.present = present = devices.context.state
         self.description = present.description
-        self.limits = present.limits
+        self.book = LimitBook(present.description)
+        self.limits = self.book.side
         self.standard = present.mounted()
         self.closed = present.clamped()
         self.rail_at = present.rail()
@@ -139,6 +144,9 @@ class _Books:
     def clamped(self) -> bool:
         return self.closed
 
+    def has_rail(self) -> bool:
+        return self.present.has_rail()
+
     def rail(self) -> RailPosition:
         return self.rail_at
 
@@ -152,13 +160,13 @@ class _Books:
         return self.sides[side].enabled
 
     def commanded(self, side: Side) -> tuple[float, float]:
-        return self.sides[side].torque_nm, self.sides[side].speed_rad_s
+        return self.reading_nm(side), self.speed_rad_s(side)
 
     def reading_nm(self, side: Side) -> float:
-        return self.sides[side].torque_nm
+        return self.sides[side].set_points["torque"]
 
     def speed_rad_s(self, side: Side) -> float:
-        return self.sides[side].speed_rad_s
+        return self.sides[side].set_points["speed"]
 
     def alarm(self) -> None:
         return None
@@ -171,8 +179,7 @@ class _Books:
 class _SideState:
     mode: Mode
     enabled: bool
-    torque_nm: float = 0.0
-    speed_rad_s: float = 0.0
+    set_points: dict[Quantity, float] = field(default_factory=lambda: {"torque": 0.0, "speed": 0.0})
     settings: SteadySettings = field(default_factory=SteadySettings)
 
 
@@ -213,14 +220,16 @@ class _Stage:
 
         bind(module.mode, "mode", self._change_mode)
         bind(drive.power, "power", self._switch)
-        bind(drive.torque, "torque", self._torque)
-        bind(drive.speed, "speed", self._speed)
-        bind(drive.torque_ramp, "torque", lambda side, to: self._torque(side, to.target, to.rate))
-        bind(drive.speed_ramp, "speed", lambda side, to: self._speed(side, to.target, to.rate))
+        axes: tuple[tuple[Quantity, DriveAxis, DriveRamp], ...] = (
+            ("torque", drive.torque, drive.torque_ramp),
+            ("speed", drive.speed, drive.speed_ramp),
+        )
+        for quantity, axis, ramp in axes:
+            bind(axis, quantity, partial(self._drive, quantity))
+            bind(ramp, quantity, partial(self._drive, quantity))
+            self._readings[id(axis.setpoint)] = partial(state.set_points.get, quantity)
         self._readings[id(module.mode.mode)] = lambda: state.mode
         self._readings[id(drive.power.enabled)] = lambda: state.enabled
-        self._readings[id(drive.torque.setpoint)] = lambda: state.torque_nm
-        self._readings[id(drive.speed.setpoint)] = lambda: state.speed_rad_s
 
     # -- messages ---------------------------------------------------------------------------
 
@@ -244,6 +253,10 @@ class _Stage:
             self._stream = message.kwargs["name"]
         elif message.command == "save":
             self.points += self._stream == "points"
+        elif message.command == "tighten":
+            return self.books.book.tighten(*message.args)
+        elif message.command == "loosen":
+            self.books.book.loosen(message.args[0])
         elif message.command == "progress":
             self.steps = max(self.steps, message.args[1])
         return None
@@ -296,28 +309,27 @@ class _Stage:
         return {}
 
     def _steady(self, side: Side) -> dict[str, Any]:
-        state = self.sides[side]
+        state, (torque_nm, speed_rad_s) = self.sides[side], self.books.commanded(side)
         fields = {
-            "reading_nm": state.torque_nm,
+            "reading_nm": torque_nm,
             "reading_standard_error_nm": 0.0,
             "zero_nm": 0.0,
             "frequency_hz": self.description.module(side).transducer.scale().zero,
             "settled": True,
-            "commanded_nm": state.torque_nm,
-            "speed_rpm": state.speed_rad_s * RPM_PER_RAD_S,
+            "commanded_nm": torque_nm,
+            "speed_rpm": speed_rad_s * RPM_PER_RAD_S,
             "temperature_c": 23.0,
             "time_s": self.now_s,
         }
         if state.settings.reference:
-            fields["standard_nm"] = state.torque_nm
+            fields["standard_nm"] = torque_nm
         return fields
 
     # -- effects of each command on the state ------------------------------------------------
 
     def _mount(self, value: Mounting) -> None:
-        if value != self.books.standard:
-            check_mounting(self.books, value)
-            self.books.standard = value
+        check_mounting(self.books, value)
+        self.books.standard = value
 
     def _move_rail(self, value: RailPosition) -> None:
         check_rail(self.books, value)
@@ -341,20 +353,14 @@ class _Stage:
         if value:
             check_enable(self.books, side)
         else:  # the drive ramps to zero first
-            self._torque(side, 0.0)
-            self._speed(side, 0.0)
+            self._drive("torque", side, 0.0)
+            self._drive("speed", side, 0.0)
         self.sides[side].enabled = value
 
-    def _torque(self, side: Side, value: float, rate: float = math.inf) -> None:
-        state, drive = self.sides[side], self.description.module(side).drive
-        check_torque(self.books, side, value)
-        rate = min(rate, drive.torque_rate_nm_per_s)
-        self.now_s += abs(value - state.torque_nm) / rate
-        state.torque_nm = value
-
-    def _speed(self, side: Side, value: float, rate: float = math.inf) -> None:
-        state, drive = self.sides[side], self.description.module(side).drive
-        check_speed(self.books, side, value)
-        rate = min(rate, drive.speed_rate_rad_per_s2)
-        self.now_s += abs(value - state.speed_rad_s) / rate
-        state.speed_rad_s = value
+    def _drive(self, quantity: Quantity, side: Side, value: float | RampTo) -> None:
+        target, rate = (value.target, value.rate) if isinstance(value, RampTo) else (value, inf)
+        check_set_point(self.books, side, quantity, target)
+        set_points = self.sides[side].set_points
+        rate = min(rate, self.description.module(side).drive.rate(quantity))
+        self.now_s += abs(target - set_points[quantity]) / rate
+        set_points[quantity] = target

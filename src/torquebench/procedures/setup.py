@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from dataclasses import dataclass
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 import bluesky.preprocessors as bpp
 from bluesky.protocols import Movable
@@ -13,10 +13,9 @@ from ophyd_async.core import AsyncStatus
 
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
-from torquebench.bench.interlocks import check_procedure, standard_serial
+from torquebench.bench.interlocks import ProcedureKind, check_procedure, standard_serial
 from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.messages import move, read, sleep
-from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "Plan",
@@ -31,8 +30,6 @@ __all__ = [
 Result = TypeVar("Result")
 Plan = Generator[Msg, Any, Result]
 """A plan: messages for the run engine, and a return value."""
-
-ProcedureKind = Literal["calibration", "verification", "reducer_test"]
 
 REST_S = 0.3
 """Waiting time of a module after its torque went to zero, s of bench time."""
@@ -146,15 +143,15 @@ def run_down(devices: BenchDevices) -> Plan[None]:
 
     If a side continues turning, the interlocks refuse the next operation.
     """
-    standstill_rad_s = devices.context.description.safety.standstill_rpm * RAD_S_PER_RPM
+    safety = devices.context.description.safety
     for _ in range(round(RUN_DOWN_S / REST_S)):
-        fastest = 0.0
+        stand = True
         for module in (devices.input, devices.output):
             reading = yield Msg("read", module.encoder)
             if reading:  # a rehearsal reads nothing
                 speed = float(reading[f"{module.encoder.name}-speed_rad_s"]["value"])
-                fastest = max(fastest, abs(speed))
-        if fastest <= standstill_rad_s:
+                stand = stand and safety.at_standstill(speed)
+        if stand:
             return
         yield from sleep(REST_S)
 

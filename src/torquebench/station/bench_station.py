@@ -297,9 +297,8 @@ class Station:
             self.clock.wait(block_s)
 
     def _is_unloaded(self, side: Side) -> bool:
-        limit = self.description.safety.unloaded_percent / 100.0
         reading = self.acquisition.latest(torque_channel(side)).torque_nm
-        return abs(reading) <= limit * self.description.module(side).range_nm
+        return abs(reading) <= self.description.unloaded_nm(side)
 
     # -- runs -------------------------------------------------------------------------------
 

@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from torquebench.bench import default_bench, load_bench, parse_bench
 from torquebench.bench.description import DEFAULT_BENCH
 from torquebench.errors import InputError
+from torquebench.units import RAD_S_PER_RPM
 
 TEXT = (resources.files("torquebench.bench") / DEFAULT_BENCH).read_text(encoding="utf-8")
 EXAMPLES = sorted((Path(__file__).parents[3] / "examples").glob("*.toml"))
@@ -27,6 +28,18 @@ def test_the_default_is_a_simulated_bench_with_the_sources_ranges() -> None:
     assert bench.bench.reducer_ratio == 80.0
     assert bench.input.transducer.scale().sensitivity_cw_hz_per_nm == 600.0
     assert bench.output.transducer.scale().modulation_hz == (15e3, 105e3)
+
+
+def test_a_side_stands_up_to_its_stated_speed_and_not_at_an_unknown_one() -> None:
+    safety = default_bench().safety
+    assert safety.standstill_rpm == 0.5
+    assert safety.at_standstill(-0.49 * RAD_S_PER_RPM)
+    assert not safety.at_standstill(-0.51 * RAD_S_PER_RPM)
+    assert not safety.at_standstill(float("nan"))
+
+
+def test_a_side_is_unloaded_up_to_a_share_of_its_range() -> None:
+    assert default_bench().unloaded_nm("output") == pytest.approx(20.0)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)

@@ -21,32 +21,32 @@ def ready(bench: LowBench) -> LowBench:
 
 
 def test_torque_is_allowed_when_everything_is_in_place(bench: LowBench) -> None:
-    interlocks.check_torque(ready(bench).state, "output", 2000.0)
-    interlocks.check_speed(bench.state, "output", 1.0)
+    interlocks.check_set_point(ready(bench).state, "output", "torque", 2000.0)
+    interlocks.check_set_point(bench.state, "output", "speed", 1.0)
 
 
 def test_no_torque_without_clamp(bench: LowBench) -> None:
     ready(bench).drivers.clamp.set_clamped(False)
     with pytest.raises(InterlockError, match="clamp open"):
-        interlocks.check_torque(bench.state, "output", 1.0)
+        interlocks.check_set_point(bench.state, "output", "torque", 1.0)
     with pytest.raises(InterlockError, match="clamp open"):
-        interlocks.check_speed(bench.state, "output", 1.0)
-    interlocks.check_torque(bench.state, "output", 0.0)
+        interlocks.check_set_point(bench.state, "output", "speed", 1.0)
+    interlocks.check_set_point(bench.state, "output", "torque", 0.0)
 
 
 @pytest.mark.parametrize("mode", ["free", "locked"])
 def test_no_torque_and_no_speed_on_a_side_that_is_not_driven(bench: LowBench, mode: Any) -> None:
     ready(bench).drivers.modes.set_mode("output", mode)
     with pytest.raises(InterlockError, match=mode):
-        interlocks.check_torque(bench.state, "output", -5.0)
+        interlocks.check_set_point(bench.state, "output", "torque", -5.0)
     with pytest.raises(InterlockError, match=mode):
-        interlocks.check_speed(bench.state, "output", -0.1)
+        interlocks.check_set_point(bench.state, "output", "speed", -0.1)
 
 
 def test_no_torque_from_a_drive_that_is_off(bench: LowBench) -> None:
     ready(bench).commands.output.enabled = False
     with pytest.raises(InterlockError, match="which is off"):
-        interlocks.check_torque(bench.state, "output", 5.0)
+        interlocks.check_set_point(bench.state, "output", "torque", 5.0)
 
 
 @pytest.mark.parametrize("value", [2401.0, -2401.0, float("nan"), float("inf")])
@@ -54,27 +54,27 @@ def test_no_torque_beyond_the_limit(bench: LowBench, value: float) -> None:
     with pytest.raises(
         LimitError, match=r"N·m requested from the output drive; allowed: ±2400 N·m"
     ):
-        interlocks.check_torque(ready(bench).state, "output", value)
+        interlocks.check_set_point(ready(bench).state, "output", "torque", value)
 
 
 @pytest.mark.parametrize("value", [3.0, -3.0, float("nan")])
 def test_no_speed_beyond_the_limit(bench: LowBench, value: float) -> None:
     with pytest.raises(LimitError, match=r"±20 rpm"):
-        interlocks.check_speed(ready(bench).state, "output", value)
+        interlocks.check_set_point(ready(bench).state, "output", "speed", value)
 
 
 def test_nothing_moves_while_an_alarm_is_latched(bench: LowBench) -> None:
     ready(bench).supervisor.trip(AlarmKind.STOP, "test", "stop", "", "go on")
     assert bench.supervisor.wait_safe(60.0)
     for refused in (
-        lambda: interlocks.check_torque(bench.state, "output", 1.0),
-        lambda: interlocks.check_speed(bench.state, "output", 1.0),
+        lambda: interlocks.check_set_point(bench.state, "output", "torque", 1.0),
+        lambda: interlocks.check_set_point(bench.state, "output", "speed", 1.0),
         lambda: interlocks.check_enable(bench.state, "output"),
         lambda: interlocks.check_procedure(bench.state, "calibration"),
     ):
         with pytest.raises(InterlockError, match="alarm is latched"):
             refused()
-    interlocks.check_torque(bench.state, "output", 0.0)
+    interlocks.check_set_point(bench.state, "output", "torque", 0.0)
 
 
 def test_no_power_without_a_torque_signal(bench: LowBench) -> None:

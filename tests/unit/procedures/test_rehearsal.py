@@ -4,11 +4,19 @@ import bluesky.plan_stubs as bps
 import numpy as np
 import pytest
 
+from torquebench.bench.description import default_bench
 from torquebench.bench.roles import Seating
 from torquebench.calibration import Step, load_profile
-from torquebench.errors import InterlockError, LimitError
+from torquebench.errors import InputError, InterlockError, LimitError
 from torquebench.procedures import calibrate, friction_sweep, rehearse, verify
+from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.reducers.friction import FrictionSettings
+from torquebench.procedures.reducers.loop import hysteresis_loops
+from torquebench.procedures.reducers.setup import ReducerLimits
+from torquebench.procedures.reducers.turning import TransmissionSettings, transmission_error
+from torquebench.procedures.turning.calibrating import calibrate_turning
+from torquebench.procedures.turning.empty import EmptyTable, turn_empty
+from torquebench.procedures.turning.profile import load_turning_profile
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S
 
@@ -69,6 +77,70 @@ def test_a_speed_beyond_the_limit_is_refused(station: Station) -> None:
     settings = FrictionSettings(speeds_rpm=(100.0, 2000.0))
     with pytest.raises(LimitError, match="2000"):
         rehearse(station.devices, friction_sweep(station.devices, settings))
+
+
+LARGE = ReducerLimits(
+    ratio=80.0, rated_torque_nm=4000.0, largest_torque_nm=9000.0, largest_input_rpm=9000.0
+)
+FAST = load_turning_profile("turning-calibration").model_copy(
+    update={"largest_rpm": {"input": 5000.0}}
+)
+EXCESSIVE = {
+    "friction sweep": lambda devices: friction_sweep(
+        devices, FrictionSettings(speeds_rpm=(2000.0,))
+    ),
+    "turning calibration": lambda devices: calibrate_turning(devices, "input", FAST),
+    "empty run": lambda devices: turn_empty(devices, "input", FAST, EmptyTable("input")),
+    "transmission error": lambda devices: transmission_error(
+        devices, LARGE, TransmissionSettings(output_rpm=60.0)
+    ),
+    "hysteresis": lambda devices: hysteresis_loops(devices, LARGE),
+}
+
+
+@pytest.mark.parametrize("name", EXCESSIVE)
+def test_a_plan_beyond_the_limits_is_refused_before_its_first_message(
+    station: Station, name: str
+) -> None:
+    with pytest.raises(LimitError, match="requested from the"):
+        next(EXCESSIVE[name](station.devices))
+
+
+def test_a_rehearsal_heeds_the_narrower_limits_of_its_plan(station: Station) -> None:
+    def plan():
+        yield from _ready(station.devices)
+        yield from bps.mv(station.devices.output.drive.torque, 100.0)
+
+    def within(torque_nm):
+        return guarded(plan, StepLimits("output", torque_nm=torque_nm))
+
+    assert rehearse(station.devices, within(100.0)).moves
+    for refused in (
+        lambda: rehearse(station.devices, within(99.0)),
+        lambda: station.run(within(99.0), kind="test"),
+    ):
+        with pytest.raises(LimitError, match="±99 N·m"):
+            refused()
+
+
+def test_a_rehearsal_does_not_count_the_narrower_limits_of_a_run(station: Station) -> None:
+    with station.supervisor.limits.within(StepLimits("output", torque_nm=1.0)):
+        assert rehearse(station.devices, calibrate(station.devices, "output", COARSE)).points
+
+
+def test_a_guide_rail_that_the_bench_lacks_is_not_moved(tmp_path) -> None:
+    bench = default_bench().model_copy(update={"guide_rail": None})
+    with Station.open(bench, tmp_path / "data") as station:
+
+        def plan():
+            yield from bps.mv(station.devices.rail, "away")
+
+        for refused in (
+            lambda: rehearse(station.devices, plan()),
+            lambda: station.run(plan(), kind="test"),
+        ):
+            with pytest.raises(InputError, match="guide rail"):
+                refused()
 
 
 def test_torque_without_clamp_and_power_is_refused(station: Station) -> None:

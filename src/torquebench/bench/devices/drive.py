@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Literal
-
 from bluesky.protocols import Location
 from ophyd_async.core import (
     AsyncLocatable,
@@ -18,6 +16,7 @@ from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.ramp import DriveRamp, go_to
 from torquebench.bench.interlocks import check_enable
 from torquebench.bench.roles import Side
+from torquebench.bench.state import Quantity
 
 __all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
 
@@ -31,9 +30,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
     end of every plan.
     """
 
-    def __init__(
-        self, context: BenchContext, side: Side, quantity: Literal["torque", "speed"]
-    ) -> None:
+    def __init__(self, context: BenchContext, side: Side, quantity: Quantity) -> None:
         self._context = context
         self._side = side
         self._quantity = quantity
@@ -43,8 +40,7 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         super().__init__()
 
     def _present(self) -> float:
-        commands = self._context.commands.side(self._side)
-        return commands.torque_nm if self._quantity == "torque" else commands.speed_rad_s
+        return self._context.commands.side(self._side).value(self._quantity)
 
     @AsyncStatus.wrap
     async def set(self, value: float) -> None:

@@ -18,8 +18,6 @@ from torquebench.bench.interlocks import (
     check_seating,
 )
 from torquebench.bench.roles import Mode, Mounting, RailPosition, Seating, Side
-from torquebench.errors import InputError
-from torquebench.message import Message
 
 __all__ = ["ClampDevice", "GuideRailDevice", "ModeDevice", "MountingDevice", "SeatDevice"]
 
@@ -74,15 +72,9 @@ class GuideRailDevice(StandardReadable):
     async def set(self, value: RailPosition) -> None:
         """Move the rail. Raises InterlockError under load, with a closed clamp or drives on."""
         context = self._context
-        rail = context.drivers.rail
-        if rail is None:
-            raise InputError(
-                Message("the guide rail of {name}", context.description.name),
-                "a bench with a section [driver.guide_rail]",
-                "move it by hand",
-            )
         check_rail(context.state, value)
-        await context.call(rail.move, value)
+        assert context.drivers.rail is not None
+        await context.call(context.drivers.rail.move, value)
 
 
 class MountingDevice(StandardReadable):
@@ -101,9 +93,9 @@ class MountingDevice(StandardReadable):
     async def set(self, value: Mounting) -> None:
         """Have this mounted. Raises InterlockError with a closed clamp or when declined."""
         context = self._context
-        if value == context.drivers.operator.mounted():
-            return
         check_mounting(context.state, value)
+        if value == context.state.mounted():
+            return
         await context.call(context.drivers.operator.mount, value)
         context.acquisition.select_for(value)
         # The first samples of the reference standard have arrived when this is done.

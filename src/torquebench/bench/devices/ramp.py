@@ -14,7 +14,7 @@ from bluesky.protocols import Movable
 from ophyd_async.core import AsyncStatus, Device
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.interlocks import check_speed, check_torque
+from torquebench.bench.interlocks import check_set_point
 from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import InputError
@@ -53,18 +53,15 @@ async def go_to(
     BenchError
         The drive doesn't obey, which is an alarm.
     """
+    check_set_point(context.state, side, quantity, target)
     commands, drive = context.commands.side(side), context.drivers.drives[side]
-    described = context.description.module(side).drive
     tell: Callable[[float, float], None]
     if quantity == "torque":
-        check_torque(context.state, side, target)
-        before, fastest = commands.torque_nm, described.torque_rate_nm_per_s
         tell, unit = drive.command_torque, "N·m"
     else:
-        check_speed(context.state, side, target)
-        before, fastest = commands.speed_rad_s, described.speed_rate_rad_per_s2
         tell, unit = drive.command_speed, "rad/s"
-    rate = min(rate, fastest)
+    before = commands.value(quantity)
+    rate = min(rate, context.description.module(side).drive.rate(quantity))
     commands.ask(quantity, target, rate, context.clock.now())
     if commands.enabled:
         await context.tell_drive(

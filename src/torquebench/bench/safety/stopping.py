@@ -18,7 +18,6 @@ from torquebench.bench.roles import SIDES, Side, reference_channel, torque_chann
 from torquebench.bench.safety.drives import DriveWorker
 from torquebench.bench.samples import AcquiredBlock
 from torquebench.message import Message
-from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["PRESS_STOP", "Deadline", "ReadBack", "Remaining", "Stage", "said"]
 
@@ -134,12 +133,7 @@ class ReadBack:
         read_s, torque_nm = self._torque.get(side, (-math.inf, math.nan))
         if read_s <= since_s:
             return math.nan
-        return 0.0 if abs(torque_nm) <= self.unloaded_nm(side) else torque_nm
-
-    def unloaded_nm(self, side: Side) -> float:
-        """Torque below which a side is treated as unloaded, N·m."""
-        share = self._description.safety.unloaded_percent / 100.0
-        return share * self._description.module(side).range_nm
+        return 0.0 if abs(torque_nm) <= self._description.unloaded_nm(side) else torque_nm
 
     def at_zero(self, since_s: float, since: float) -> bool:
         """Whether every drive is off or at zero set points, and no torque is read.
@@ -158,11 +152,9 @@ class ReadBack:
         state = self._workers[side].read(since)
         if state is None:
             return False
-        module = self._description.module(side)
-        speed_rpm = (state.speed_rad_s or 0.0) * RPM_PER_RAD_S
         return not state.enabled or (
-            abs(state.torque_nm or 0.0) <= NO_SET_POINT * module.range_nm
-            and abs(speed_rpm) <= self._description.safety.standstill_rpm
+            abs(state.torque_nm or 0.0) <= NO_SET_POINT * self._description.module(side).range_nm
+            and self._description.safety.at_standstill(state.speed_rad_s or 0.0)
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
@@ -185,7 +177,7 @@ class ReadBack:
     def allowed(self) -> str:
         """Describe the safe state."""
         limits = Message.joined(
-            Message("{value:g} N·m at the {side}", self.unloaded_nm(side), side)
+            Message("{value:g} N·m at the {side}", self._description.unloaded_nm(side), side)
             for side in self._workers
         )
         return Message("no power, and torque of at most {limits}", limits)

@@ -16,7 +16,10 @@ from torquebench.uncertainty import Distribution
 __all__ = ["Rotation"]
 
 STANDSTILL_RPM = 0.5
-"""Speeds below this are noise of the encoder."""
+"""Speeds up to this are noise of the encoder: readings count as taken at standstill.
+
+Whether a side of the bench stands is `SafetyDescription.at_standstill`.
+"""
 
 
 @register("rotation")

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.chain.acceleration import AccelerationBySpeed
+from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.readings import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -28,7 +29,6 @@ SAME_K = 2.0
 """Points whose temperatures spread less than this were measured at one temperature."""
 
 _FEWEST_ROWS = 20
-_STILL_RPM = 0.5
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,7 +204,7 @@ def _counted_from(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
 
 def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np.bool_]:
     """Return the points at standstill, if any, and at the temperature of most of them."""
-    still = np.abs(speed_rpm) <= _STILL_RPM
+    still = np.abs(speed_rpm) <= STANDSTILL_RPM
     usual = still if still.any() else np.ones(still.size, dtype=bool)
     ordered = np.sort(temperature_c[usual])
     above, below = (

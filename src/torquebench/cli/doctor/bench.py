@@ -218,16 +218,16 @@ def _encoders(station: Station) -> Iterator[Finding]:
     for side in SIDES:
         what = f"{side} encoder"
         try:
-            rpm = station.acquisition.speed_rad_s(side) * RPM_PER_RAD_S
+            speed_rad_s = station.acquisition.speed_rad_s(side)
             degrees = math.degrees(station.acquisition.angle_rad(side))
         except TorquebenchError as error:
             yield _problem(what, error)
             continue
-        limit = station.description.safety.standstill_rpm
-        if abs(rpm) > limit:
-            yield Finding(what, "problem", f"turns with {rpm:.2f} rpm", "bring the side to rest")
-        else:
+        if station.description.safety.at_standstill(speed_rad_s):
             yield Finding(what, "ok", f"{degrees:.3f}°, at rest")
+        else:
+            turns = f"turns with {speed_rad_s * RPM_PER_RAD_S:.2f} rpm"
+            yield Finding(what, "problem", turns, "bring the side to rest")
 
 
 def _temperatures(station: Station) -> Iterator[Finding]:

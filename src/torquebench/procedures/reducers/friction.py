@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
-from torquebench.errors import InputError, LimitError
+from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
@@ -172,13 +172,6 @@ def friction_sweep(
         Before anything moves, where a speed exceeds the drive's limit.
     """
     settings = settings or FrictionSettings()
-    limit_rpm = devices.context.description.module("input").limits.speed_rpm
-    if settings.speeds_rpm[-1] > limit_rpm * (1 + 1e-9):
-        raise LimitError(
-            Message("a sweep to {value:g} rpm", settings.speeds_rpm[-1]),
-            Message("at most {limit:.6g} rpm at the input", limit_rpm),
-            "lower the speeds or raise the limit of the bench description",
-        )
     points = list(settings.points())
     rows: list[Mapping[str, Any]] = []
     transducer = devices.context.description.module("input").transducer

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,6 @@ from torquebench.procedures.guarding import guarded, loading_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep, take
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
-    TURN_RPM,
     ReducerLimits,
     angle_rad,
     run_metadata,
@@ -255,8 +255,8 @@ def _turn_to(
         left = output_deg - turned
         if abs(left * limits.ratio) < PHASE_DEG:
             return
-        slow_rpm = abs(left * limits.ratio) / 6.0 / seconds if seconds else TURN_RPM
-        yield from turn_output(devices, limits, left, speed_rpm=min(slow_rpm, TURN_RPM))
+        slow_rpm = abs(left * limits.ratio) / 6.0 / seconds if seconds else inf
+        yield from turn_output(devices, limits, left, speed_rpm=slow_rpm)
         if present is None:
             return
         seconds = 4.0

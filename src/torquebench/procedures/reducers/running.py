@@ -18,7 +18,6 @@ from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
-    TURN_RPM,
     ReducerLimits,
     WarmUp,
     run_metadata,
@@ -211,7 +210,7 @@ def no_load_running(
 def _fastest(limits: ReducerLimits, warm: WarmUp, speeds_rpm: Sequence[float]) -> float:
     """Return the fastest input speed of a test, 1/min."""
     warming = min(warm.speed_rpm, limits.largest_input_rpm) if warm.longest_s else 0.0
-    return max(*speeds_rpm, warming, TURN_RPM)
+    return max(*speeds_rpm, warming, limits.turning_rpm)
 
 
 def _start(devices: BenchDevices, limits: ReducerLimits, warm: WarmUp) -> Plan[None]:

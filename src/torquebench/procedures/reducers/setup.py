@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
+from math import inf
 from typing import Any
 
 import numpy as np
@@ -23,7 +24,6 @@ from torquebench.units import RAD_S_PER_RPM
 __all__ = [
     "GENTLE_RPM_PER_S",
     "REDUCER_SETUP",
-    "TURN_RPM",
     "ReducerLimits",
     "WarmUp",
     "check_followed",
@@ -41,7 +41,7 @@ REDUCER_PROBE = "reducer"
 SPEED_TOLERANCE = 0.02
 """Largest relative deviation of a drive's speed before it counts as saturated."""
 TURN_RPM = 300.0
-"""Largest input speed while the output is turned to another position, 1/min."""
+"""Input speed while the output is turned to another position, if the reducer allows it, 1/min."""
 GENTLE_RPM_PER_S = 300.0
 """Rate of the input's speed between small torques, (1/min)/s. A faster change would load the
 transducer with the shafts' inertia, and its parts would re-seat.
@@ -94,6 +94,11 @@ class ReducerLimits:
                 ),
                 "check the reducer's description",
             )
+
+    @property
+    def turning_rpm(self) -> float:
+        """Largest input speed while the output is turned to another position, 1/min."""
+        return min(TURN_RPM, self.largest_input_rpm)
 
     def check_output_torque(self, torque_nm: float) -> None:
         """Refuse more torque at the output than the data sheet allows.
@@ -290,7 +295,7 @@ def angle_rad(devices: BenchDevices, side: Side) -> Plan[float | None]:
 
 
 def turn_output(
-    devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = TURN_RPM
+    devices: BenchDevices, limits: ReducerLimits, output_deg: float, *, speed_rpm: float = inf
 ) -> Plan[None]:
     """Turn the output by an angle through the reducer, and check that it turns by its ratio.
 
@@ -308,7 +313,7 @@ def turn_output(
     axis = devices.input.drive.speed
     rate = devices.context.description.input.drive.speed_rate_rad_per_s2
     path = np.radians(abs(output_deg)) * abs(limits.ratio)
-    speed = min(speed_rpm, limits.largest_input_rpm) * RAD_S_PER_RPM
+    speed = min(speed_rpm, limits.turning_rpm) * RAD_S_PER_RPM
     speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
     yield from power_on(devices, "input")
     yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))

@@ -17,7 +17,6 @@ from torquebench.procedures.guarding import turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
-    TURN_RPM,
     ReducerLimits,
     run_metadata,
     stamp,
@@ -165,7 +164,7 @@ def transmission_error(
             temperature.append((yield from temperature_c(devices)))
         yield from progress(len(signs) * chunks, len(signs) * chunks, "done")
 
-    limits_of_speed = turning_limits(devices, "input", max(input_rpm, TURN_RPM))
+    limits_of_speed = turning_limits(devices, "input", max(input_rpm, limits.turning_rpm))
     yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, limits_of_speed)
     description = devices.context.description
     certificates = encoder_certificates(description, devices.context.drivers.encoder_certificates)

@@ -11,7 +11,7 @@ import numpy as np
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
-from torquebench.errors import BenchError, LimitError
+from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.procedures.calibrating import calibration_of_rows
 from torquebench.procedures.guarding import StepLimits, loading_limits, turning_limits
@@ -71,11 +71,6 @@ def calibrate_turning(
     module = devices.context.description.module(side)
     points = profile.points(side, module.range_nm)
     largest = max(abs(point.torque_nm) for point in points)
-    if largest > module.limits.torque_nm:
-        raise LimitError(
-            Message("{value:g} N·m at the {side}", largest, side),
-            Message("at most {limit:g}", module.limits.torque_nm),
-        )
     todo = [point for point in points if point.series > series_done]
     top, table = profile.top_rpm(side), _Table()
     metadata = {

@@ -129,11 +129,7 @@ def step_torques(
     module = devices.context.description.module(side)
     legs, series = profile.torque_legs(module.range_nm), profile.series()
     largest = profile.largest_share * module.range_nm
-    if largest > module.limits.torque_nm:
-        raise LimitError(
-            Message("{value:g} N·m at the {side}", largest, side),
-            Message("at most {limit:g}", module.limits.torque_nm),
-        )
+    limits = loading_limits(devices, side, largest)
     check_drive(devices, side, profile)
     total = series * len(legs)
     metadata = {**run_metadata(devices, side, profile, total), "plan_name": "step_torques"}
@@ -153,7 +149,6 @@ def step_torques(
         yield from progress(total, total, "done")
 
     setup = Setup("calibration", side, "calibrator", "locked")
-    limits = loading_limits(devices, side, largest)
     yield from measured_in(setup, devices, measured(), metadata, limits)
     return table
 

@@ -93,9 +93,9 @@ def test_a_tightened_torque_is_refused_before_it_is_commanded(bench: LowBench) -
     bench.load_output(0.0)
     bench.supervisor.limits.tighten(StepLimits("output", torque_nm=100.0))
     with pytest.raises(LimitError, match="±100 N·m"):
-        interlocks.check_torque(bench.state, "output", 150.0)
+        interlocks.check_set_point(bench.state, "output", "torque", 150.0)
     bench.supervisor.limits.loosen()
-    interlocks.check_torque(bench.state, "output", 150.0)
+    interlocks.check_set_point(bench.state, "output", "torque", 150.0)
 
 
 def test_a_module_that_disagrees_with_the_standard_stops_the_bench(bench: LowBench) -> None:

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import Field
 
 from torquebench.bench.description import StandardDescription
+from torquebench.bench.interlocks import check_torque_limit
 from torquebench.bench.roles import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import (
@@ -45,7 +46,7 @@ from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.chain import load_chain
 from torquebench.compensation import RECOMMENDED
-from torquebench.errors import InputError, LimitError, RecordError
+from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.panel.comparing import compare_points
 from torquebench.panel.run_in_process import run_in_process
@@ -220,14 +221,8 @@ def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
     _choices(request.models, request.network)
     module = place.station.description.module(request.side)
     profile = _calibration_profile(place, request)
-    steps = profile.staircase(module.range_nm, np.random.default_rng(0))
-    largest_nm = max((abs(step.target_nm) for step in steps), default=0.0)
-    if largest_nm > module.limits.torque_nm:
-        raise LimitError(
-            Message("{torque:g} N·m on the {side} module", largest_nm, request.side),
-            Message("at most {allowed:g} N·m", module.limits.torque_nm),
-            "calibrate a part of the range",
-        )
+    for step in profile.staircase(module.range_nm, np.random.default_rng(0)):
+        check_torque_limit(request.side, step.target_nm, module.limits.torque_nm)
 
 
 def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:
