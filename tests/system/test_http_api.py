@@ -141,7 +141,7 @@ def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) 
     view = _wait(lambda: (found := chief.get(f"/jobs/{job}").json())["finished"] and found)
     assert view["state"] == "failed"
     assert "smoke, by plant (client)" in view["problem"]["found"]
-    (alarm,) = chief.get("/alarms", params={"standing": True}).json()
+    (alarm,) = chief.get("/alarms", params={"active": True}).json()
     assert alarm["level"] == "critical"
     refused = olga.post("/start/zero", json={})
     assert refused.status_code == 503
@@ -169,7 +169,7 @@ def test_a_stop_waits_for_no_other_request(
     for thread in crowd:
         thread.join()
     assert any(moment > stopped for moment in done), "the stop came after all of them"
-    assert admin.get("/alarms", params={"standing": True}).json()
+    assert admin.get("/alarms", params={"active": True}).json()
 
 
 def test_a_job_is_paused_resumed_and_aborted(people: dict[str, httpx.Client]) -> None:
@@ -278,7 +278,7 @@ def test_foreign_pages_hosts_and_large_bodies_are_refused(
     assert rebound.status_code == 403
     large = admin.post("/stop", content=b"x" * 2_000_000)
     assert large.status_code == 413
-    assert admin.get("/alarms", params={"standing": True}).json() == []
+    assert admin.get("/alarms", params={"active": True}).json() == []
 
 
 def test_answers_carry_security_headers(server: Server, admin: httpx.Client) -> None:

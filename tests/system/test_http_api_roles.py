@@ -117,4 +117,4 @@ def test_who_may_not_changes_nothing(server: Server, people: dict[str, httpx.Cli
     assert {each["name"] for each in chief.get("/users").json()} == {"Admin", "Olga", "Max"}
     assert {each["created_by"] for each in chief.get("/clients").json()} <= {"Admin"}
     assert chief.get("/changes").json() == []
-    assert chief.get("/alarms", params={"standing": True}).json() == []
+    assert chief.get("/alarms", params={"active": True}).json() == []

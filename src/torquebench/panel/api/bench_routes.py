@@ -4,14 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import math
-from typing import Annotated, Any, Literal
+from dataclasses import dataclass, fields
+from typing import Annotated, Any
 
 import numpy as np
 from fastapi import APIRouter, Path, Query, Response
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, StringConstraints
+from pydantic import StringConstraints
 
 from torquebench.bench.roles import Side
+from torquebench.chain import EffectState
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import (
     AcknowledgeBody,
@@ -27,11 +29,11 @@ from torquebench.panel.service import (
     SIGNALS,
     AlarmView,
     BenchService,
-    CompensationState,
     LeaseState,
     LiveTrend,
     StopReport,
 )
+from torquebench.panel.service.live.snapshot import BenchSummary, SideSummary
 
 __all__ = ["finite_list", "live_document", "router"]
 
@@ -48,50 +50,11 @@ SignalNames = Annotated[
 ]
 
 
-class SideState(BaseModel):
-    """One side: its limits and its compensation; readings are in `signals`."""
+@dataclass(frozen=True, kw_only=True)
+class BenchView(BenchSummary):
+    """The bench right now; readings are in `signals`."""
 
-    model_config = ConfigDict(from_attributes=True)
-
-    side: Side
-    range_nm: float
-    limit_nm: float
-    limit_rpm: float
-    transducer_serial: str
-    compensation: CompensationState | None
-    compensation_problem: str
-
-
-class EffectView(BaseModel):
-    """One part of a side's torque and of its budget, at the newest window."""
-
-    model_config = ConfigDict(from_attributes=True)
-
-    name: str
-    record: str
-    contribution_nm: float | None
-    uncertainty_nm: float | None
-    state: Literal["holds", "outside", "unmeasured", "off", "missing"]
-    detail: str
-    switch: str
-
-
-class BenchState(BaseModel):
-    """The bench right now."""
-
-    bench_name: str
-    simulated: bool
-    connection: str
-    connection_problem: str
-    bench_time_s: float
-    age_s: float
-    sequence: int
-    mounted: str
-    stopped: bool
-    alarms: int
-    job_id: str | None
-    commanded_by: str | None
-    sides: list[SideState]
+    sides: list[SideSummary]
     signals: list[SignalValue]
 
 
@@ -116,11 +79,12 @@ def _signals(service: BenchService) -> list[SignalValue]:
 
 
 @router.get("/bench")
-def bench(service: Watched) -> BenchState:
+def bench(service: Watched) -> BenchView:
     """Return the bench right now: connection, both sides, every signal's newest number."""
-    found = service.snapshot()
-    listed = {"sides": list(found.sides.values()), "signals": _signals(service)}
-    return BenchState.model_validate(vars(found) | listed)
+    snapshot = service.snapshot()
+    shared = {field.name: getattr(snapshot, field.name) for field in fields(BenchSummary)}
+    sides = list[SideSummary](snapshot.sides.values())
+    return BenchView(**shared, sides=sides, signals=_signals(service))
 
 
 def _lists(columns: Any) -> dict[str, list[float | None]]:
@@ -259,9 +223,9 @@ def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -
 
 
 @router.get("/sides/{side}/effects")
-def effects(service: Watched, side: Side) -> list[EffectView]:
+def effects(service: Watched, side: Side) -> list[EffectState]:
     """Return the state of every effect of a side's measuring chain at the newest window."""
-    return [EffectView.model_validate(each) for each in service.effects(side)]
+    return list(service.effects(side))
 
 
 @router.post("/sides/{side}/switches", status_code=204)

@@ -183,7 +183,7 @@ class _Calibrations:
                     str(each.calibration_id),
                     each.performed,
                     each.transducer_serial,
-                    profiles.get(each.profile, each.profile),
+                    profiles.get(each.profile_name, each.profile_name),
                     str(each.points),
                     "—" if each.due is None else each.due.isoformat(),
                     text(

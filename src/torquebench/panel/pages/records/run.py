@@ -132,7 +132,10 @@ class RunPanel:
             (text("records.started"), run.started),
             (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
             (text("records.operator"), run.operator or "—"),
-            (text("records.profile"), profiles.get(run.profile, text.core(run.profile)) or "—"),
+            (
+                text("records.profile"),
+                profiles.get(run.profile_name, text.core(run.profile_name)) or "—",
+            ),
             (text("run.bench"), text.core(run.bench) or "—"),
             (text("run.version"), run.software_version),
         ]

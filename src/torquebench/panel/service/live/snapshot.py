@@ -12,7 +12,15 @@ from torquebench.panel.service.live.hub import Connection, LatestValue, LiveHub
 from torquebench.records import Registry
 from torquebench.station import Station
 
-__all__ = ["BenchSnapshot", "BenchState", "CompensationState", "SideSnapshot", "compensation_state"]
+__all__ = [
+    "BenchSnapshot",
+    "BenchState",
+    "BenchSummary",
+    "CompensationState",
+    "SideSnapshot",
+    "SideSummary",
+    "compensation_state",
+]
 
 
 BenchState = Literal["stopped", "idle", "running", "paused"]
@@ -43,9 +51,9 @@ class CompensationState:
     valid: bool
 
 
-@dataclass(frozen=True)
-class SideSnapshot:
-    """Readings of one side.
+@dataclass(frozen=True, kw_only=True)
+class SideSummary:
+    """One side: its limits and its compensation.
 
     Parameters
     ----------
@@ -56,12 +64,6 @@ class SideSnapshot:
         None where the raw reading is all there is.
     compensation_problem : str
         Reason for a missing value, in words.
-    torque : LatestValue
-        Compensated where `compensation` is, else the raw reading, N·m.
-    uncertainty : LatestValue
-        Expanded (k = 2), N·m; without value where nothing is compensated.
-    raw, reference, speed, angle, temperature : LatestValue
-        N·m, N·m, rpm, °, °C.
     """
 
     side: Side
@@ -71,6 +73,22 @@ class SideSnapshot:
     transducer_serial: str
     compensation: CompensationState | None
     compensation_problem: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class SideSnapshot(SideSummary):
+    """One side with its readings.
+
+    Parameters
+    ----------
+    torque : LatestValue
+        Compensated where `compensation` is, else the raw reading, N·m.
+    uncertainty : LatestValue
+        Expanded (k = 2), N·m; without value where nothing is compensated.
+    raw, reference, speed, angle, temperature : LatestValue
+        N·m, N·m, rpm, °, °C.
+    """
+
     torque: LatestValue
     uncertainty: LatestValue
     raw: LatestValue
@@ -80,9 +98,9 @@ class SideSnapshot:
     temperature: LatestValue
 
 
-@dataclass(frozen=True)
-class BenchSnapshot:
-    """The bench right now.
+@dataclass(frozen=True, kw_only=True)
+class BenchSummary:
+    """The bench right now, without its sides.
 
     Parameters
     ----------
@@ -98,17 +116,12 @@ class BenchSnapshot:
         Of the live hub's newest row.
     mounted : str
         Between the flanges.
-    sides : mapping of side to SideSnapshot
-    efficiency : LatestValue
-        %; without value where it has no meaning.
     alarms : int
         Number of active alarms.
     stopped : bool
         Whether a critical alarm is latched: nothing moves until it is acknowledged.
     job_id : str or None
         The job under way.
-    paused : bool
-        Whether that job is paused.
     commanded_by : str or None
         Who holds the command lease.
     """
@@ -121,13 +134,28 @@ class BenchSnapshot:
     age_s: float
     sequence: int
     mounted: str
-    sides: Mapping[Side, SideSnapshot]
-    efficiency: LatestValue
     alarms: int
     stopped: bool
     job_id: str | None
-    paused: bool
     commanded_by: str | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class BenchSnapshot(BenchSummary):
+    """The bench right now.
+
+    Parameters
+    ----------
+    sides : mapping of side to SideSnapshot
+    efficiency : LatestValue
+        %; without value where it has no meaning.
+    paused : bool
+        Whether the job under way is paused.
+    """
+
+    sides: Mapping[Side, SideSnapshot]
+    efficiency: LatestValue
+    paused: bool
 
     @property
     def state(self) -> BenchState:
@@ -161,7 +189,7 @@ def side_snapshots(
 ) -> dict[Side, SideSnapshot]:
     """Return the readings of both sides."""
     values = live.latest()
-    found: dict[Side, SideSnapshot] = {}
+    sides: dict[Side, SideSnapshot] = {}
     for side in SIDES:
         module = station.description.module(side)
         state, problem = states[side]
@@ -169,7 +197,7 @@ def side_snapshots(
         if state is not None and state.due is not None:
             state = replace(state, valid=datetime.now(UTC).date() <= state.due)
         raw = values[f"{side}_raw_nm"]
-        found[side] = SideSnapshot(
+        sides[side] = SideSnapshot(
             side=side,
             range_nm=module.range_nm,
             limit_nm=module.limits.torque_nm,
@@ -185,4 +213,4 @@ def side_snapshots(
             angle=values[f"{side}_angle_deg"],
             temperature=values[f"{side}_temperature_c"],
         )
-    return found
+    return sides

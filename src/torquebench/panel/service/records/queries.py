@@ -32,6 +32,7 @@ from torquebench.panel.service.records.views import (
     RunView,
 )
 from torquebench.records import (
+    CalibrationEntry,
     CertificateEntry,
     Registry,
     RunFolder,
@@ -122,13 +123,14 @@ class RecordQueries:
         with self._registry.session() as session:
             counted = select(func.count()).select_from(query.order_by(None).subquery())
             total = int(session.scalar(counted) or 0)
-            found = [row.run_id for row in session.execute(query.limit(limit).offset(offset))]
-        doubts = doubts_of_runs(self._registry, found)
-        runs = tuple(
-            RunView.of(self._registry.run(run_id), doubts.get(run_id, ())) for run_id in found
-        )
+            run_ids = [row.run_id for row in session.execute(query.limit(limit).offset(offset))]
+        runs = self._doubted([self._registry.run(run_id) for run_id in run_ids])
         behind = clock_behind(self._registry)
         return RunPage(runs, total, offset, (behind,) if behind else ())
+
+    def _doubted(self, runs: Sequence[RunSummary]) -> tuple[RunView, ...]:
+        doubts = doubts_of_runs(self._registry, [run.run_id for run in runs])
+        return tuple(RunView(**vars(run), doubts=doubts.get(run.run_id, ())) for run in runs)
 
     def run(self, run_id: str, *, check: bool = True) -> RunDetail:
         """Return everything about one run.
@@ -146,22 +148,19 @@ class RecordQueries:
         RecordError
             Its folder is missing.
         """
-        summary = self._run(run_id)
-        folder = RunFolder.open(summary.folder)
+        (run,) = self._doubted([self._run(run_id)])
+        folder = RunFolder.open(run.folder)
         metadata = {
             key: value for key, value in folder.metadata.items() if key not in ("bench", "folder")
         }
         calibration = next(
-            (each for each in self._registry.calibrations() if each.run_id == summary.run_id), None
+            (entry for entry in self._registry.calibrations() if entry.run_id == run_id), None
         )
         changes: list[str] = []
-        if check and summary.finished is not None:
-            changes = folder_changes(summary.folder, summary.manifest_sha256)
+        if check and run.finished is not None:
+            changes = folder_changes(run.folder, run.manifest_sha256)
         return RunDetail(
-            replace(
-                RunView.of(summary, doubts_of_runs(self._registry, [run_id]).get(run_id, ())),
-                reason=folder.manifest["reason"] if folder.sealed else summary.reason,
-            ),
+            replace(run, reason=folder.manifest["reason"] if folder.sealed else run.reason),
             metadata,
             folder.results if folder.sealed else None,
             tuple(_tables(folder)),
@@ -259,10 +258,16 @@ class RecordQueries:
         self, transducer_serial: str | None = None, limit: int = 100
     ) -> list[CalibrationView]:
         """Return calibrations, the newest first."""
-        found = self._registry.calibrations(transducer_serial, limit=min(max(limit, 1), MOST_ROWS))
-        numbers = [entry.calibration_id for entry in found]
+        limit = min(max(limit, 1), MOST_ROWS)
+        return self._questioned(self._registry.calibrations(transducer_serial, limit=limit))
+
+    def _questioned(self, entries: Sequence[CalibrationEntry]) -> list[CalibrationView]:
+        numbers = [entry.calibration_id for entry in entries]
         doubts = doubts_of_calibrations(self._registry, numbers)
-        return [CalibrationView.of(each, doubts.get(each.calibration_id, ())) for each in found]
+        return [
+            CalibrationView(**vars(entry), doubts=doubts.get(entry.calibration_id, ()))
+            for entry in entries
+        ]
 
     def calibration(self, calibration_id: int) -> CalibrationDetail:
         """Return a calibration with its models, verifications and certificates.
@@ -284,12 +289,14 @@ class RecordQueries:
             for model in self.models(entry.transducer_serial)
             if model.calibration_id == calibration_id
         )
-        doubts = doubts_of_calibrations(self._registry, [calibration_id])
+        (calibration,) = self._questioned([entry])
         return CalibrationDetail(
-            CalibrationView.of(entry, doubts.get(calibration_id, ())),
+            calibration,
             models,
             tuple(
-                found for model in models for found in self._registry.verifications(model.model_id)
+                verification
+                for model in models
+                for verification in self._registry.verifications(model.model_id)
             ),
             tuple(self._registry.reviews("calibrations", calibration_id)),
             tuple(self._registry.certificates(calibration_id)),
@@ -302,10 +309,11 @@ class RecordQueries:
         models = self._registry.models(transducer_serial)
         for serial in {model.transducer_serial for model in models}:
             latest = {
-                each.counter_identity: each.model_id for each in self._registry.activations(serial)
+                activation.counter_identity: activation.model_id
+                for activation in self._registry.activations(serial)
             }
             active |= {number for number in latest.values() if number is not None}
-        return [ModelView.of(model, active=model.model_id in active) for model in models]
+        return [ModelView(**vars(model), active=model.model_id in active) for model in models]
 
     def model_file(self, model_id: int) -> tuple[bytes, str]:
         """Return a model's file, checked by its registered hash, and its name.
@@ -367,22 +375,19 @@ class RecordQueries:
         self, transducer_serial: str, tolerance_percent: float = 0.1
     ) -> tuple[DriftSeries, ...]:
         """Return span, zero and checks of a transducer over time, with control charts."""
-        known = {each.serial for each in self._registry.equipment("transducer")}
-        if transducer_serial not in known:
+        serials = self.transducers()
+        if transducer_serial not in serials:
             raise NotFoundError(
-                Message("no transducer {serial!r}", transducer_serial[:80]), ", ".join(known)
+                Message("no transducer {serial!r}", transducer_serial[:80]), ", ".join(serials)
             )
         models = self._registry.models(transducer_serial)
         return drift_of(
-            self._registry,
-            transducer_serial,
-            tolerance_percent=tolerance_percent,
-            models=models,
+            self._registry, transducer_serial, tolerance_percent=tolerance_percent, models=models
         )
 
     def transducers(self) -> list[str]:
         """Return the serial numbers of all registered transducers."""
-        return [each.serial for each in self._registry.equipment("transducer")]
+        return [entry.serial for entry in self._registry.equipment("transducer")]
 
     # -- certificates -----------------------------------------------------------------------
 

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
-from datetime import date, datetime
-from typing import Any
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, TypeAlias
+
+from pydantic import Field
 
 from torquebench.records import (
     Activation,
@@ -29,34 +31,18 @@ __all__ = [
 ]
 
 
-def _same_fields(view: Any, entry: object, **own: Any) -> dict[str, Any]:
-    """Return the values of a view's fields: its own, and an entry's of the same names."""
-    names = [each.name for each in fields(view) if each.name not in own]
-    return {name: getattr(entry, name) for name in names} | own
+ProfileName: TypeAlias = Annotated[str, Field(serialization_alias="profile")]
+Unsent: TypeAlias = Annotated[Path, Field(exclude=True)]
+"""A path of the server: no client may see it."""
 
 
 @dataclass(frozen=True)
-class RunView:
+class RunView(RunSummary):
     """One line of the list of runs; `doubts` lists implausible times."""
 
-    run_id: str
-    kind: str
-    side: str
-    operator: str
-    started: datetime
-    finished: datetime | None
-    status: str
-    reason: str
-    simulated: bool
-    profile: str
-    bench: str
-    software_version: str
-    doubts: tuple[str, ...]
-
-    @classmethod
-    def of(cls, run: RunSummary, doubts: tuple[str, ...] = ()) -> RunView:
-        """Omit the location of the run's files."""
-        return cls(**_same_fields(cls, run, profile=run.profile_name, doubts=doubts))
+    folder: Unsent
+    profile_name: ProfileName = ""
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -113,51 +99,19 @@ class RunDetail:
 
 
 @dataclass(frozen=True)
-class ModelView:
+class ModelView(ModelEntry):
     """A fitted model, and whether it is in use."""
 
-    model_id: int
-    calibration_id: int
-    kind: str
-    side: str
-    transducer_serial: str
-    counter_identity: str
-    range_nm: float
-    created: datetime
-    simulated: bool
-    metrics: Mapping[str, Any]
+    file: Unsent
     active: bool
-
-    @classmethod
-    def of(cls, model: ModelEntry, *, active: bool) -> ModelView:
-        """Omit the location of the model's file."""
-        return cls(**_same_fields(cls, model, metrics=dict(model.metrics), active=active))
 
 
 @dataclass(frozen=True)
-class CalibrationView:
+class CalibrationView(CalibrationEntry):
     """One line of the list of calibrations; `doubts` names an expired standard, wrong times."""
 
-    calibration_id: int
-    run_id: str | None
-    transducer_serial: str
-    counter_identity: str
-    standard_serial: str
-    performed: datetime
-    due: date | None
-    measured_by: str
-    profile: str
-    points: int
-    range_nm: float
-    simulated: bool
-    summary: Mapping[str, Any]
-    doubts: tuple[str, ...]
-
-    @classmethod
-    def of(cls, entry: CalibrationEntry, doubts: tuple[str, ...] = ()) -> CalibrationView:
-        """Leave out hashes and files."""
-        own = {"profile": entry.profile_name, "summary": dict(entry.summary), "doubts": doubts}
-        return cls(**_same_fields(cls, entry, **own))
+    profile_name: ProfileName
+    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
