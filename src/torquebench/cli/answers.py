@@ -15,6 +15,9 @@ from dataclasses import dataclass, field, fields
 from types import NoneType
 from typing import Any, get_args, get_type_hints
 
+from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.campaign.reducers.evaluations import EVALUATIONS
+
 __all__ = ["ANSWERS", "WITHOUT_ANSWER", "Record", "dataclass_of"]
 
 
@@ -532,24 +535,6 @@ _PLANT_QUESTIONS = (
     "compare",
     "reevaluate",
 )
-_REDUCER_TESTS = (
-    "starting",
-    "back-driving",
-    "transmission-error",
-    "hysteresis",
-    "no-load",
-    "efficiency",
-    "full",
-)
-_REDUCER_EVALUATIONS = (
-    "hysteresis",
-    "friction",
-    "no-load",
-    "breakaway",
-    "transmission-error",
-    "efficiency",
-)
-
 ANSWERS: dict[str, tuple[Record, ...]] = {
     "demo": (DEMO,),
     "calibrate": (CALIBRATED, PLANNED),
@@ -566,7 +551,7 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "papers": (PAPERS,),
     "in-place": (IN_PLACE,),
     "doctor": (DOCTOR,),
-    **{f"test {name}": (REDUCER_TEST, REDUCER_TEST_PLANNED) for name in _REDUCER_TESTS},
+    **{f"test {name}": (REDUCER_TEST, REDUCER_TEST_PLANNED) for name in TESTS},
     "test standard-reducer": (STANDARD_REDUCER,),
     "test compare": (COMPARED_SPECIMENS,),
     "mechanics additional-torque": (MECHANICS,),
@@ -599,7 +584,7 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "evaluate static": (EVALUATED_STATIC,),
     "evaluate dynamics": (EVALUATED_DYNAMICS,),
     "evaluate lubrication": (EVALUATED_LUBRICATION,),
-    **{f"evaluate {name}": (EVALUATED_REDUCER,) for name in _REDUCER_EVALUATIONS},
+    **{f"evaluate {name}": (EVALUATED_REDUCER,) for name in EVALUATIONS},
     "plant init": (PLANT_MADE,),
     "plant register": (PLANT_REGISTERED,),
     "plant add-reader": (PLANT_MADE,),

@@ -15,29 +15,21 @@ from torquebench.calibration import (
     Profile,
     StaticEvaluation,
 )
-from torquebench.campaign.reducers.catalogue import TESTS, TestName
-from torquebench.campaign.reducers.kinds.no_load import fitted_friction
 from torquebench.figures import (
     COLOURS,
     Curve,
     error_figure,
-    friction_figure,
     legend_above,
     new_figure,
     styled,
     svg_text,
 )
 from torquebench.reducers import (
-    BreakawayResult,
-    EfficiencyMap,
     FrictionResult,
-    HysteresisResult,
     LoopFeatures,
-    NoLoadResult,
     QuantityVerdict,
     ReducerDescription,
     ReducerResult,
-    TransmissionErrorResult,
 )
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducers.report import tables_of
@@ -68,6 +60,7 @@ def evaluation_page(
     result: ReducerResult | FrictionResult,
     judged: Sequence[QuantityVerdict],
     reducer: ReducerDescription | None,
+    figures: Sequence[tuple[str, str]],
 ) -> Page:
     """Return the report of a reducer test that was recorded elsewhere.
 
@@ -81,6 +74,8 @@ def evaluation_page(
     judged : sequence of QuantityVerdict
         Quantities with a limit in the data sheet.
     reducer : ReducerDescription or None
+    figures : sequence of (str, str)
+        Of the result: an ``<svg>`` element and its caption each.
     """
     facts = [("Table", source)]
     if reducer is not None:
@@ -105,35 +100,15 @@ def evaluation_page(
          each.estimate.unit, each.rule)
         for each in result.quantities()
     ]  # fmt: skip
+    drawn = (Figure(*each) for each in figures)
     return Page(
         title=f"Evaluation: {test}",
         subtitle=source,
         sections=[
             Section("Summary", "", blocks),
-            Section("Result", "", (*_figures(result), *tables_of(result, quantities))),
+            Section("Result", "", (*drawn, *tables_of(result, quantities))),
         ],
     )
-
-
-_TESTS: dict[type, TestName] = {
-    HysteresisResult: "hysteresis",
-    NoLoadResult: "no-load",
-    BreakawayResult: "starting",
-    TransmissionErrorResult: "transmission-error",
-    EfficiencyMap: "efficiency",
-}
-"""The test whose figure shows a result."""
-
-
-def _figures(result: ReducerResult | FrictionResult) -> tuple[Figure, ...]:
-    if isinstance(result, FrictionResult):
-        curve = result.curve
-        fitted = fitted_friction(result, float(np.max(np.abs(curve.speed_rpm))))
-        once = np.ones(curve.points.size)
-        figure = friction_figure(curve.speed_rpm, curve.torque_nm, once, fit=fitted)
-        return (Figure(figure, "Friction torque at each speed, and the fitted parts."),)
-    test = TESTS[_TESTS[type(result)]]
-    return tuple(Figure(*each) for each in test.work().figures(result))
 
 
 def open_loop_page(source: str, loop: LoopFeatures, why: str) -> Page:

@@ -8,6 +8,7 @@ import pytest
 from rich.console import Console
 
 from torquebench.calibration import summarise_errors
+from torquebench.campaign.reducers.evaluations import EVALUATIONS
 from torquebench.cli.reducers.evaluating import print_by_speed
 from torquebench.cli.tables import error_blocks, friction_blocks
 from torquebench.procedures import FrictionSweep
@@ -37,7 +38,8 @@ def loops(creep_arcmin: float = 0.0) -> tuple[np.ndarray, np.ndarray]:
 
 def test_loops_are_reported_with_their_figure(tmp_path: Path) -> None:
     result = evaluate_hysteresis(*loops(), SETTINGS)
-    page = evaluation_page("hysteresis", "loops.csv", result, (), None)
+    shown = EVALUATIONS["hysteresis"](rated_torque=400.0)
+    page = evaluation_page("hysteresis", "loops.csv", result, (), None, shown.figures(result))
     text = render_page(page)
     assert text.count("<svg") == 1
     assert "torsional stiffness" in text
@@ -57,7 +59,9 @@ def test_an_open_loop_names_its_gap_and_is_drawn() -> None:
 def test_friction_is_reported_with_its_figure() -> None:
     speed = np.array([100.0, 300.0, 500.0, 700.0, 1000.0] * 2)
     torque = 0.1 + 1e-4 * speed + 1e-3 * np.cos(np.arange(10.0) ** 2)
-    page = evaluation_page("friction", "f.csv", evaluate_friction(speed, torque), (), None)
+    result = evaluate_friction(speed, torque)
+    figures = EVALUATIONS["friction"]().figures(result)
+    page = evaluation_page("friction", "f.csv", result, (), None, figures)
     assert render_page(page).count("<svg") == 1
 
 

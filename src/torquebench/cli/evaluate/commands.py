@@ -10,16 +10,10 @@ import typer
 from rich.markup import escape
 from rich.text import Text
 
+from torquebench.campaign.reducers.evaluations import EVALUATIONS
 from torquebench.cli.evaluate.dynamics import dynamics
 from torquebench.cli.evaluate.lubrication import lubrication
-from torquebench.cli.evaluate.reducer import (
-    breakaway,
-    efficiency,
-    friction,
-    hysteresis,
-    no_load,
-    transmission_error,
-)
+from torquebench.cli.evaluate.reducer import evaluation_command
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -448,14 +442,7 @@ def _quantities(evaluation: StaticEvaluation) -> Any:
     return table
 
 
-for command in (
-    dynamics,
-    lubrication,
-    hysteresis,
-    friction,
-    no_load,
-    breakaway,
-    transmission_error,
-    efficiency,
-):
+for command in (dynamics, lubrication):
     app.command()(command)
+for name, evaluation in EVALUATIONS.items():
+    app.command(name)(evaluation_command(evaluation))
