@@ -11,9 +11,9 @@ from torquebench.errors import InputError, LimitError, TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.service.jobs.values import Problem
 from torquebench.panel.service.store import PanelStore
-from torquebench.panel.text.core import translated
 from torquebench.records import RunFolder
 from torquebench.records.files import json_text, read_json, revived, with_messages
+from torquebench.translations import translated
 
 NESTED = Message(
     "{found}: {reason}", Message("{side} speed", "input"), Message("at most {limit:g} rpm", 50.0)

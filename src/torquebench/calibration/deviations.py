@@ -1,7 +1,7 @@
 """Deviations of a calibration from its profile, each with the clause that it breaks."""
 
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from datetime import date, datetime
 from typing import Literal
 
@@ -43,7 +43,6 @@ DeviationKind = Literal[
 ]
 
 _WORDS = {1: "clockwise", -1: "counter-clockwise", 0: "through both directions"}
-_KEYS = {1: "clockwise", -1: "counter_clockwise", 0: "both_directions"}
 
 
 @dataclass(frozen=True)
@@ -103,10 +102,6 @@ class Deviation:
         With value and unit.
     consequence : {"refuse", "state"}
         Whether a certificate is refused or states the deviation.
-    key : str
-        Key of the sentence `found`, for translations.
-    values : mapping of str to str or number
-        Values in that sentence.
     """
 
     kind: DeviationKind
@@ -114,8 +109,6 @@ class Deviation:
     found: str
     allowed: str
     consequence: Consequence
-    key: str = ""
-    values: Mapping[str, str | float] = field(default_factory=dict)
 
     def __str__(self) -> str:
         return Message(
@@ -177,10 +170,6 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
                 Message(
                     "settled within another {settle_limit_s:g} s", profile.loading.settle_limit_s
                 ),
-                "unsettled",
-                count=record.unsettled,
-                points=len(record.data),
-                limit=profile.loading.settle_limit_s,
             )
         )
     found += [
@@ -188,10 +177,8 @@ def find_deviations(record: CalibrationRecord, profile: Profile) -> tuple[Deviat
             profile,
             "changed_record",
             "deviations.changed_record",
-            change,
+            Message("changed record: {change}", change),
             "no change",
-            "changed_record",
-            change=change,
         )
         for change in record.changes
     ]
@@ -292,12 +279,10 @@ def _deviation(
     clause: str,
     found: str,
     allowed: str,
-    key: str,
-    **values: str | float,
 ) -> Deviation:
     setting = "missing_series" if kind == "missing_step" else kind
     consequence: Consequence = getattr(profile.deviations, setting)
-    return Deviation(kind, clause, found, allowed, consequence, key, values)
+    return Deviation(kind, clause, found, allowed, consequence)
 
 
 def _expected(profile: Profile) -> Iterator[_Expected]:
@@ -326,16 +311,14 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
             "{words} at {position_deg:g}°", _WORDS[expected.sign], expected.position_deg
         )
         if not candidates:
-            shape = "increasing and decreasing" if expected.decreasing else "increasing"
             yield _deviation(
                 profile,
                 "missing_series",
                 expected.clause,
                 Message("no series {words}", words),
-                Message("a series of {count} torque", shape),
-                "missing_series_up_down" if expected.decreasing else "missing_series_up",
-                direction=_KEYS[expected.sign],
-                position=expected.position_deg,
+                "a series of increasing and decreasing torque"
+                if expected.decreasing
+                else "a series of increasing torque",
             )
             continue
         fitting = [each for each in candidates if each[1] == expected.decreasing]
@@ -352,10 +335,6 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                     words,
                 ),
                 "increasing and decreasing torque",
-                "no_decreasing",
-                series=int(data.series[member[0]]),
-                direction=_KEYS[expected.sign],
-                position=expected.position_deg,
             )
         yield from _missing_steps(data, profile, member, expected, decreasing)
 
@@ -402,12 +381,11 @@ def _missing_steps(
         for side, steps in wanted:
             present = sign * nominal[branch == side]
             gaps = [step for step in steps if not np.any(np.abs(present - step) <= tolerance)]
-            word = "up" if side > 0 else "down"
-            lacking += [f"{sign * step:.6g} N·m {word}" for step in gaps]
+            arrow = "↑" if side > 0 else "↓"
+            lacking += [minus_signs(f"{sign * step:.6g} N·m {arrow}") for step in gaps]
     if lacking:
         key = "steps_percent" if loading.steps_percent else "step_percent"
         more = Message(" and {count} more", len(lacking) - 4) if len(lacking) > 4 else ""
-        shown = minus_signs(", ".join(lacking[:4] + ["…"] * (len(lacking) > 4)))
         yield _deviation(
             profile,
             "missing_step",
@@ -419,10 +397,6 @@ def _missing_steps(
                 more,
             ),
             "every step in every series",
-            "missing_step",
-            series=int(data.series[member[0]]),
-            steps=shown.replace("up", "↑").replace("down", "↓"),
-            count=len(lacking),
         )
 
 
@@ -456,13 +430,6 @@ def _steps_off(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 more,
             ),
             Message("a deviation of at most {tolerance:g} {unit}", tolerance, unit),
-            "step_off_range" if of_range else "step_off",
-            series=int(number),
-            nominal=float(data.nominal_nm[worst]),
-            standard=float(data.standard_nm[worst]),
-            off=float(f"{off[worst]:.2g}"),
-            count=int(member.size),
-            limit=tolerance,
         )
 
 
@@ -478,8 +445,6 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                     "loading.zero_return",
                     Message("series {number} has no zero after it", number),
                     "a zero after every series",
-                    "zero_missing",
-                    series=int(number),
                 )
     if limit is None or not np.any(returned):
         return
@@ -499,11 +464,6 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                 share[worst],
             ),
             Message("at most {limit:g} % of full scale", limit),
-            "zero_return",
-            series=int(number),
-            zero=float(f"{data.reading_nm[worst]:.4g}"),
-            share=float(f"{share[worst]:.2g}"),
-            limit=limit,
         )
 
 
@@ -520,9 +480,6 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
                 "reference.in_date",
                 Message("the due date of the certificate of {name} isn't stated", name),
                 Message("a certificate that is valid on {performed}", performed.isoformat()),
-                "reference_unknown",
-                standard=name,
-                day=performed.isoformat(),
             )
     elif performed > reference.due:
         number = f" {reference.certificate_number}" if reference.certificate_number else ""
@@ -537,11 +494,6 @@ def _reference(record: CalibrationRecord, profile: Profile) -> Iterator[Deviatio
                 reference.due.isoformat(),
             ),
             Message("a certificate that is valid on {performed}", performed.isoformat()),
-            "reference_expired",
-            standard=name,
-            number=reference.certificate_number or "-",
-            due=reference.due.isoformat(),
-            day=performed.isoformat(),
         )
 
 
@@ -563,9 +515,4 @@ def _temperature(data: CalibrationData, profile: Profile) -> Iterator[Deviation]
                 high,
             ),
             Message("at most {limit:g} K", limit),
-            "temperature_drift",
-            drift=float(f"{drift:.2g}"),
-            low=round(low, 1),
-            high=round(high, 1),
-            limit=limit,
         )

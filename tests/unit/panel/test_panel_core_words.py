@@ -19,9 +19,8 @@ from torquebench.campaign.reducers.tests import TESTS
 from torquebench.compensation import MODELS
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.service import SIGNALS
-from torquebench.panel.text.core import core_templates, has_words, translated
 from torquebench.signals import SignalFaultKind
+from torquebench.translations import has_words, templates, translated
 
 ROOT = Path(torquebench.__file__).parent
 HOLE = re.compile(r"\{(\w+)\}")
@@ -116,15 +115,28 @@ def known(said: str) -> bool:
 
 
 def test_every_message_that_the_panel_can_show_has_a_translation() -> None:
-    templates = core_templates("zh")
+    known_ones = templates("zh")
     lacking = {
         said: path
         for path in trees()
         if not path.startswith(NOT_ON_THE_PANEL)
         for said in messages(path)
-        if has_words(said) and said not in templates
+        if has_words(said) and said not in known_ones
     }
     assert lacking == {}
+
+
+def test_every_deviation_has_its_german_sentence_for_certificates() -> None:
+    said = {
+        key(text)
+        for name, call in calls("calibration/deviations.py")
+        if name == "_deviation"
+        for node in ast.walk(call)
+        for text in constants(node)
+        if has_words(text) and " " in text
+    }
+    assert len(said) >= 18
+    assert [each for each in said if each not in templates("de")] == []
 
 
 def test_every_translated_message_is_in_the_source() -> None:
@@ -138,9 +150,14 @@ def test_every_translated_message_is_in_the_source() -> None:
     described = "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")
-        if "_zh" not in file.parent.name and "zh" not in file.stem
+        if file.parent.name not in ("zh", "de") and "zh" not in file.stem
     )
-    stale = [each for each in core_templates("zh") if each not in said and each not in described]
+    stale = [
+        each
+        for language in ("en", "de", "zh")
+        for each in templates(language)
+        if each not in said and each not in described
+    ]
     assert stale == []
 
 
@@ -192,8 +209,9 @@ def test_no_error_alarm_or_result_is_made_of_a_finished_sentence() -> None:
     assert wrong == []
 
 
-def test_no_template_is_translated_twice() -> None:
-    files = sorted((ROOT / "panel" / "text" / "core_zh").glob("*.toml"))
+@pytest.mark.parametrize("language", ["en", "de", "zh"])
+def test_no_template_is_translated_twice(language: str) -> None:
+    files = sorted((ROOT / "translations" / language).glob("*.toml"))
     sections = [
         section
         for file in files
@@ -240,15 +258,15 @@ def test_names_that_the_core_gives_are_said_in_chinese() -> None:
     profiles = (ROOT / "calibration" / "profiles").glob("*.toml")
     named += [load_profile(file.stem).title for file in profiles]
     named += [test.title for test in TESTS.values()]
-    named += [signal.title for signal in SIGNALS]
     assert [said for said in named if not known(said)] == []
 
 
-def test_a_translation_names_no_value_that_its_message_lacks() -> None:
+@pytest.mark.parametrize("language", ["de", "zh"])
+def test_a_translation_names_no_value_that_its_message_lacks(language: str) -> None:
     wrong = [
-        chinese
-        for english, chinese in core_templates("zh").items()
-        if not set(HOLE.findall(chinese)) <= set(HOLE.findall(english))
+        translation
+        for english, translation in templates(language).items()
+        if not set(HOLE.findall(translation)) <= set(HOLE.findall(english))
     ]
     assert wrong == []
 

@@ -8,7 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal, Protocol, get_args
 
-from torquebench.panel.text.core import translated
+from torquebench.translations import translated
 
 __all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
 

@@ -4,18 +4,19 @@ from collections.abc import Sequence
 from datetime import date
 from typing import Any
 
+from torquebench.message import Message
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
     BudgetRow,
     CertificateRecord,
     Conformity,
-    DeviationStatement,
     Party,
     ResultRow,
 )
 from torquebench.reports.certificate.static_content import static_content
+from torquebench.uncertainty import Verdict
 
-__all__ = ["certificate_content", "deviation_words", "not_in_u_words", "unreviewed_words"]
+__all__ = ["certificate_content", "chain_words", "not_in_u_words", "unreviewed_words"]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -80,12 +81,19 @@ def unreviewed_words(record: CertificateRecord, words: Labels) -> str:
 
 def not_in_u_words(record: CertificateRecord, words: Labels) -> str:
     """List the influences that U doesn't contain."""
-    return ", ".join(words[f"missing_{each}"] for each in record.not_in_u)
+    return ", ".join(words.said(name) for name in record.not_in_u)
+
+
+def chain_words(record: CertificateRecord, words: Labels) -> str:
+    """Name the measuring chain, with its side of the bench."""
+    side = record.item.side
+    return ", ".join(
+        [words["chain"], *([words.said(Message("{side} side", side))] if side else [])]
+    )
 
 
 def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str]]]:
     item, reference = record.item, record.reference
-    side = words.get(item.side)
     unknown = words["not_stated"]
     transducer = " ".join(part for part in (item.manufacturer, item.model) if part) or unknown
     traceability = [
@@ -107,7 +115,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         (
             words["item"],
             [
-                ", ".join(part for part in (words["chain"], side) if part),
+                chain_words(record, words),
                 f"{words['transducer']}: {transducer}, {words['serial']} {item.serial}",
                 f"{words['counter']}: {item.counter_identity}",
                 f"{words['bench']}: {item.bench or unknown}",
@@ -119,7 +127,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
             _method(record, words),
         ),
         (words["reference"], traceability),
-        *((label[words.language], [text]) for label, text in record.stated()),
+        *((words.said(label), [text]) for label, text in record.stated()),
         *([(words["not_in_u"], [not_in_u_words(record, words)])] if record.not_in_u else []),
         (words["environment"], [_environment(record, words)]),
         (words["date_calibration"], [_period(record)]),
@@ -175,7 +183,7 @@ def _conformity(record: CertificateRecord, words: Labels) -> dict[str, str] | No
         return None
     return {
         "title": words["conformity"],
-        "verdict": words[found.verdict.value],
+        "verdict": words.said(found.verdict.label),
         "tolerance": words[_word("conformity_text", record)].format(
             tolerance=words.short(found.tolerance_percent_fs),
             limit=words.short(found.tolerance_percent_fs / 100.0 * record.item.range_nm),
@@ -194,27 +202,18 @@ def _deciding(found: Conformity, words: Labels) -> str:
 
 
 def _counts(found: Conformity, words: Labels) -> str:
-    counted = [f"{words[verdict]} {count}" for verdict, count in found.counts.items() if count]
+    counted = [
+        f"{words.said(Verdict(verdict).label)} {count}"
+        for verdict, count in found.counts.items()
+        if count
+    ]
     mark = "，" if words.language == "zh" else ", "
     return mark.join(counted) + ("。" if words.language == "zh" else ".")
 
 
 def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
-    entries = [
-        f"{deviation_words(each, words)} ({words['clause']}: {each.clause})"
-        for each in record.deviations
-    ]
+    entries = [words.said(str(deviation)) for deviation in record.deviations]
     return entries or [words["deviations_none"]]
-
-
-def deviation_words(deviation: DeviationStatement, words: Labels) -> str:
-    """Return found and allowed of a deviation, translated if the language has the sentence."""
-    found, allowed = deviation.found, deviation.allowed
-    key = f"deviation_{deviation.key}"
-    if key in words:
-        found = words.filled(key, deviation.values)
-        allowed = words.filled(f"allowed_{deviation.key}", deviation.values)
-    return f"{found}; {words['allowed']}: {allowed}"
 
 
 def _verification(record: CertificateRecord, words: Labels) -> dict[str, str] | None:
@@ -246,7 +245,7 @@ def _verification_text(record: CertificateRecord, words: Labels) -> str:
 def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
     pair = [f"{words['error']}\nN·m", "U\nN·m"]
     compensated, judged = bool(record.compensation), record.conformity is not None
-    compensation = words.model(record.compensation_kind or record.compensation)
+    compensation = words.said(record.compensation)
     return {
         "title": words[_word("results", record)],
         "text": words[_word("results_text", record)].format(compensation=compensation),
@@ -276,7 +275,7 @@ def _row(row: ResultRow, words: Labels) -> list[str]:
             if row.error_after_nm is None or row.expanded_after_nm is None
             else words.pair(row.error_after_nm, row.expanded_after_nm)
         ),
-        *([] if row.verdict is None else [words[row.verdict.value]]),
+        *([] if row.verdict is None else [words.said(row.verdict.label)]),
     ]
 
 
@@ -316,8 +315,8 @@ def _lines(
         "header": [words["quantity"], words["distribution"], "u / N·m", "ν", words["share"]],
         "rows": [
             [
-                words[f"budget_{line.name}"],
-                words[line.distribution],
+                words.said(line.name),
+                words.said(line.distribution),
                 words.uncertainty(line.standard_uncertainty_nm),
                 _freedom(line.degrees_of_freedom, words),
                 f"{words.number(100.0 * line.share, 1)} %",

@@ -6,7 +6,7 @@ from functools import partial
 from xml.etree import ElementTree
 
 from torquebench.reports.certificate.content import (
-    deviation_words,
+    chain_words,
     not_in_u_words,
     unreviewed_words,
 )
@@ -157,8 +157,7 @@ class _Writer:
 
     def _item(self, parent: ElementTree.Element) -> None:
         item = self.record.item
-        keys = ("chain", item.side) if item.side else ("chain",)
-        self._words(parent, "name", *keys)
+        self._spoken(parent, "name", partial(chain_words, self.record))
         if item.manufacturer:
             self._text(_add(parent, "manufacturer"), "name", item.manufacturer)
         if item.model:
@@ -220,12 +219,10 @@ class _Writer:
             statement = _add(parent, "statement")
             self._words(statement, "name", "deviations")
             _add(statement, "reference", f"{record.method.name}: {each.clause}")
-            self._spoken(statement, "declaration", partial(deviation_words, each))
+            self._spoken(statement, "declaration", partial(Labels.said, message=str(each)))
         for label, text in record.stated():
             statement = _add(parent, "statement")
-            name = _add(statement, "name")
-            for language in self.words:
-                _add(name, "content", label[language]).set("lang", language)
+            self._words(statement, "name", label)
             self._text(statement, "declaration", text)
         self._static_statements(parent)
 
@@ -390,7 +387,7 @@ class _Writer:
 
 
 def _static_labels(table: StaticTable, record: CertificateRecord) -> tuple[str, ...]:
-    direction = "clockwise" if table.direction > 0 else "counter_clockwise"
+    direction = "clockwise" if table.direction > 0 else "counter-clockwise"
     if not record.compensation:
         return (direction,)
     return (direction, "after" if table.compensated else "before")
@@ -401,7 +398,7 @@ def _tables(rows: Sequence[ResultRow]) -> list[tuple[str, str, list[ResultRow]]]
     tables: dict[tuple[str, str], list[ResultRow]] = {}
     for row in rows:
         counter_clockwise = f"{row.torque_nm:g}".startswith("-")  # distinguishes -0.0, too
-        sign = "counter_clockwise" if counter_clockwise else "clockwise"
+        sign = "counter-clockwise" if counter_clockwise else "clockwise"
         branch = {1: "rising", -1: "falling"}.get(row.branch, "branch_unknown")
         tables.setdefault((sign, branch), []).append(row)
     return [(sign, branch, found) for (sign, branch), found in tables.items()]

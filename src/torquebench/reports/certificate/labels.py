@@ -1,12 +1,16 @@
-"""Texts of a certificate in its languages, and their number formats."""
+"""Texts of a certificate in its languages, and their number formats.
+
+`labels.toml` holds the headings and sentences of the layout; terms and messages of the core are
+translated by `torquebench.translations`.
+"""
 
 import tomllib
-from collections.abc import Iterator, Mapping
 from functools import cache
 from importlib import resources
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.translations import translated
 from torquebench.uncertainty import rounded
 from torquebench.units import minus_signs
 
@@ -32,45 +36,18 @@ class Labels:
         self._words = words
 
     def __getitem__(self, key: str) -> str:
-        return self._words[key]
+        """Return the text of a key of the layout, otherwise the term of the core."""
+        return self._words.get(key) or self.said(key)
 
-    def get(self, key: str) -> str:
-        """Return the word for a key, or the key itself if there is none."""
-        return self._words.get(key, key)
-
-    def filled(self, key: str, values: Mapping[str, str | float]) -> str:
-        """Return the sentence of a key with its values: numbers and words in this language.
+    def said(self, message: str) -> str:
+        """Return a message, term or short name of the core in this language.
 
         Examples
         --------
-        >>> labels_of("de").filled("deviation_no_decreasing", {
-        ...     "series": 2, "direction": "clockwise", "position": 120.0})
-        'Reihe 2 Rechtsdrehmoment bei 120° hat kein fallendes Drehmoment'
+        >>> labels_of("de").said(Message("at most {limit:g} K", 1.5))
+        'höchstens 1,5 K'
         """
-        shown = {
-            name: self.get(value) if isinstance(value, str) else self.short(value)
-            for name, value in values.items()
-        }
-        return self._words[key].format(**shown)
-
-    def __contains__(self, key: str) -> bool:
-        return key in self._words
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._words)
-
-    def model(self, kind: str) -> str:
-        """Return a kind of compensation model in words; the kind itself if it is unknown.
-
-        Examples
-        --------
-        >>> labels_of("de").model("polynomial-2")
-        'Polynom 2. Grades'
-        """
-        stem, _, degree = kind.rpartition("-")
-        if stem == "polynomial":
-            return self._words["model_polynomial"].format(degree=degree)
-        return self._words.get(f"model_{kind}", kind)
+        return translated(message, self.language, self._marked)
 
     def number(self, value: float, decimals: int) -> str:
         """Return a number with a real minus sign and the language's decimal mark."""

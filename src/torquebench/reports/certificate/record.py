@@ -10,6 +10,7 @@ from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
+from torquebench.records.files import revived, with_messages
 from torquebench.records.registry.entries import sha256_of_record
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
@@ -35,16 +36,16 @@ __all__ = [
 PAYLOAD_PREFIX = "torquebench-certificate"
 """Beginning of the QR code's text, before number and hash."""
 
-RECORD_FORMAT = 2
+RECORD_FORMAT = 3
 
 
-def stated(en: str, de: str, zh: str, default: Any = MISSING) -> Any:
+def stated(label: str, default: Any = MISSING) -> Any:
     """Declare a field that every form of the certificate states by itself, with its label.
 
     The PDF shows it among its facts, the digital certificate as a statement; empty ones aren't
     shown.
     """
-    return field(default=default, metadata={"label": {"en": en, "de": de, "zh": zh}})
+    return field(default=default, metadata={"label": label})
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,7 @@ class Method:
     points: int
     unsettled: int
     placement: tuple[int, int, int] | None = None
-    table: str = stated(
-        "Points read from the table", "Punkte aus der Tabelle", "测量点读自表格", default=""
-    )
+    table: str = stated("Points read from the table", default="")
 
 
 @dataclass(frozen=True)
@@ -214,7 +213,6 @@ class BudgetRow:
     Parameters
     ----------
     name : str
-        Key of the contribution's label.
     distribution : str
     standard_uncertainty_nm : float
         In N·m; all sensitivity coefficients are 1.
@@ -305,16 +303,16 @@ class VerificationSummary:
 
 @dataclass(frozen=True)
 class DeviationStatement:
-    """One deviation from the profile that the certificate carries.
-
-    `key` and `values` say the same as `found` and `allowed`, for other languages.
-    """
+    """One deviation from the profile that the certificate carries."""
 
     clause: str
     found: str
     allowed: str
-    key: str = ""
-    values: Mapping[str, str | float] = field(default_factory=dict)
+
+    def __str__(self) -> str:
+        return Message(
+            "{found}; allowed: {allowed} (clause {clause})", self.found, self.allowed, self.clause
+        )
 
 
 @dataclass(frozen=True)
@@ -413,8 +411,6 @@ class CertificateRecord:
         Lowest and highest temperature of the calibration in °C.
     compensation : str
         The model whose results are stated as "after compensation"; empty where there is none.
-    compensation_kind : str
-        Its kind, for other languages, such as ``"polynomial-2"``.
     results : tuple of ResultRow
         In rising order of torque, increasing before decreasing.
     budget, budget_step, budget_freedom
@@ -477,24 +473,16 @@ class CertificateRecord:
     files: Mapping[str, str]
     registry_head: str
     supersedes: str = ""
-    compensation_kind: str = ""
     static: tuple[StaticTable, ...] = ()
     zero_hysteresis: ZeroHysteresisStatement | None = None
     unreviewed: tuple[str, ...] = ()
-    coaxiality: str = stated("Coaxiality found", "Gefundene Koaxialität", "实测同轴度", default="")
-    clamp_pressure: str = stated("Clamp pressure", "Spanndruck", "夹紧压力", default="")
-    mounting_time: str = stated("Time to mount", "Dauer des Einbaus", "安装用时", default="")
-    lubrication: str = stated("Lubrication", "Schmierung", "润滑", default="")
-    mounted_by: str = stated("Mounted by", "Eingebaut von", "安装人", default="")
-    loading_accuracy: str = stated(
-        "Loading accuracy", "Genauigkeit der Belastung", "加载精度", default=""
-    )
-    turning: str = stated(
-        "While it turns, the compensation holds for",
-        "Bei Drehung gilt die Kompensation für",
-        "转动时补偿的适用范围",
-        default="",
-    )
+    coaxiality: str = stated("Coaxiality found", default="")
+    clamp_pressure: str = stated("Clamp pressure", default="")
+    mounting_time: str = stated("Time to mount", default="")
+    lubrication: str = stated("Lubrication", default="")
+    mounted_by: str = stated("Mounted by", default="")
+    loading_accuracy: str = stated("Loading accuracy", default="")
+    turning: str = stated("While it turns, the compensation holds for", default="")
     turning_budget: TurningBudget | None = None
     not_in_u: tuple[str, ...] = ()
     format: int = field(default=RECORD_FORMAT)
@@ -502,10 +490,10 @@ class CertificateRecord:
     @property
     def sha256(self) -> str:
         """SHA-256 of the record's content, which the QR code carries."""
-        return sha256_of_record(json.loads(json_text(self)))
+        return sha256_of_record(json.loads(json_text(with_messages(self))))
 
-    def stated(self) -> Iterator[tuple[Mapping[str, str], str]]:
-        """Yield label, by language, and text of every field that is stated by itself."""
+    def stated(self) -> Iterator[tuple[str, str]]:
+        """Yield label and text of every field that is stated by itself."""
         for part in (self.item, self.method, self.reference, self):
             for each in fields(part):
                 value = getattr(part, each.name)
@@ -519,7 +507,7 @@ class CertificateRecord:
 
     def to_json(self) -> str:
         """Return the record as indented JSON, from which the same certificate is written again."""
-        return json_text(self, indent=2) + "\n"
+        return json_text(with_messages(self), indent=2) + "\n"
 
     @classmethod
     def from_json(cls, text: str) -> Self:
@@ -531,7 +519,7 @@ class CertificateRecord:
             Where the text isn't such a record.
         """
         try:
-            record = _restored(cls, json.loads(text))
+            record = _restored(cls, revived(json.loads(text)))
         except (ValueError, KeyError, TypeError) as error:
             raise RecordError(
                 Message("a certificate's record that can't be read ({error})", error),

@@ -46,7 +46,7 @@ def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] |
 
 def _table(table: StaticTable, record: CertificateRecord, words: Labels) -> dict[str, Any]:
     side = words["after" if table.compensated else "before"] if record.compensation else ""
-    direction = words["clockwise" if table.direction > 0 else "counter_clockwise"]
+    direction = words["clockwise" if table.direction > 0 else "counter-clockwise"]
     return {
         "title": ", ".join(part for part in (direction, side) if part),
         "rows": _rows(table, words),

@@ -101,11 +101,13 @@ def errors_svg(record: CertificateRecord, language: str) -> str:
     words = labels_of(language)
     torque = np.array([row.torque_nm for row in record.results])
     before = np.array([row.error_before_nm for row in record.results])
-    label = words["figure_before" if record.compensation else "figure_only"]
-    curves = [Curve(label, torque, before, raw=True)]
+    # The font of the figure has no Chinese characters.
+    names = ("①", "②") if language == "zh" else (words["before"], words["after"])
+    name = names[0] if record.compensation or language == "zh" else words["error"]
+    curves = [Curve(name, torque, before, raw=True)]
     if record.compensation:
         after = np.array([row.error_after_nm for row in record.results], dtype=np.float64)
-        curves.append(Curve(words["figure_after"], torque, after))
+        curves.append(Curve(names[1], torque, after))
     conformity = record.conformity
     return error_figure(
         curves,

@@ -20,7 +20,6 @@ from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE, states_reference
 from torquebench.records.tables.formats import ENDINGS
-from torquebench.reports.certificate.labels import labels_of
 
 __all__ = ["TableEntry", "all_profile_titles", "profile_titles"]
 
@@ -249,16 +248,10 @@ class TableEntry:
         )
         if view.simulated:
             note(text("external.simulated"), "warn")
-        labels = labels_of(text.language)
         if view.deviations:
             kind = "warn" if view.certifiable else "bad"
             title = text("external.deviations" if view.certifiable else "external.not_certifiable")
-            found = [
-                labels.filled(key, each.values)
-                if (key := f"deviation_{each.key}") in labels
-                else text.core(each.found)
-                for each in view.deviations
-            ]
+            found = [text.core(deviation.found) for deviation in view.deviations]
             with note("", kind, title=title), box("ul"):
                 for said in found[:SHOWN_DEVIATIONS]:
                     words("li", said)
