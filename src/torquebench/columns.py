@@ -9,12 +9,16 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Literal, cast
 
 from torquebench.chain.readings import QUANTITIES
 from torquebench.message import Message
 from torquebench.units import unit_of_name
 
 __all__ = ["COLUMNS", "Column", "column_of", "short_names"]
+
+
+Side = Literal["", "input", "output"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +40,7 @@ class Column:
     name: str
     description: str
     note: str = ""
-    side: str = ""
+    side: Side = ""
 
     @property
     def unit(self) -> str:
@@ -68,6 +72,20 @@ class Column:
         words = [text for text in (self.description, self.note) if text]
         return {"unit": self.unit, "description": "; ".join(words)}
 
+    @property
+    def sentence(self) -> str:
+        """Title, unit and note, for people who read a file or use the API.
+
+        Examples
+        --------
+        >>> column_of("output_standard_nm").sentence, column_of("load").sentence
+        ('Output, torque of the standard, in N·m.', 'As its name says.')
+        """
+        said = self.title or "as its name says"
+        unit = "" if self.unit in ("", "1", "counts") else f", in {self.unit}"
+        note = f"; {self.note}" if self.note else ""
+        return f"{said[0].upper()}{said[1:]}{unit}{note}."
+
 
 _FAULT = (
     "0: the value counts; 255: the channel was not in use; other codes: no pulses, pulses outside "
@@ -81,7 +99,7 @@ COLUMNS: Mapping[str, Column] = {
         Column("additional_torque_nm", "additional torque", "compensated minus raw torque"),
         Column("ambient_c", "ambient temperature"),
         Column("angle_counts", "angle in counts", "of the encoder, unwrapped, clockwise positive"),
-        Column("angle_deg", "angle", "of the shaft in the middle of the window"),
+        Column("angle_deg", "shaft angle", "in the middle of the window"),
         Column(
             "branch",
             "branch (1: up, −1: down)",
@@ -95,7 +113,8 @@ COLUMNS: Mapping[str, Column] = {
         Column("error_nm", "error"),
         Column("expanded_uncertainty_nm", "expanded uncertainty", "k = 2"),
         Column("frequency_hz", "frequency of the transducer"),
-        Column("group", "group", "of points"),
+        Column("group", "number of the group", "of points"),
+        Column("limit_s", "longest wait for a steady value"),
         Column("nominal_nm", "target torque"),
         Column("period_s", "period of the step torque"),
         Column("position_deg", "mounting position", "of the transducer about its axis"),
@@ -104,13 +123,17 @@ COLUMNS: Mapping[str, Column] = {
         Column("reading_nm", "raw torque", "by the calibrated chain, zero subtracted"),
         Column("reading_standard_error_nm", "standard error of the mean"),
         Column("reducer_c", "temperature of the reducer"),
+        Column("reference", "measured beside the standard (1: yes)"),
         Column("reference_fault", "fault code of the standard", _FAULT),
         Column("reference_hz", "frequency of the standard"),
         Column("reference_nm", "torque of the standard", "by its certificate"),
-        Column("samples", "samples", "windows of the counter that the mean is taken over"),
-        Column("segment", "segment", "of one step torque"),
-        Column("series", "loading series"),
+        Column(
+            "samples", "number of samples", "windows of the counter that the mean is taken over"
+        ),
+        Column("segment", "number of the segment", "of one step torque"),
+        Column("series", "number of the loading series"),
         Column("settled", "settled (1: yes)", "the drift was within its standard error"),
+        Column("settle_s", "settling time of a step"),
         Column("speed_rad_s", "speed", "mean over the acquired block"),
         Column("standard_drift_nm_per_s", "change of the standard's torque"),
         Column("standard_error_nm", "standard error of the mean"),
@@ -118,11 +141,13 @@ COLUMNS: Mapping[str, Column] = {
         Column("standard_nm", "torque of the standard"),
         Column("standard_temperature_c", "temperature of the standard"),
         Column("standard_uncertainty_nm", "standard error of the standard's mean"),
-        Column("start_s", "start", "by the bench's clock"),
-        Column("step", "step", "within its series"),
-        Column("stop_s", "end", "by the bench's clock"),
+        Column("start_s", "start of the recording", "by the bench's clock"),
+        Column("step", "number of the step", "within its series"),
+        Column("stop_s", "end of the recording", "by the bench's clock"),
         Column("target_nm", "target torque"),
-        Column("time_s", "time", "by the bench's clock; of samples the centre of the window"),
+        Column("time_s", "bench time", "of samples the centre of the window"),
+        Column("tick", "time of the edge", "ticks of the timebase since its start"),
+        Column("timebase_hz", "frequency of the timebase"),
         Column("torque_fault", "fault code of the transducer", _FAULT),
         Column("torque_hz", "frequency of the transducer"),
         Column("torque_nm", "compensated torque"),
@@ -131,6 +156,7 @@ COLUMNS: Mapping[str, Column] = {
         Column("true_torque_nm", "true torque (simulated)"),
         Column("uncertainty_nm", "expanded uncertainty", "k = 2"),
         Column("unix_time_s", "time since 1970", "UTC by the computer's clock"),
+        Column("window_s", "length of the averaging window"),
         Column("zero_nm", "zero of the readings", "by the transducer's nominal zero"),
     )
 }
@@ -159,7 +185,7 @@ def column_of(name: str, *, samples: bool = False) -> Column:
     """
     match = _SIDE.fullmatch(name)
     assert match is not None
-    side, stem = match[1] or match[2] or "", match[3]
+    side, stem = cast("Side", match[1] or match[2] or ""), match[3]
     known = (_OF_SAMPLES if samples else {}).get(stem) or COLUMNS.get(stem)
     if known is not None:
         return replace(known, name=name, side=side)

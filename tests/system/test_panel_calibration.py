@@ -165,8 +165,12 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
     ana.press("Open")  # the verification, which is the newest
     ana.wait(lambda: len(charts(ana)) == 3, "charts of samples, zeros and points")
     samples, _, points = charts(ana)
-    assert (samples["y"], samples["legend"]) == ("Output, transducer frequency, Hz", False)
-    assert (points["x"], points["y"], points["legend"]) == ("Standard, N·m", "Error, N·m", False)
+    assert (samples["y"], samples["legend"]) == ("Output, frequency of the transducer, Hz", False)
+    assert (points["x"], points["y"], points["legend"]) == (
+        "Torque of the standard, N·m",
+        "Error, N·m",
+        False,
+    )
     assert re.search(r"… 12 of \d+ rows; the export has all\.", ana.text)
     ana.press("Calibrations")
     ana.sees("in use: ")

@@ -142,14 +142,14 @@ def test_a_marker_is_seen_with_its_note(person: Visitor) -> None:
 def test_channels_and_scales_are_kept_for_the_person(person: Visitor) -> None:
     person.open("/")
     person.press("Channels")
-    for signal in ("Input, raw", "Input, torque", "Input, standard"):
-        person.choose(signal, "")
-    person.choose("Output, temperature", "3")
+    for signal in ("raw torque", "compensated torque", "torque of the standard"):
+        person.choose(f"Input, {signal}", "")
+    person.choose("Output, temperature of the transducer", "3")
     person.choose("Efficiency", "3")
     person.press("Apply")
     person.sees("one chart has 2 scales at most")
     person.choose("Efficiency", "")
-    person.choose("Output, temperature", "2")
+    person.choose("Output, temperature of the transducer", "2")
     scale = person.driver.find_elements(By.XPATH, "//label[normalize-space(.)='Left scale']")[0]
     control = person.driver.find_element(By.ID, str(scale.get_attribute("for")))
     control.find_element(By.CSS_SELECTOR, "option[value=range]").click()
@@ -199,10 +199,10 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     person.press("Record signals")
     person.fill("Name", "run-down")
     person.fill("Note", "without the coupling")
-    person.choose("Start of the recording", "level")
+    person.choose("When it starts", "level")
     person.sees("Direction")
     assert person.axe() == []
-    person.choose("Start of the recording", "now")
+    person.choose("When it starts", "now")
     record = "//div[contains(@class, 'sheet')]//button[contains(., 'Record signals')]"
     person.wait(
         lambda: person.driver.find_element(By.XPATH, record).click() is None, "the second press"

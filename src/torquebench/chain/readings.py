@@ -76,7 +76,9 @@ class Readings:
         default=None, metadata={"description": "acceleration", "measured": True}
     )
     acceleration_uncertainty_rad_s2: Known = None
-    angle_rad: Known = field(default=None, metadata={"description": "angle", "measured": True})
+    angle_rad: Known = field(
+        default=None, metadata={"description": "shaft angle", "measured": True}
+    )
     window_s: float | None = None
     temperature_c: Known = field(
         default=None, metadata={"description": "temperature of the transducer", "measured": True}

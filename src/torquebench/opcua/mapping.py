@@ -8,8 +8,9 @@ from datetime import UTC, datetime, timedelta
 from typing import Literal
 
 from torquebench.panel.service.live.alarms import AlarmView
-from torquebench.panel.service.live.hub import SIGNAL_UNITS, Connection, LatestValue
+from torquebench.panel.service.live.hub import Connection, LatestValue
 from torquebench.panel.service.live.snapshot import BenchSnapshot, BenchState
+from torquebench.units import unit_of_name
 
 __all__ = [
     "UNITS",
@@ -35,7 +36,7 @@ _SIGNALS = {
     "Efficiency": "efficiency_percent",
 }
 UNITS = {
-    name: (SIGNAL_UNITS[signal], _COMMON_CODES[SIGNAL_UNITS[signal]])
+    name: (unit_of_name(signal), _COMMON_CODES[unit_of_name(signal)])
     for name, signal in _SIGNALS.items()
 }
 """Live values with their unit, and its common code of UNECE Recommendation 20."""

@@ -16,6 +16,7 @@ from torquebench import __version__
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.bench_chains import referenced
+from torquebench.columns import Column, column_of, short_names
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.records import (
@@ -29,7 +30,6 @@ from torquebench.records import (
     sha256_of_file,
 )
 from torquebench.records.reference_remarks import reference_remarks
-from torquebench.records.tables.column_words import column_words, short_names
 from torquebench.reports.certificate import (
     Issue,
     build_record,
@@ -64,7 +64,7 @@ class _Export:
     """Collects files, columns and remarks for the README."""
 
     folder: Path
-    columns: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    columns: dict[str, list[Column]] = field(default_factory=dict)
     remarks: list[str] = field(default_factory=list)
 
     def write(self, name: str, content: str | bytes) -> None:
@@ -73,20 +73,18 @@ class _Export:
     def table(
         self,
         name: str,
-        columns: Mapping[str, str],
+        columns: list[Column],
         rows: Iterator[list[Any]],
         notes: Mapping[str, object] | None = None,
     ) -> None:
-        """Write a CSV file whose columns are given with their units, after notes."""
+        """Write a CSV file after notes."""
         text = io.StringIO()
         text.writelines(f"# {key} = {value}\n" for key, value in (notes or {}).items())
         writer = csv.writer(text, lineterminator="\n")
-        writer.writerow(columns)
+        writer.writerow([column.name for column in columns])
         writer.writerows(rows)
         self.write(name, text.getvalue())
-        self.columns[name] = [
-            (column, column_words(column, unit)) for column, unit in columns.items()
-        ]
+        self.columns[name] = columns
 
 
 def export_run(registry: Registry, run: RunSummary, folder: Path) -> ExportedRun:
@@ -165,22 +163,18 @@ def _copy_originals(export: _Export, source: RunFolder) -> None:
 
 def _write_documents(export: _Export, source: RunFolder) -> None:
     """Write one table for each stream of events."""
-    streams: dict[str, tuple[str, dict[str, str]]] = {}
+    streams: dict[str, tuple[str, list[str]]] = {}
     for _, document in source.documents("descriptor"):
-        units = {
-            name: str(entry.get("units") or "") for name, entry in document["data_keys"].items()
-        }
-        streams[document["uid"]] = (str(document.get("name", "events")), units)
+        streams[document["uid"]] = (str(document.get("name", "events")), [*document["data_keys"]])
     notes = _notes(source)
-    for uid, (name, units) in streams.items():
-        short = short_names(list(units))
+    for uid, (name, keys) in streams.items():
 
-        def rows(uid: str = uid, units: dict[str, str] = units) -> Iterator[list[Any]]:
+        def rows(uid: str = uid, keys: list[str] = keys) -> Iterator[list[Any]]:
             for _, event in source.documents("event"):
                 if event["descriptor"] == uid:
-                    yield [event["time"], *(event["data"].get(column, "") for column in units)]
+                    yield [event["time"], *(event["data"].get(key, "") for key in keys)]
 
-        columns = {"unix_time_s": "s", **{short[key]: unit for key, unit in units.items()}}
+        columns = [column_of(name) for name in ("unix_time_s", *short_names(keys).values())]
         export.table(f"{name}.csv", columns, rows(), notes)
 
 
@@ -208,12 +202,13 @@ def _referenced(source: RunFolder) -> CalibrationData:
 
 
 def _write_raw(export: _Export, source: RunFolder) -> None:
-    raw = source.raw()
-    if not raw.columns:
+    columns = {
+        column_of(name, samples=True): values for name, values in source.raw().columns.items()
+    }
+    if not columns:
         return
-    columns = list(raw.columns.values())
-    values = (list(row) for row in zip(*(column.tolist() for column in columns), strict=True))
-    export.table("raw_samples.csv", dict.fromkeys(raw.columns, ""), values)
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    export.table("raw_samples.csv", list(columns), map(list, rows))
 
 
 def _write_registry(
@@ -244,7 +239,7 @@ def _write_calibration(export: _Export, source: RunFolder, calibration: Calibrat
     text = calibration_csv(_referenced(source), {"profile": calibration.profile_name})
     export.write(name, text)
     header = next(line for line in text.splitlines() if not line.startswith("#"))
-    export.columns[name] = [(column, column_words(column)) for column in header.split(",")]
+    export.columns[name] = [column_of(column) for column in header.split(",")]
 
 
 def _write_models(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
@@ -314,7 +309,7 @@ def _write_readme(export: _Export, run: RunSummary) -> None:
     for name, columns in sorted(export.columns.items()):
         title = f"Columns of {name}"
         lines += ["", title, "-" * len(title)]
-        lines += [f"{column}\n    {words}" for column, words in columns]
+        lines += [f"{column.name}\n    {column.sentence}" for column in columns]
     export.write("README.txt", "\n".join(map(_wrapped, lines)) + "\n")
 
 

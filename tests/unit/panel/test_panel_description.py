@@ -9,6 +9,7 @@ import jsonschema  # type: ignore[import-untyped]
 import pytest
 
 from torquebench.bench.description import default_bench
+from torquebench.columns import column_of
 from torquebench.panel.api import create_api
 from torquebench.panel.api.describing import EXAMPLES, ROLES
 from torquebench.panel.service import BenchService
@@ -53,6 +54,12 @@ def test_every_quantity_has_its_unit(described: dict[str, Any]) -> None:
     assert {"error_nm", "limit_rpm", "bench_time_s", "step_percent"} <= set(numbers)
     assert [name for name, value in numbers.items() if not value.get("x-unit")] == []
     assert numbers["error_nm"]["x-unit"] == "N·m"
+
+
+def test_a_column_is_described_as_in_files(described: dict[str, Any]) -> None:
+    points = described["components"]["schemas"]["CalibrationPoints"]["properties"]
+    for name in ("reading_nm", "branch"):
+        assert points[name]["description"] == column_of(name).sentence
 
 
 def test_no_docstring_leaks_its_markup(described: dict[str, Any]) -> None:

@@ -9,15 +9,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from torquebench.columns import Column
 from torquebench.errors import InputError
 from torquebench.panel.pages.live.chart import FLOORS
+from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.service import (
     DEFAULT_LAYOUT,
     SIGNALS,
     BandLayout,
     LiveLayout,
     Scale,
-    Signal,
     histogram,
     spectrum,
 )
@@ -30,9 +31,9 @@ NOW = datetime(2026, 11, 22, tzinfo=UTC)
 
 
 @pytest.mark.parametrize("signal", SIGNALS, ids=lambda signal: signal.name)
-def test_every_signal_can_be_chosen(signal: Signal) -> None:
+def test_every_signal_can_be_chosen(signal: Column) -> None:
     for language in LANGUAGES:
-        assert Text(language)(f"signal.{signal.name}")
+        assert column_title(Text(language), signal.name) != signal.name
     band = BandLayout(signals=(signal.name,))
     assert signal.unit == "N·m" or signal.unit in FLOORS
     assert band.axes[0][0] == signal.unit

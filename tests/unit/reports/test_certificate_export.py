@@ -31,6 +31,7 @@ def test_export_explains_every_file_and_column(registry: Registry, tmp_path: Pat
         lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
         for column in next(csv.reader(lines)):
             assert f"\n{column}\n    " in readme
+    assert "As its name says" not in readme
     assert "SIMULATED" in readme
     assert max(map(len, readme.splitlines())) <= 100
     assert {Path(name).suffix for name in exported.files} >= {".csv", ".json", ".pdf", ".xml"}

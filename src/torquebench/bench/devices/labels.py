@@ -9,16 +9,9 @@ from bluesky.protocols import HasHints, Hints, Reading
 from event_model import DataKey
 from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 
-__all__ = ["Point", "PointLabel"]
+from torquebench.bench.devices.data_keys import data_key
 
-_KEYS = {
-    "series": ("integer", ""),
-    "step": ("integer", ""),
-    "branch": ("integer", ""),
-    "target_nm": ("number", "N·m"),
-    "position_deg": ("number", "deg"),
-    "group": ("integer", ""),
-}
+__all__ = ["Point", "PointLabel"]
 
 
 @dataclass(frozen=True)
@@ -77,16 +70,16 @@ class PointLabel(Device, AsyncReadable, HasHints):
 
     async def read(self) -> dict[str, Reading]:
         """Return the stamp."""
-        values = asdict(self._point)
         return {
-            self.key(field): Reading(value=values[field], timestamp=self._time_s) for field in _KEYS
+            self.key(field): Reading(value=value, timestamp=self._time_s)
+            for field, value in asdict(self._point).items()
         }
 
     async def describe(self) -> dict[str, DataKey]:
         """Describe the stamp's fields."""
         return {
-            self.key(field): DataKey(source=f"plan://{field}", dtype=dtype, shape=[], units=units)
-            for field, (dtype, units) in _KEYS.items()
+            self.key(field): data_key(f"plan://{field}", field, type(value))
+            for field, value in asdict(Point()).items()
         }
 
     @property

@@ -15,6 +15,7 @@ from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 
 from torquebench.bench.active_chain import TimedTorque
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.devices.data_keys import data_key
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
@@ -354,15 +355,11 @@ class Recorder(Device, AsyncReadable, Triggerable):
 
     async def describe(self) -> dict[str, DataKey]:
         """Describe the fields."""
-        units = {"start_s": "s", "stop_s": "s"}
-        keys = {
-            f"{self.name}-{field}": DataKey(
-                source=f"bench://recorder/{field}", dtype="number", shape=[], units=unit
-            )
-            for field, unit in units.items()
+        kinds = {"start_s": float, "stop_s": float, "samples": int}
+        return {
+            f"{self.name}-{field}": data_key(f"bench://recorder/{field}", field, kind)
+            for field, kind in kinds.items()
         }
-        count = DataKey(source="bench://recorder/samples", dtype="integer", shape=[])
-        return {**keys, f"{self.name}-samples": count}
 
 
 def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:

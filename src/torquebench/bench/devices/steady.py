@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 from bluesky.protocols import HasHints, Hints, Preparable, Reading, Triggerable
@@ -13,6 +14,7 @@ from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Devi
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.devices.data_keys import data_key
 from torquebench.bench.roles import Side, reference_channel, torque_channel
 from torquebench.bench.samples import ChannelSamples
 from torquebench.chain import Torque
@@ -29,28 +31,36 @@ LEAST_WINDOWS = 8
 SETTLING_SHARE = 0.6
 """Refused readings in this first share of the windows may be those of a step that still settles."""
 
-_UNITS = {
-    "reading_nm": "N·m",
-    "reading_standard_error_nm": "N·m",
-    "reading_drift_nm_per_s": "N·m/s",
-    "zero_nm": "N·m",
-    "frequency_hz": "Hz",
-    "settled": "",
-    "samples": "",
-    "commanded_nm": "N·m",
-    "speed_rpm": "rpm",
-    "temperature_c": "°C",
-    "time_s": "s",
-    "torque_nm": "N·m",
-    "torque_uncertainty_nm": "N·m",
-    "standard_nm": "N·m",
-    "standard_uncertainty_nm": "N·m",
-    "standard_drift_nm_per_s": "N·m/s",
-    "standard_frequency_hz": "Hz",
-    "standard_temperature_c": "°C",
-    "true_torque_nm": "N·m",
+_ALWAYS = {
+    "reading_nm": float,
+    "reading_standard_error_nm": float,
+    "reading_drift_nm_per_s": float,
+    "zero_nm": float,
+    "frequency_hz": float,
+    "settled": bool,
+    "samples": int,
+    "commanded_nm": float,
+    "speed_rpm": float,
+    "temperature_c": float,
+    "time_s": float,
 }
-_DTYPES = {"settled": "boolean", "samples": "integer"}
+_COMPENSATED = ("torque_nm", "torque_uncertainty_nm")
+_OF_STANDARD = (
+    "standard_nm",
+    "standard_uncertainty_nm",
+    "standard_drift_nm_per_s",
+    "standard_frequency_hz",
+)
+STEADY_FIELDS = (
+    *_ALWAYS,
+    *_COMPENSATED,
+    *_OF_STANDARD,
+    "standard_temperature_c",
+    "true_torque_nm",
+)
+"""All fields of a steady value."""
+SETTINGS = {"settle_s": float, "window_s": float, "limit_s": float, "reference": bool}
+"""Those of `SteadySettings` that documents state."""
 
 
 @dataclass(frozen=True)
@@ -334,48 +344,44 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
 
     async def describe(self) -> dict[str, DataKey]:
         """Describe the fields that a value taken now would have."""
-        fields = self._values or await self._expected_fields()
-        return {self.key(field): self._data_key(field) for field in fields}
+        return {
+            self.key(field): data_key(
+                f"bench://{self.side}/{field}", field, _ALWAYS.get(field, float)
+            )
+            for field in self._values or self._expected_fields()
+        }
 
-    async def _expected_fields(self) -> list[str]:
-        fields = [field for field in _UNITS if not field.startswith(("torque", "standard", "true"))]
-        if self._context.acquisition.compensation(self.side) is not None:
-            fields += ["torque_nm", "torque_uncertainty_nm"]
-        if self._settings.reference:
-            fields += [field for field in _UNITS if field.startswith("standard")]
-            if self._standard_probe() is None:
-                fields.remove("standard_temperature_c")
-        if self._context.drivers.truth is not None:
-            fields.append("true_torque_nm")
-        return fields
+    def _expected_fields(self) -> tuple[str, ...]:
+        context = self._context
+        conditions = {
+            _COMPENSATED: context.acquisition.compensation(self.side) is not None,
+            _OF_STANDARD: self._settings.reference,
+            ("standard_temperature_c",): (
+                self._settings.reference and self._standard_probe() is not None
+            ),
+            ("true_torque_nm",): context.drivers.truth is not None,
+        }
+        parts = (fields for fields, applies in conditions.items() if applies)
+        return (*_ALWAYS, *chain.from_iterable(parts))
 
     def _standard_probe(self) -> str | None:
         """Return the name of the mounted standard's temperature probe; None without one."""
         standard = self._context.description.standard(self._context.state.mounted())
         return None if standard is None else standard.temperature_probe
 
-    def _data_key(self, field: str) -> DataKey:
-        dtype = _DTYPES.get(field, "number")
-        key = DataKey(source=f"bench://{self.side}/{field}", dtype=dtype, shape=[])
-        if _UNITS[field]:
-            key["units"] = _UNITS[field]
-        return key
-
     async def read_configuration(self) -> dict[str, Reading]:
         """Return how values are taken."""
         return {
             self.key(field): Reading(value=getattr(self._settings, field), timestamp=self._taken)
-            for field in ("settle_s", "window_s", "limit_s", "reference")
+            for field in SETTINGS
         }
 
     async def describe_configuration(self) -> dict[str, DataKey]:
         """Describe the settings."""
-        numbers = {
-            self.key(field): DataKey(source="plan://settings", dtype="number", shape=[], units="s")
-            for field in ("settle_s", "window_s", "limit_s")
+        return {
+            self.key(field): data_key("plan://settings", field, kind)
+            for field, kind in SETTINGS.items()
         }
-        flag = DataKey(source="plan://settings", dtype="boolean", shape=[])
-        return {**numbers, self.key("reference"): flag}
 
     @property
     def hints(self) -> Hints:

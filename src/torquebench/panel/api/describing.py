@@ -9,6 +9,7 @@ from typing import Any
 from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
+from torquebench.columns import column_of
 from torquebench.panel.api.details import details_schemas
 from torquebench.panel.api.problems import ProblemDetails
 from torquebench.panel.service import JOB_KINDS, Role
@@ -43,13 +44,11 @@ WORDS = {
     "allowed": "What would have been allowed, with its limit and unit.",
     "bench": "Name of the bench.",
     "bench_clear": "Confirms that nobody is at the bench and that it may be loaded.",
-    "branch": "1 where |torque| grows, -1 where it falls, 0 where that is unknown.",
     "calibration_id": "Number of a registered calibration.",
     "certificate": "Number of a certificate.",
     "content": "CSV text with a header line.",
     "counter_identity": "Which counter timed the chain.",
     "created": "When, UTC.",
-    "contribution_nm": "Its contribution to the torque; null if nothing is corrected.",
     "detail": "What was found and is allowed, or what isn't measured.",
     "due": "Last day of its validity.",
     "finished": "When it ended, UTC; null while it is open.",
@@ -81,7 +80,6 @@ WORDS = {
     "role": "operator, metrologist or administrator; each has the rights of those before it.",
     "run_id": "Identifier of a run.",
     "run_ids": "Identifiers of runs.",
-    "series": "Which loading series a point belongs to.",
     "serial": "Serial number of the specimen.",
     "side": "Which module of the bench: input or output.",
     "sides": "Which modules of the bench.",
@@ -99,6 +97,18 @@ WORDS = {
     "version": "Version of the edited document; refused if it was changed in the meantime.",
 }
 """General meanings of names, where no docstring is more specific."""
+COLUMNS = (
+    "branch",
+    "error_nm",
+    "expanded_uncertainty_nm",
+    "group",
+    "reading_nm",
+    "series",
+    "standard_nm",
+    "time_s",
+    "zero_nm",
+)
+"""Names that mean a column of a table wherever the API has them."""
 
 WITH_PASSWORD = frozenset({"set_up", "sign_in", "change_password", "sign_off", "certificate"})
 OPEN = frozenset({"set_up", "sign_in"})
@@ -238,12 +248,14 @@ def _describe_schema(schema: dict[str, Any]) -> None:
     for name, value in schema.get("properties", {}).items():
         if name in said and "description" not in value:
             value["description"] = said[name]
+        if name in WORDS:
+            value.setdefault("description", WORDS[name])
+        if name in COLUMNS:
+            value.setdefault("description", column_of(name).sentence)
         unit = unit_of_name(name)
         if unit:
             value["x-unit"] = unit
             value.setdefault("description", f"In {unit}.")
-        if name in WORDS:
-            value.setdefault("description", WORDS[name])
 
 
 def _said(words: str) -> Iterator[tuple[str, str]]:

@@ -10,6 +10,7 @@ from torquebench.message import Message
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.dialogs import sheet
 from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service.jobs.recordings import TRIGGER_SIGNALS
 
@@ -55,7 +56,7 @@ def open_recording(visitor: Visitor) -> None:
         options = {key: text(f"record.begin_{key}") for key in ("now", "level", "time")}
         begins = Field(text("record.begins"), "now", options=options, on_change=shown)
         with box("div", "columns narrow"):
-            signals: dict[str, str] = {each: text(f"signal.{each}") for each in TRIGGER_SIGNALS}
+            signals: dict[str, str] = {name: column_title(text, name) for name in TRIGGER_SIGNALS}
             signal = Field(text("live.signal"), TRIGGER_SIGNALS[0], options=signals)
             ways = {key: text(f"record.{key}") for key in ("rising", "falling")}
             way = Field(text("record.direction"), "rising", options=ways)

@@ -37,7 +37,6 @@ from .live.hub import (
     LiveHub as LiveHub,
     LiveTrend as LiveTrend,
     LiveWindows as LiveWindows,
-    Signal as Signal,
     TORQUE_SIGNALS as TORQUE_SIGNALS,
 )
 from .live.layout import (

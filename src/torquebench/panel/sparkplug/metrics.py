@@ -12,9 +12,10 @@ from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service import AlarmView, BenchService, BenchSnapshot, SideSnapshot
 from torquebench.panel.service.jobs.values import JobView
-from torquebench.panel.service.live.hub import SIGNAL_UNITS, LatestValue
+from torquebench.panel.service.live.hub import LatestValue
 from torquebench.panel.sparkplug.payload import DataType, Quality, Value
 from torquebench.panel.sparkplug.settings import Deadband
+from torquebench.units import unit_of_name
 
 __all__ = [
     "BDSEQ",
@@ -74,11 +75,11 @@ class MetricSpec:
 _STRING, _NUMBER, _FLAG = DataType.STRING, DataType.DOUBLE, DataType.BOOLEAN
 _COUNT, _TIME = DataType.INT64, DataType.DATE_TIME
 _UNIT = {
-    "torque": SIGNAL_UNITS["output_torque_nm"],
-    "speed": SIGNAL_UNITS["output_speed_rpm"],
-    "angle": SIGNAL_UNITS["output_angle_deg"],
-    "temperature": SIGNAL_UNITS["output_temperature_c"],
-    "efficiency": SIGNAL_UNITS["efficiency_percent"],
+    "torque": unit_of_name("output_torque_nm"),
+    "speed": unit_of_name("output_speed_rpm"),
+    "angle": unit_of_name("output_angle_deg"),
+    "temperature": unit_of_name("output_temperature_c"),
+    "efficiency": unit_of_name("efficiency_percent"),
 }
 
 _NODE_METRICS = (

@@ -6,21 +6,21 @@ from typing import Any
 
 import h5py
 
-from torquebench.records.runs.streams import Attributes, Column, EdgePiece
+from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
 __all__ = ["write_edges", "write_samples"]
 
 CHUNK = 65_536
 
 
-def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
+def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
     """Write a data set a column into the group `samples`."""
     with h5py.File(path, "w") as file:
         file.attrs.update(attributes)
         group = file.create_group("samples")
-        for column in columns:
-            data = group.create_dataset(column.name, data=column.values, compression="gzip")
-            data.attrs.update({"unit": column.unit, "description": column.description})
+        for column, values in samples.items():
+            data = group.create_dataset(column.name, data=values, compression="gzip")
+            data.attrs.update(column.attributes)
 
 
 def write_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:

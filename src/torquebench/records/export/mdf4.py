@@ -10,7 +10,7 @@ import numpy as np
 from asammdf import MDF, Signal
 from numpy.typing import NDArray
 
-from torquebench.records.runs.streams import Attributes, Column, EdgePiece
+from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
 __all__ = ["write_edges", "write_samples"]
 
@@ -19,18 +19,18 @@ DEFLATED = 2
 TIME = "time_s"
 
 
-def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
+def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
     """Write one channel group with the time as its master."""
-    time_s = next(column.values for column in columns if column.name == TIME)
+    time_s = next(values for column, values in samples.items() if column.name == TIME)
     signals = [
         Signal(
-            _numbers(column.values),
+            _numbers(values),
             time_s,
             unit=column.unit,
             name=column.name,
-            comment=column.description,
+            comment=column.attributes["description"],
         )
-        for column in columns
+        for column, values in samples.items()
         if column.name != TIME
     ]
     with _file(path, attributes) as file:

@@ -11,13 +11,14 @@ import pyarrow.csv
 import pyarrow.parquet as pq
 
 from torquebench.atomic_write import atomic_path
+from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.runs.folder import RunFolder
 from torquebench.records.runs.streams import (
     Attributes,
-    Column,
     EdgePiece,
+    Samples,
     edge_pieces,
     run_attributes,
     sample_columns,
@@ -86,7 +87,7 @@ def export_streams(
             write_edges(part, edge_pieces(folder), attributes)
 
 
-SampleWriter = Callable[[Path, list[Column], Attributes], None]
+SampleWriter = Callable[[Path, Samples, Attributes], None]
 EdgeWriter = Callable[[Path, Iterable[EdgePiece], Attributes], None]
 
 
@@ -105,28 +106,24 @@ def _writers(file_format: StreamFormat) -> tuple[SampleWriter, EdgeWriter]:
     return write_samples, write_edges
 
 
-def _table(columns: list[Column]) -> Any:
-    arrays = [pa.array(column.values, from_pandas=True) for column in columns]  # NaN to null
+def _table(samples: Samples) -> Any:
+    arrays = [pa.array(values, from_pandas=True) for values in samples.values()]  # NaN to null
     fields = [
-        pa.field(
-            column.name,
-            array.type,
-            metadata={"unit": column.unit, "description": column.description},
-        )
-        for column, array in zip(columns, arrays, strict=True)
+        pa.field(column.name, array.type, metadata=column.attributes)
+        for column, array in zip(samples, arrays, strict=True)
     ]
     return pa.Table.from_arrays(arrays, schema=pa.schema(fields))
 
 
 def _edge_schema(attributes: Attributes) -> Any:
-    unit = {"unit": "1", "description": "ticks of the timebase since its start"}
+    types = {
+        "channel": pa.string(),
+        "edge": pa.string(),
+        "tick": pa.int64(),
+        "timebase_hz": pa.float64(),
+    }
     return pa.schema(
-        [
-            ("channel", pa.string()),
-            ("edge", pa.string()),
-            pa.field("tick", pa.int64(), metadata=unit),
-            pa.field("timebase_hz", pa.float64(), metadata={"unit": "Hz"}),
-        ],
+        [pa.field(name, kind, metadata=column_of(name).attributes) for name, kind in types.items()],
         metadata=_text(attributes),
     )
 
@@ -147,29 +144,29 @@ def _text(attributes: Attributes) -> dict[str, str]:
     return {name: str(value) for name, value in attributes.items()}
 
 
-def _csv_comments(attributes: Attributes, units: dict[str, str]) -> bytes:
+def _csv_comments(attributes: Attributes, columns: Iterable[Column]) -> bytes:
     lines = [f"# {name}: {value}" for name, value in _text(attributes).items()]
-    lines += [f"# unit of {name}: {unit}" for name, unit in units.items() if unit]
+    lines += [f"# unit of {column.name}: {column.unit}" for column in columns if column.unit]
     return "".join(line.replace("\n", " ") + "\n" for line in lines).encode()
 
 
-def _csv_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
+def _csv_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
     with path.open("wb") as file:
-        file.write(_csv_comments(attributes, {column.name: column.unit for column in columns}))
-        pyarrow.csv.write_csv(_table(columns), file)
+        file.write(_csv_comments(attributes, samples))
+        pyarrow.csv.write_csv(_table(samples), file)
 
 
 def _csv_edges(path: Path, pieces: Iterable[EdgePiece], attributes: Attributes) -> None:
     schema = _edge_schema(attributes)
     with path.open("wb") as file:
-        file.write(_csv_comments(attributes, {"tick": "1", "timebase_hz": "Hz"}))
+        file.write(_csv_comments(attributes, map(column_of, schema.names)))
         with pyarrow.csv.CSVWriter(file, schema) as writer:
             for batch in _edge_batches(pieces, schema):
                 writer.write_batch(batch)
 
 
-def _parquet_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
-    table = _table(columns).replace_schema_metadata(_text(attributes))
+def _parquet_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
+    table = _table(samples).replace_schema_metadata(_text(attributes))
     pq.write_table(table, path, compression="zstd")
 
 

@@ -6,22 +6,22 @@ from pathlib import Path
 import numpy as np
 from nptdms import ChannelObject, GroupObject, RootObject, TdmsWriter
 
-from torquebench.records.runs.streams import Attributes, Column, EdgePiece
+from torquebench.records.runs.streams import Attributes, EdgePiece, Samples
 
 __all__ = ["write_edges", "write_samples"]
 
 
-def write_samples(path: Path, columns: list[Column], attributes: Attributes) -> None:
+def write_samples(path: Path, samples: Samples, attributes: Attributes) -> None:
     """Write a channel a column into the group `samples`."""
     channels = [
         ChannelObject(
             "samples",
             column.name,
             # TDMS has no boolean of one byte that every reader supports
-            column.values.astype(np.uint8) if column.values.dtype == np.bool_ else column.values,
-            {"unit_string": column.unit, "description": column.description},
+            values.astype(np.uint8) if values.dtype == np.bool_ else values,
+            {"unit_string": column.unit, "description": column.attributes["description"]},
         )
-        for column in columns
+        for column, values in samples.items()
     ]
     with TdmsWriter(path) as writer:
         writer.write_segment([RootObject(dict(attributes)), GroupObject("samples"), *channels])

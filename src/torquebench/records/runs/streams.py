@@ -7,37 +7,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records.runs.folder import RunFolder
-from torquebench.records.tables.column_words import column_unit
 
-__all__ = ["Attributes", "Column", "EdgePiece", "edge_pieces", "run_attributes", "sample_columns"]
+__all__ = [
+    "Attributes",
+    "EdgePiece",
+    "Samples",
+    "edge_pieces",
+    "run_attributes",
+    "sample_columns",
+]
 
 Attributes = Mapping[str, str | int | float | bool]
+Samples = Mapping[Column, NDArray[Any]]
+"""Values of shape (n,), NaN where there is no number."""
 
 _KNOWN = ("run_id", "kind", "bench_name", "side", "operator", "counter_identity")
 _LATER = ("profile_name", "profile_sha256", "software_version", "created")
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Column:
-    """One stream of samples.
-
-    Parameters
-    ----------
-    name : str
-    values : ndarray, shape (n,)
-        NaN where there is no number.
-    unit : str
-        SI symbol; "1" for codes and "" if unknown.
-    description : str
-    """
-
-    name: str
-    values: NDArray[Any]
-    unit: str
-    description: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,7 +39,7 @@ class EdgePiece:
     ticks: NDArray[np.int64]
 
 
-def sample_columns(folder: RunFolder) -> list[Column]:
+def sample_columns(folder: RunFolder) -> Samples:
     """Return the samples of a run, time first.
 
     Raises
@@ -65,7 +54,7 @@ def sample_columns(folder: RunFolder) -> list[Column]:
             "a run that was acquired",
             "name another run",
         )
-    return [Column(name, values, *column_unit(name)) for name, values in raw.columns.items()]
+    return {column_of(name, samples=True): values for name, values in raw.columns.items()}
 
 
 def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:

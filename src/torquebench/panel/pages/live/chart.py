@@ -9,6 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from torquebench.bench.roles import Side
+from torquebench.columns import Column
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.charts import Chart, Line
@@ -17,6 +18,7 @@ from torquebench.panel.components.dialogs import ask, sheet
 from torquebench.panel.components.elements import box, note, on_press, panel, words
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.recording_dialog import open_recording
+from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import (
     DEFAULT_LAYOUT,
@@ -26,7 +28,6 @@ from torquebench.panel.service import (
     LiveHub,
     LiveLayout,
     Scale,
-    Signal,
     histogram,
     spectrum,
 )
@@ -159,8 +160,8 @@ class LiveChart:
     def _names(self) -> list[str]:
         return list(dict.fromkeys(name for band in self.layout.bands for name in band.signals))
 
-    def _title(self, signal: Signal) -> str:
-        return self.text(f"signal.{signal.name}")
+    def _title(self, signal: Column) -> str:
+        return column_title(self.text, signal.name)
 
     def _arrange(self) -> None:
         drawn = [band for band in self.layout.bands if band.signals]
@@ -171,7 +172,7 @@ class LiveChart:
         ]
         self.trend.arrange(traces, [self._band(band) for band in drawn])
 
-    def _trace(self, signal: Signal, grid: int, axis: int) -> Trace:
+    def _trace(self, signal: Column, grid: int, axis: int) -> Trace:
         kind = next((end for end in COLOURS if signal.name.endswith(end)), "")
         side = signal.side or "percent"
         return Trace(

@@ -14,8 +14,8 @@ from torquebench.panel.pages.live.chart import LiveChart
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import BenchSnapshot, SideSnapshot
-from torquebench.panel.service.live.hub import SIGNAL_UNITS
 from torquebench.panel.text import Text
+from torquebench.units import unit_of_name
 
 __all__ = ["live_page"]
 
@@ -145,7 +145,7 @@ class _LivePage:
                     places[f"{side}_torque"] = tile.places["torque"]
                 with box("div", "facts"):
                     for key, (signal, decimals) in FACTS.items():
-                        fact = _fact(text(f"live.{key}"), SIGNAL_UNITS[signal])
+                        fact = _fact(text(f"live.{key}"), unit_of_name(signal))
                         places[signal] = (fact, decimals)
             with box("div", "stack"):
                 self.chart = LiveChart(self.visitor, places, region)

@@ -1,7 +1,7 @@
-"""Titles of a run's recorded columns and streams, as the other pages word them."""
+"""Titles of columns, live signals and streams of a run."""
 
+from torquebench.columns import column_of
 from torquebench.panel.text import Text
-from torquebench.records.tables.column_words import column_unit
 
 __all__ = ["column_title", "column_unit_shown", "column_with_unit", "stream_title"]
 
@@ -17,8 +17,8 @@ def column_unit_shown(column: str) -> str:
     >>> column_unit_shown("speed_rad_s"), column_unit_shown("angle_deg"), column_unit_shown("step")
     ('rad/s', '°', '')
     """
-    unit = column_unit(column)[0]
-    return "" if unit in UNITLESS else unit.replace("deg", "°")
+    unit = column_of(column).unit
+    return "" if unit in UNITLESS else unit
 
 
 def column_title(text: Text, column: str, *, samples: bool = False) -> str:
@@ -41,16 +41,8 @@ def column_title(text: Text, column: str, *, samples: bool = False) -> str:
     >>> column_title(english, "oil_c")
     'Temperature oil'
     """
-    side = next((each for each in SIDES if column.startswith(f"{each}_")), "")
-    what = column.removeprefix(f"{side}_")
-    said = text.maybe(f"column.{'raw_' if samples and what == 'torque_nm' else ''}{what}", "")
-    if not said and what.endswith("_c"):
-        said = text("column.probe", name=what.removesuffix("_c").replace("_", " "))
-    if not said:
-        return column
-    if side:
-        return text("column.of_side", side=text(f"side.{side}"), what=said)
-    return said[:1].upper() + said[1:]
+    title = text.core(column_of(column, samples=samples).title)
+    return title[:1].upper() + title[1:] if title else column
 
 
 def column_with_unit(text: Text, column: str, *, samples: bool = False) -> str:
@@ -59,7 +51,7 @@ def column_with_unit(text: Text, column: str, *, samples: bool = False) -> str:
     Examples
     --------
     >>> column_with_unit(Text("en"), "input_torque_hz", samples=True)
-    'Input, transducer frequency, Hz'
+    'Input, frequency of the transducer, Hz'
     """
     unit = column_unit_shown(column)
     title = column_title(text, column, samples=samples)

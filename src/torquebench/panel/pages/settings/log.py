@@ -10,6 +10,7 @@ from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.compensation import MODELS
 from torquebench.panel.components.controls import button, set_disabled
 from torquebench.panel.components.elements import box, panel, table
+from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
 
@@ -19,13 +20,11 @@ AT_ONCE = 50
 WORDED = {
     "state": "job.state_",
     "kind": "job.",
-    "role": "role.",
     "side": "side.",
     "sides": "side.",
-    "signal": "signal.",
 }
 """Where the words for a detail's values are."""
-SENTENCES = ("found", "reason", "direction")
+SENTENCES = ("found", "reason", "direction", "role")
 """Details that the software may have worded; what a person typed stays as it is."""
 
 
@@ -63,6 +62,8 @@ def _said(text: Text, key: str, value: Any) -> str:
         return text.core(model_title(value))
     if key == "test" and value in TESTS:
         return text.core(TESTS[value].title)
+    if key == "signal":
+        return column_title(text, value)
     if key in WORDED:
         return text.maybe(f"{WORDED[key]}{value}", value)
     return text.core(value) if key in SENTENCES else str(value)

@@ -21,10 +21,10 @@ from torquebench.panel.service.fields import Moment, Number, plain
 from torquebench.panel.service.jobs.details import RecordingDetails
 from torquebench.panel.service.jobs.runner import JobContext, JobKind, JobRequest
 from torquebench.panel.service.jobs.values import JobResult
-from torquebench.panel.service.live.hub import SIGNAL_UNITS, torque_windows
+from torquebench.panel.service.live.hub import torque_windows
 from torquebench.procedures.recording import LONGEST_RECORDING_S, record_signals
 from torquebench.station import LONGEST_BEFORE_S
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import RPM_PER_RAD_S, unit_of_name
 
 __all__ = ["RECORDING_KINDS", "TRIGGER_SIGNALS", "RecordRequest", "Trigger", "crossing"]
 
@@ -163,7 +163,7 @@ def _begin(context: JobContext, request: RecordRequest) -> tuple[float, str]:
 
 
 def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple[float, str]:
-    unit = SIGNAL_UNITS[trigger.signal]
+    unit = unit_of_name(trigger.signal)
     said = Message(
         "{signal} {direction} through {level:g} {unit}",
         trigger.signal,

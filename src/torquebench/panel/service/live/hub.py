@@ -19,8 +19,9 @@ from numpy.typing import NDArray
 from torquebench.bench.acceleration import UNKNOWN
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.roles import SIDES, reference_channel, torque_channel
 from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
@@ -28,7 +29,6 @@ from torquebench.units import DEGREE, RPM_PER_RAD_S
 
 __all__ = [
     "SIGNALS",
-    "SIGNAL_UNITS",
     "STALE_AFTER_S",
     "TORQUE_SIGNALS",
     "Connection",
@@ -36,7 +36,6 @@ __all__ = [
     "LiveHub",
     "LiveTrend",
     "LiveWindows",
-    "Signal",
     "torque_windows",
 ]
 
@@ -58,46 +57,21 @@ MEANINGFUL_SHARE = 0.02
 MEANINGFUL_SPEED_RPM = 1.0
 
 
-@dataclass(frozen=True)
-class Signal:
-    """One live signal: its name in increments, its description, and its unit."""
-
-    name: str
-    title: str
-    unit: str
-    side: Side | None = None
-
-
-def _signals() -> tuple[Signal, ...]:
-    found: list[Signal] = []
-    for side in SIDES:
-        found += [
-            Signal(f"{side}_raw_nm", Message("{side} torque, raw", side), "N·m", side),
-            Signal(f"{side}_torque_nm", Message("{side} torque, compensated", side), "N·m", side),
-            Signal(
-                f"{side}_uncertainty_nm",
-                Message("{side} torque, expanded uncertainty", side),
-                "N·m",
-                side,
-            ),
-            Signal(
-                f"{side}_reference_nm", Message("{side} torque by the standard", side), "N·m", side
-            ),
-            Signal(f"{side}_speed_rpm", Message("{side} speed", side), "rpm", side),
-            Signal(
-                f"{side}_acceleration_rad_s2", Message("{side} acceleration", side), "rad/s²", side
-            ),
-            Signal(f"{side}_angle_deg", Message("{side} angle", side), "°", side),
-            Signal(
-                f"{side}_temperature_c", Message("{side} transducer temperature", side), "°C", side
-            ),
-        ]
-    found.append(Signal("efficiency_percent", "efficiency", "%"))
-    return tuple(found)
-
-
-SIGNALS: tuple[Signal, ...] = _signals()
-SIGNAL_UNITS: Mapping[str, str] = {signal.name: signal.unit for signal in SIGNALS}
+_OF_A_SIDE = (
+    "raw_nm",
+    "torque_nm",
+    "uncertainty_nm",
+    "reference_nm",
+    "speed_rpm",
+    "acceleration_rad_s2",
+    "angle_deg",
+    "temperature_c",
+)
+SIGNALS: tuple[Column, ...] = tuple(
+    column_of(name)
+    for name in (*(f"{side}_{what}" for side in SIDES for what in _OF_A_SIDE), "efficiency_percent")
+)
+"""All live signals."""
 _INDEX = {signal.name: place for place, signal in enumerate(SIGNALS)}
 
 

@@ -81,7 +81,7 @@ class BandLayout(BaseModel):
         signal = _SIGNALS[name]
         units = {_SIGNALS[each].unit for each in self.signals}
         apart = len(units) == 1 and signal.unit in BOTH_SIDES
-        return signal.unit, (signal.side or "") if apart else ""
+        return signal.unit, signal.side if apart else ""
 
 
 class LiveLayout(BaseModel):

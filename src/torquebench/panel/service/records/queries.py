@@ -17,6 +17,7 @@ from sqlalchemy import func, select
 
 from torquebench.campaign.drifting import DriftSeries, drift_of
 from torquebench.chain import load_chain
+from torquebench.columns import short_names
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, envelope
@@ -46,7 +47,6 @@ from torquebench.records.runs.time_check import (
     doubts_of_calibrations,
     doubts_of_runs,
 )
-from torquebench.records.tables.column_words import short_names
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 

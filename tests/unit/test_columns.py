@@ -1,0 +1,77 @@
+"""Every column of files, documents and signals has a unit, a description and its translation."""
+
+import re
+from pathlib import Path
+
+import pytest
+from tests.unit.station.test_run_journal import PROBES, block, channel, kept, times
+
+from torquebench.bench.devices.labels import Point
+from torquebench.bench.devices.steady import SETTINGS, STEADY_FIELDS
+from torquebench.calibration.data import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
+from torquebench.chain.readings import QUANTITIES
+from torquebench.columns import COLUMNS, Column, column_of
+from torquebench.panel.pages.records.column_titles import column_title
+from torquebench.panel.service import SIGNALS
+from torquebench.panel.text import LANGUAGES, Text
+from torquebench.procedures.turning.empty import EmptyTable
+from torquebench.procedures.turning.stepping import StepTable
+from torquebench.records import RunFolder
+from torquebench.records.tables.readings import ADDED_COLUMNS, READING_COLUMNS
+from torquebench.station.journal import RunJournal
+from torquebench.translations import translated
+from torquebench.units import unit_of_name
+
+WRITTEN = {
+    "a calibration": (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS),
+    "readings": READING_COLUMNS,
+    "compensated readings": ADDED_COLUMNS,
+    "an empty run": EmptyTable.COLUMNS,
+    "step torques": StepTable.COLUMNS,
+    "a steady value": STEADY_FIELDS,
+    "its settings": tuple(SETTINGS),
+    "a point": tuple(vars(Point())),
+    "a recorder": ("start_s", "stop_s", "samples"),
+    "edges": ("tick", "timebase_hz"),
+    "an exported event": ("unix_time_s",),
+    "signals": tuple(signal.name for signal in SIGNALS),
+}
+
+
+@pytest.mark.parametrize("table", WRITTEN)
+def test_every_written_column_is_known(table: str) -> None:
+    columns = [column_of(name) for name in WRITTEN[table]]
+    assert [column.name for column in columns if not (column.unit and column.description)] == []
+
+
+def test_every_raw_sample_is_known(tmp_path: Path) -> None:
+    writer = RunFolder.create(tmp_path, {}, kind="test")
+    RunJournal(writer, PROBES).write(kept(block(0, [channel("input_torque", times(0), 60e3)])))
+    columns = [column_of(name, samples=True) for name in writer.seal().raw().columns]
+    assert len(columns) > 20
+    assert [column.name for column in columns if not (column.unit and column.description)] == []
+
+
+@pytest.mark.parametrize("column", COLUMNS.values(), ids=lambda column: column.name)
+def test_every_description_has_its_translation(column: Column) -> None:
+    assert translated(column.description, "zh") != column.description
+    for language in LANGUAGES:
+        assert column_title(Text(language), f"output_{column.name}") != column.name
+
+
+def test_a_unit_is_that_of_the_name() -> None:
+    """Only numbers without a unit have names without one."""
+    ending = re.compile(r"_(nm|rpm|rad|rad_s|rad_s2|deg|s|h|hz|c|percent|counts|nm_per_s)$")
+    for column in COLUMNS.values():
+        assert bool(unit_of_name(column.name)) == bool(ending.search(column.name)), column.name
+
+
+def test_compensated_torque_and_raw_samples_are_told_apart() -> None:
+    """An exported README called both the torque by the zero in use."""
+    assert column_of("output_torque_nm").title == "output, compensated torque"
+    assert column_of("output_torque_nm", samples=True).title == "output, raw torque"
+    assert column_of("dense_load").sentence == "As its name says."
+
+
+def test_a_quantity_of_readings_is_a_column() -> None:
+    assert {name: COLUMNS[name].description for name in QUANTITIES} == QUANTITIES
