@@ -1,10 +1,15 @@
 """One reading through every interface: each states the same torque and the same U."""
 
 import csv
+import json
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from types import SimpleNamespace
+from typing import Any, ClassVar, Self
 
+import h5py
 import numpy as np
 import polars as pl
 import pytest
@@ -19,8 +24,9 @@ from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTake
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription, CertifiedPoints
+from torquebench.bench.devices import Recorder
 from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
+from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Stretch, Viewer
 from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import store_model
@@ -32,19 +38,30 @@ from torquebench.chain import (
     MeasuringChain,
     Readings,
     Reference,
+    Ripple,
     Rotation,
     Shared,
     SwitchedOff,
     Torque,
+    TorqueParts,
     load_chain,
 )
 from torquebench.cli.measure import _torque as live_torque
 from torquebench.compensation import make_model, save_model
-from torquebench.panel.service.live.hub import LiveHub
+from torquebench.opcua import live_values
+from torquebench.panel.service.live.hub import LatestValue, LiveHub
+from torquebench.panel.service.live.snapshot import (
+    CompensationState,
+    side_snapshots,
+)
+from torquebench.panel.sparkplug.metrics import _side as side_metrics
 from torquebench.procedures.reducers.running_table import RunningRecording
+from torquebench.records import RunFolder
+from torquebench.records.export.streams import export_streams
 from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
-from torquebench.uncertainty import BudgetLine, CertifiedUncertainty
+from torquebench.station.journal import RunJournal
+from torquebench.uncertainty import CertifiedUncertainty
 
 FloatArray = NDArray[np.float64]
 
@@ -60,6 +77,29 @@ class Told:
 
     torque_nm: float
     expanded_nm: float
+
+    @classmethod
+    def of(cls, torque: Torque) -> Self:
+        return cls(float(torque.value_nm[0]), float(torque.expanded_uncertainty_nm[0]))
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """What was measured with the reading, right after zeroing."""
+
+    speed_rpm: float = 0.0
+    acceleration_rad_s2: float = 0.0
+    temperature_c: float = TEMPERATURE_C
+    zero_temperature_c: float = TEMPERATURE_C
+    angle_rad: float = 0.0
+    window_s: float = 0.01
+
+
+CONDITIONS = {"file": Conditions(), "turning": Conditions(310.0, 4.0, 31.0, 24.0, 1.1)}
+RIPPLE = Ripple(
+    "empty runs", 1000.0, 0.01, (1.0,), ((0.2, 0.0, 0.1, 0.0, 0.0),), ((0.1, 0.0, 0.2, 0.0, 0.0),),
+    (0.0, 1000.0), (0.01, 0.03),
+)  # fmt: skip
 
 
 def certified_bench() -> BenchDescription:
@@ -85,40 +125,45 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-def by_rows(chain: MeasuringChain) -> Told:
-    torque = chain.torque(
+def by_rows(chain: MeasuringChain, at: Conditions, *, steady: bool = False) -> Torque:
+    """A single reading; or a steady mean, which has no acceleration and no ripple."""
+    return chain.torque(
         Readings(
             np.array([READING_NM]),
             branch=np.ones(1),
             counter_nm=COUNTER_NM,
-            speed_rpm=0.0,
-            acceleration_rad_s2=0.0,
-            temperature_c=TEMPERATURE_C,
+            speed_rpm=at.speed_rpm,
+            acceleration_rad_s2=0.0 if steady else at.acceleration_rad_s2,
+            angle_rad=None if steady else at.angle_rad,
+            window_s=np.inf if steady else at.window_s,
+            temperature_c=at.temperature_c,
             zero_age_h=0.0,
-            zero_temperature_c=TEMPERATURE_C,
+            zero_temperature_c=at.zero_temperature_c,
         )
     )
-    return Told(float(torque.value_nm[0]), float(torque.expanded_uncertainty_nm[0]))
 
 
-def torque_budget(chain: MeasuringChain) -> tuple[BudgetLine, ...]:
-    reading = Readings(np.array([READING_NM]), branch=np.ones(1))
-    return chain.torque(reading).budget().lines
-
-
-def by_apply(file: Path, folder: Path) -> Told:
-    header = "reading_nm,branch,speed_rpm,acceleration_rad_s2,temperature_c,standard_error_nm"
-    row = f"{READING_NM},up,0,0,{TEMPERATURE_C},{COUNTER_NM}"
-    (folder / "readings.csv").write_text(f"{header}\n{row}\n")
-    options = ("--zero-age", 0, "--zero-temperature", TEMPERATURE_C)
+def by_apply(file: Path, at: Conditions, folder: Path) -> Told:
+    header = "reading_nm,branch,speed_rpm,acceleration_rad_s2,angle_deg,temperature_c"
+    angle_deg = float(np.degrees(at.angle_rad))
+    row = f"{READING_NM},up,{at.speed_rpm},{at.acceleration_rad_s2},{angle_deg!r}"
+    table = f"# window_s = {at.window_s}\n{header},standard_error_nm\n"
+    table += f"{row},{at.temperature_c},{COUNTER_NM}\n"
+    (folder / "readings.csv").write_text(table)
+    options = ("--zero-age", 0, "--zero-temperature", at.zero_temperature_c)
     result = run("apply", file, "readings.csv", "--out", "torque.csv", *options, cwd=folder)
     assert result.returncode == 0, result.stderr
-    with (folder / "torque.csv").open() as table:
-        (cells,) = csv.DictReader(table)
-    return Told(float(cells["torque_nm"]), float(cells["expanded_uncertainty_nm"]))
+    with (folder / "torque.csv").open() as written:
+        (cells,) = csv.DictReader(line for line in written if not line.startswith("#"))
+    applied = tb.load_model(file).apply(
+        folder / "readings.csv", zero_age_h=0.0, zero_temperature_c=at.zero_temperature_c
+    )
+    names = ("torque_nm", "expanded_uncertainty_nm")
+    assert [applied[name][0].as_py() for name in names] == [float(cells[name]) for name in names]
+    return Told(*(float(cells[name]) for name in names))
 
 
-def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
+def live(chain: MeasuringChain, at: Conditions) -> tuple[ActiveChain, AcquiredBlock]:
     """Bring a stream to the rising branch, and give it the reading in one window."""
     active = ActiveChain(chain, "1", "physics")
     path = RANGE_NM * np.concatenate(
@@ -127,102 +172,213 @@ def live(chain: MeasuringChain) -> tuple[ActiveChain, AcquiredBlock]:
     path[-1] = READING_NM
     time_s = 0.01 * np.arange(path.size)
     counter_nm = np.full(path.size, COUNTER_NM)
-    still = {"speed_rpm": 0.0, "acceleration_rad_s2": 0.0, "temperature_c": TEMPERATURE_C}
-    active.push(StreamReadings(time_s[:-1], path[:-1], counter_nm[:-1], **still))
-    active.zero = ZeroTaken(float(time_s[-1]), TEMPERATURE_C, 0.0)
+
+    def readings(rows: slice) -> StreamReadings:
+        return StreamReadings(
+            time_s[rows], path[rows], counter_nm[rows], at.speed_rpm, at.temperature_c, None,
+            at.acceleration_rad_s2, 0.0, np.full(time_s[rows].size, at.angle_rad), at.window_s,
+        )  # fmt: skip
+
+    active.push(readings(slice(0, -1)))
+    active.zero = ZeroTaken(float(time_s[-1]), at.zero_temperature_c, 0.0)
+    torque = active.push(readings(slice(-1, None)))
     last = time_s[-1:]
-    counted = counter_nm[-1:]
-    torque = active.push(StreamReadings(last, path[-1:], counted, **still))
     samples = ChannelSamples(
         "output_torque", "output", False, last, np.array([82.5e3]), path[-1:],
-        np.zeros(1, np.uint8), counted,
+        np.zeros(1, np.uint8), counter_nm[-1:],
     )  # fmt: skip
     angles = AngleSamples(last, np.zeros(1, np.int64), 1000)
     block = AcquiredBlock(
-        0, float(last[0]), float(last[0]) + 0.01, {"output_torque": samples},
-        {"output": angles}, {"output": 0.0}, {"output_transducer": TEMPERATURE_C}, {},
+        0, float(last[0]), float(last[0]) + 0.01,
+        {"output_torque": samples, "input_torque": replace(samples, channel="input_torque")},
+        {"output": angles}, {"output": 0.0}, {"output_transducer": at.temperature_c}, {},
         compensated={"output": torque},
     )  # fmt: skip
     return active, block
 
 
-def test_every_interface_states_the_same_u(file: Path, tmp_path: Path) -> None:
-    chain = load_chain(file)
-    expected = by_rows(chain)
-    told = {"apply": by_apply(file, tmp_path)}
-
-    active, block = live(chain)
-    hub = LiveHub(default_bench(), BenchClock(fast=True), Viewer(10))
+def by_watchers(block: AcquiredBlock) -> dict[str, Told]:
+    """The panel with its API, and what OPC UA and Sparkplug make of its values."""
+    bench = default_bench()
+    hub = LiveHub(bench, BenchClock(fast=True), Viewer(10))
     hub.take(block)
-    newest = hub.latest()
-    told["panel and API"] = Told(
-        newest["output_torque_nm"].value, newest["output_uncertainty_nm"].value
-    )
-    window = active.window(block.start_s - 0.005, block.stop_s)
-    assert window is not None
-    steady = window.torque.mean().steady(0.0, 0.0)
-    told["steady value"] = Told(float(steady.value_nm[0]), float(steady.expanded_uncertainty_nm[0]))
+    state = CompensationState(1, 1, "physics", datetime.now(UTC), None, valid=True)
+    station: Any = SimpleNamespace(description=bench)
+    sides = side_snapshots(station, hub, {"input": (None, ""), "output": (state, "")})
+    nothing = LatestValue(None, np.inf)
+    shown: Any = SimpleNamespace(sides=sides, efficiency=nothing, connection="live", stopped=False)
+    live, metrics = live_values(shown), dict(side_metrics(sides["output"], 0))
+    pairs = {
+        "panel and API": [sides["output"].torque, sides["output"].uncertainty],
+        "OPC UA": [live["output", name] for name in ("Torque", "Uncertainty")],
+        "Sparkplug": [metrics[f"Torque/{name}"] for name in ("Value", "Expanded uncertainty")],
+    }
+    return {name: Told(*(each.value for each in pair)) for name, pair in pairs.items()}
 
-    point = CalibrationData(
-        [READING_NM], [READING_NM], [1], [1], RANGE_NM, speed_rpm=[0.0],
-        temperature_c=[TEMPERATURE_C], time_s=[0.0], standard_error_nm=[COUNTER_NM],
-    )  # fmt: skip
-    checked = judge_check(
-        point,
-        chain,
-        standard=Reference("none", CertifiedUncertainty.of_range(0.0, RANGE_NM)),
-        tolerance_percent_fs=0.1,
-    ).torque
-    told["check"] = Told(float(checked.value_nm[0]), float(checked.expanded_uncertainty_nm[0]))
-    found = verify(point, {"chain": chain}).of("chain")
-    assert found.expanded_uncertainty_nm is not None
-    worst = found.against_standard.worst_nm
-    told["verification"] = Told(
-        READING_NM + np.sign(expected.torque_nm - READING_NM) * worst, found.expanded_uncertainty_nm
-    )
+
+def by_devices(active: ActiveChain, block: AcquiredBlock) -> dict[str, Told]:
+    """The steady value of plans, and the recorder of reducer tests."""
+    start_s, stop_s = block.start_s - 0.005, block.stop_s
+    window = active.window(start_s, stop_s)
+    assert window is not None
+    steady = Told.of(window.torque.mean().steady(0.0, 0.0))
+    acquisition: Any = SimpleNamespace(compensation=lambda _: active)
+    context: Any = SimpleNamespace(description=default_bench(), acquisition=acquisition)
+    samples = block.channels["output_torque"]
+    recorded = Recorder(context)._columns("output", samples.time_s, samples.torque_nm, window)
+    u = float(recorded.parts.standard_uncertainty_nm[0])
+    return {"steady value": steady, "recorder": Told(float(recorded.torque_nm[0]), 2.0 * u)}
+
+
+def by_exports(block: AcquiredBlock, folder: Path) -> dict[str, Told]:
+    """The journal of a run, and the files that it is exported to."""
+    with RunFolder.create(folder / "runs", {}, kind="record") as writer:
+        RunJournal(writer, ("output_transducer",)).write(
+            Stretch((block,), {"output": block.compensated["output"]})
+        )
+    found = {}
+    for kind in ("csv", "parquet", "hdf5"):
+        path = folder / f"samples.{kind}"
+        export_streams(writer.folder, path, kind)
+        names = ("output_compensated_nm", "output_torque_uncertainty_nm")
+        if kind == "hdf5":
+            with h5py.File(path) as file:
+                cells = [file["samples"][name][0] for name in names]
+        else:
+            read = partial(pl.read_csv, comment_prefix="#") if kind == "csv" else pl.read_parquet
+            cells = [read(path)[name][0] for name in names]
+        found[kind] = Told(float(cells[0]), 2.0 * float(cells[1]))
+    return found
+
+
+def by_points(chain: MeasuringChain, at: Conditions) -> dict[str, Told]:
+    """A check, a verification and a certificate: of steady means."""
+
+    def points(reading_nm: NDArray[np.float64]) -> CalibrationData:
+        ones = np.ones(reading_nm.size)
+        return CalibrationData(
+            reading_nm, reading_nm, ones, ones, RANGE_NM, speed_rpm=at.speed_rpm * ones,
+            temperature_c=at.temperature_c * ones, time_s=0.0 * ones,
+            standard_error_nm=COUNTER_NM * ones, zero_temperature_c=at.zero_temperature_c * ones,
+        )  # fmt: skip
+
+    point = points(np.array([READING_NM]))
+    nothing = Reference("none", CertifiedUncertainty.of_range(0.0, RANGE_NM))
+    checked = judge_check(point, chain, standard=nothing, tolerance_percent_fs=0.1).torque
+    verified = verify(point, {"chain": chain}).of("chain")
+    assert verified.expanded_uncertainty_nm is not None
+    error = verified.against_standard.worst_nm
+    error *= np.sign(float(checked.value_nm[0]) - READING_NM)
     reference = StatedReference(
         "SIM-CAL-1", "", "SIM-CERT-1", "", 0.01,
         certified=certified_bench().calibrator.uncertainty("output"),
     )  # fmt: skip
-    steps = np.linspace(300.0, 1950.0, 12)
-    whole = CalibrationData(
-        steps, steps, np.ones(12), np.ones(12), RANGE_NM, speed_rpm=np.zeros(12),
-        temperature_c=np.full(12, TEMPERATURE_C), time_s=np.zeros(12),
-        standard_error_nm=np.full(12, COUNTER_NM),
-    )  # fmt: skip
+    whole = points(np.linspace(300.0, 1950.0, 12))
     results = evaluate_results(whole, chain, reference, tolerance_percent_fs=None)
     (step,) = (row for row in results.rows if row.torque_nm == READING_NM)
     assert step.error_after_nm is not None
     assert step.expanded_after_nm is not None
-    told["certificate"] = Told(READING_NM + step.error_after_nm, step.expanded_after_nm)
+    return {
+        "check": Told.of(checked),
+        "verification": Told(READING_NM + error, verified.expanded_uncertainty_nm),
+        "certificate": Told(READING_NM + step.error_after_nm, step.expanded_after_nm),
+    }
 
+
+def told_alike(told: dict[str, Told], expected: Torque) -> None:
+    for name, each in told.items():
+        torque_nm, expanded_nm = expected.value_nm[0], expected.expanded_uncertainty_nm[0]
+        assert each.torque_nm == pytest.approx(torque_nm, rel=1e-12), name
+        assert each.expanded_nm == pytest.approx(expanded_nm, rel=1e-12), name
+
+
+@pytest.mark.parametrize("which", CONDITIONS)
+def test_every_interface_states_the_same_u(
+    which: str, tmp_path: Path, request: pytest.FixtureRequest
+) -> None:
+    file, at = request.getfixturevalue(which), CONDITIONS[which]
+    chain = load_chain(file)
+    expected = by_rows(chain, at)
+    active, block = live(chain, at)
     measured = live_torque("output", [block])
     assert measured.torque_nm is not None
     assert measured.expanded_uncertainty_nm is not None
-    told["measure"] = Told(measured.torque_nm, measured.expanded_uncertainty_nm)
-
-    for name, each in told.items():
-        assert each.torque_nm == pytest.approx(expected.torque_nm, rel=1e-12), name
-        assert each.expanded_nm == pytest.approx(expected.expanded_nm, rel=1e-12), name
-
+    budget = expected.budget()
+    split = TorqueParts.of(expected).standard_uncertainty_nm
+    told = {
+        "apply": by_apply(file, at, tmp_path),
+        "measure": Told(measured.torque_nm, measured.expanded_uncertainty_nm),
+        "budget": Told(budget.value, budget.expanded_uncertainty()),
+        "parts": Told(float(expected.value_nm[0]), 2.0 * float(split[0])),
+        **by_watchers(block),
+        **by_devices(active, block),
+        **by_exports(block, tmp_path),
+    }
+    told_alike(told, expected)
+    told_alike(by_points(chain, at), by_rows(chain, at, steady=True))
+    # the budget's own lines are U, each of them once
+    lines = {line.name: line.contribution for line in budget.lines}
+    assert len(lines) == len(budget.lines) == len(expected.components)
+    assert 2.0 * np.linalg.norm(list(lines.values())) == pytest.approx(
+        expected.expanded_uncertainty_nm[0], rel=1e-12
+    )
+    groups = [
+        np.linalg.norm([lines[part.name] for part in expected.components if part.shared is group])
+        for group in Shared
+    ]
+    assert 2.0 * np.linalg.norm(groups) == pytest.approx(
+        expected.expanded_uncertainty_nm[0], rel=1e-12
+    )
     shown = measured.text(8, 2).split()
-    assert shown == [f"{expected.torque_nm:.2f}", "±", f"{expected.expanded_nm:.2f}"]
-    options = ("--temperature-change", TEMPERATURE_C - 23.0, "--speed", 0, "--zero-age", 0)
-    budget = run("budget", file, "--reading", READING_NM, "--branch", "up", *options, cwd=tmp_path)
-    assert "k = 2.00" in " ".join(budget.stdout.split())
+    assert shown == [
+        f"{expected.value_nm[0]:.2f}", "±", f"{expected.expanded_uncertainty_nm[0]:.2f}"
+    ]  # fmt: skip
 
     # the calibrator has its share by the table of its certificate: no flat share of the range
-    standard = [line for line in torque_budget(chain) if line.name == "reference standard"]
-    certified = certified_bench().calibrator.uncertainty("output").at(expected.torque_nm)
-    assert 2.0 * standard[0].contribution == pytest.approx(float(certified), rel=1e-12)
+    certified = certified_bench().calibrator.uncertainty("output").at(expected.value_nm[0])
+    assert 2.0 * lines["reference standard"] == pytest.approx(float(certified), rel=1e-12)
     assert 0.1 < float(certified) < 0.2
+
+
+def test_the_command_of_a_budget_states_u_and_lines_of_the_chain(
+    file: Path, tmp_path: Path
+) -> None:
+    options = ("--temperature-change", 1.5, "--speed", 0, "--zero-age", 0, "--branch", "up")
+    done = run("budget", file, "--reading", READING_NM, *options, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    (told,) = json.loads(done.stdout)["answer"]["readings"]
+    expected = load_chain(file).torque(
+        Readings(
+            np.array([READING_NM]), branch=np.ones(1), speed_rpm=0.0, temperature_c=24.5,
+            zero_temperature_c=23.0, zero_age_h=0.0,
+        )
+    )  # fmt: skip
+    assert told["coverage_factor"] == pytest.approx(2.0, rel=1e-12)
+    told_alike({"budget": Told(told["torque_nm"], told["expanded_uncertainty_nm"])}, expected)
+    lines = [line["contribution"] for line in told["lines"]]
+    assert 2.0 * np.linalg.norm(lines) == pytest.approx(told["expanded_uncertainty_nm"], rel=1e-12)
+
+
+def test_an_exported_table_has_the_curve_s_share_of_u(file: Path, tmp_path: Path) -> None:
+    done = run("export", file, "--out", "table.csv", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    table = pl.read_csv(tmp_path / "table.csv", comment_prefix="#")[100:-100:300]
+    chain = load_chain(file)
+    for branch, name in ((1.0, "up"), (-1.0, "down")):
+        reading = table["reading_nm"].to_numpy()
+        torque = chain.torque(Readings(reading, branch=np.full(reading.size, branch)))
+        assert table[f"torque_{name}_nm"].to_numpy() == pytest.approx(torque.value_nm, rel=1e-12)
+        assert table[f"curve_uncertainty_{name}_nm"].to_numpy() == pytest.approx(
+            torque.component("static curve"), rel=1e-12
+        )
 
 
 @pytest.fixture(scope="module")
 def turning(file: Path) -> Path:
     """The chain with effects that were measured while it turned."""
     stored = tb.load_model(file).stored
-    chain = MeasuringChain(stored.model, (WARMTH, TURNING, Inertia("runs", INERTIA, 1e-6, 30.0)))
+    measured = (WARMTH, TURNING, Inertia("runs", INERTIA, 1e-6, 30.0), RIPPLE)
+    chain = MeasuringChain.of(stored).with_effects(measured)
     made = replace(stored.provenance, effects=chain.specification())
     path = file.with_name("turning.json")
     save_model(path, replace(stored, provenance=made))
