@@ -17,6 +17,7 @@ from bluesky.protocols import (
 )
 
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.devices import (
     BenchDevices,
     MeasuredZero,
@@ -104,7 +105,7 @@ def test_every_reading_is_described_with_its_unit(bench: Any) -> None:
             assert units["output-transducer-reading_nm"] == "N·m"
             assert units["output-encoder-speed_rad_s"] == "rad/s"
             assert units["output-drive-torque-setpoint"] == "N·m"
-            assert units["temperatures-ambient"] == "°C"
+            assert units["temperatures-ambient_c"] == "°C"
             assert units["output-steady-frequency_hz"] == "Hz"
             assert units["point-target_nm"] == "N·m"
             configuration = await devices.output.transducer.read_configuration()
@@ -315,6 +316,43 @@ def test_a_steady_torque_is_the_steady_value_of_the_torque(bench: Any) -> None:
                 value[f"output-steady-{name}"]["value"] for name in ("reading_nm", "torque_nm")
             )
             assert torque == pytest.approx(3.0 * reading, rel=1e-7)
+
+    play(bench, scene)
+
+
+def test_steady_value_recorder_and_a_row_of_a_file_state_the_same_u(bench: Any) -> None:
+    effects = chain_effects(bench.description, "output", 23.0)
+
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            active = of_gain(1.0, 2000.0, *effects)
+            bench.acquisition.set_compensation("output", active)
+            await devices.output.drive.torque.set(800.0)
+            await devices.recorder.set("mark")
+            await devices.output.steady.trigger()
+            await devices.recorder.trigger()
+            read = await devices.output.steady.read()
+            steady = {name.removeprefix("output-steady-"): read[name]["value"] for name in read}
+            row = active.chain.torque(
+                Readings(
+                    np.array([steady["reading_nm"]]),
+                    counter_nm=steady["reading_standard_error_nm"],
+                    speed_rpm=steady["speed_rpm"],
+                    acceleration_rad_s2=0.0,
+                    temperature_c=steady["temperature_c"],
+                )
+            )
+            u = row.standard_uncertainty_nm[0]
+            # live, the inertia is corrected by an acceleration that isn't quite 0
+            assert steady["torque_nm"] == pytest.approx(row.value_nm[0], abs=0.01 * u)
+            assert steady["torque_uncertainty_nm"] == pytest.approx(u, rel=1e-3)
+            taken = devices.recorder.taken
+            shown_s = taken.time_s + bench.description.output.transducer.group_delay_s
+            window = active.window(float(shown_s[0]) - 1e-6, float(shown_s[-1]) + 1e-6)
+            assert taken.output_torque_nm.tolist() == window.torque.value_nm.tolist()
+            assert taken.output_parts.standard_uncertainty_nm == pytest.approx(
+                window.torque.standard_uncertainty_nm, rel=1e-12
+            )
 
     play(bench, scene)
 
