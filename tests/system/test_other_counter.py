@@ -12,7 +12,7 @@ from torquebench.bench.audit.entries import read_audit
 from torquebench.calibration import load_profile
 from torquebench.campaign.checking import check_module
 from torquebench.chain import Timebase
-from torquebench.cli.measure import compensated
+from torquebench.cli.chain_words import compensated
 from torquebench.cli.options import accepted_counter
 from torquebench.errors import ModelMismatchError
 from torquebench.records import RunFolder

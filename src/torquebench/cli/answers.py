@@ -281,7 +281,7 @@ REDUCER_TEST = Record(
     "Tests of a mounted reducer against its data sheet.",
     "torquebench.campaign.reducers.results:ReducerTestRecord",
     "reducer=reducer_name serial simulated short failures verdict",
-    {"parts": [TEST_PART]},
+    {"parts": [TEST_PART], "not_in_u": {str: [str]}},
     _FILES,
 )
 TEST_PLAN = Record(
@@ -305,7 +305,7 @@ STANDARD_REDUCER = Record(
     "reducer=reducer.name simulated compensation error_percent_fs=check.error_percent "
     "repeatability_percent_fs=check.repeatability_percent "
     "tolerance_percent_fs=check.tolerance_percent passed=check.kept run=run_id",
-    {"points": [FRICTION_POINT]},
+    {"points": [FRICTION_POINT], "not_in_u": {str: [str]}},
     _FILES,
 )
 COMPARED_QUANTITY = Record(

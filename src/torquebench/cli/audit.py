@@ -81,11 +81,7 @@ def _folder_of(data: Path, name: str) -> Path:
 
 
 def _table(lines: list[dict[str, Any]]) -> Any:
-    table = narrow_table()
-    table.add_column("time (UTC)", no_wrap=True)
-    table.add_column("bench s", justify="right", no_wrap=True)
-    table.add_column("by", no_wrap=True)
-    table.add_column("what", overflow="fold")
+    table = narrow_table(columns=("|time (UTC)", ">|bench s", "|by", "what"))
     for line in lines:
         what = str(line.get("command") or line.get("event"))
         side = f"{line['side']} " if line.get("side") else ""

@@ -12,14 +12,7 @@ from torquebench.cli.answers import PLAN
 from torquebench.cli.calibrating import run_calibrations
 from torquebench.cli.models.parameters import ParameterOption, model_parameters
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import (
-    DEFAULT_DATA,
-    BenchOption,
-    DataOption,
-    RealTimeOption,
-    YesOption,
-    bench_description,
-)
+from torquebench.cli.options import BenchOptions
 from torquebench.cli.reports import check_reports
 from torquebench.cli.resume import resume_run
 from torquebench.cli.terminal.confirming import confirm_start
@@ -53,7 +46,6 @@ class Sides(StrEnum):
 
 def calibrate(
     side: Annotated[Sides | None, typer.Argument(help="Which module.", show_default=False)] = None,
-    bench: BenchOption = None,
     profile: Annotated[
         str, typer.Option(help="A profile's name, or the path of a .toml file.")
     ] = "rapid-in-situ",
@@ -91,7 +83,6 @@ def calibrate(
     ] = None,
     parameter: ParameterOption = None,
     mounting: MountingOption = None,
-    data: DataOption = DEFAULT_DATA,
     dry_run: Annotated[
         bool,
         typer.Option("--dry-run", help="Print the staircase and check it; nothing moves."),
@@ -111,8 +102,8 @@ def calibrate(
             "for each module. May be repeated.",
         ),
     ] = None,
-    yes: YesOption = False,
-    real_time: RealTimeOption = False,
+    *,
+    options: BenchOptions,
 ) -> None:
     """Calibrate modules against the calibrator, fit the compensation and put it into use.
 
@@ -124,20 +115,12 @@ def calibrate(
 
     if resume is not None:
         with recorded(mounting_record(mounting)):
-            resume_run(
-                resume,
-                side.chosen if side else (),
-                bench,
-                _choice(model, parameter),
-                data,
-                real_time,
-                yes,
-            )
+            resume_run(resume, side.chosen if side else (), _choice(model, parameter), options)
         return
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")
 
-    description = bench_description(bench)
+    description = options.description()
     chosen = load_profile(profile).with_options(
         rising_only=rising_only or None,
         repeats=repeats,
@@ -157,16 +140,14 @@ def calibrate(
     if dry_run:
         _dry_run(description, side.chosen, chosen)
         return
-    confirm_start(description, side.value, chosen, yes)
+    confirm_start(description, side.value, chosen, options.yes)
     with recorded(found):
         run_calibrations(
             description,
             side.chosen,
             chosen,
             choice,
-            data,
-            real_time=real_time,
-            yes=yes,
+            options,
             reports=report or (),
         )
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -20,12 +19,14 @@ from torquebench.cli.terminal.console import (
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
+    from pathlib import Path
 
     from torquebench.bench.roles import Side
     from torquebench.calibration import Profile
     from torquebench.campaign.finishing import FinishedCalibration
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.resuming import InterruptedCalibration
+    from torquebench.cli.options import BenchOptions
 
 __all__ = ["report_calibration", "run_calibrations"]
 
@@ -35,10 +36,8 @@ def run_calibrations(
     sides: tuple[Side, ...],
     profile: Profile,
     model: ModelChoice | None,
-    data: Path,
+    options: BenchOptions,
     *,
-    real_time: bool,
-    yes: bool,
     interrupted: InterruptedCalibration | None = None,
     reports: Sequence[Path] = (),
 ) -> None:
@@ -47,7 +46,6 @@ def run_calibrations(
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
-    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.doubts import CALIBRATOR, tell_doubts
     from torquebench.cli.models.compiling import second_process
     from torquebench.compensation import RECOMMENDED
@@ -58,7 +56,7 @@ def run_calibrations(
     resumed = interrupted.run_ids[-1] if interrupted else ""
     with (
         second_process(),
-        open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session,
+        options.open(description, resumed=resumed) as session,
     ):
         station = session.station
         tell_doubts(station, CALIBRATOR)

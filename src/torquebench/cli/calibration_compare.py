@@ -81,12 +81,11 @@ def _print(found: CalibrationComparison) -> None:
     said = " - simulated" if found.simulated else ""
     title = f"{found.before.name} and {found.after.name}, transducer "
     say(f"[bold]{title}{escape(found.after.entry.transducer_serial)}{said}[/bold]")
-    table = narrow_table("Additional torque, N·m", caption="U of the change, k = 2; E_n = change/U")
-    table.add_column("reading", justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
-    for heading in ("before", "after", "change", "U", "E_n"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("", no_wrap=True)
+    table = narrow_table(
+        "Additional torque, N·m",
+        columns=(">|reading", "|", ">|before", ">|after", ">|change", ">|U", ">|E_n", "|"),
+        caption="U of the change, k = 2; E_n = change/U",
+    )
     for step in found.steps:
         table.add_row(
             f"{step.reading_nm:.5g}",

@@ -9,15 +9,7 @@ import typer
 from torquebench.cli.answers import CHECK
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import (
-    DEFAULT_DATA,
-    BenchOption,
-    DataOption,
-    ModuleArgument,
-    RealTimeOption,
-    YesOption,
-    bench_description,
-)
+from torquebench.cli.options import BenchOptions, ModuleArgument
 from torquebench.cli.terminal.confirming import confirm_start
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
 
@@ -29,16 +21,14 @@ __all__ = ["check"]
 
 def check(
     side: ModuleArgument,
-    bench: BenchOption = None,
     tolerance: Annotated[
         float, typer.Option(min=1e-6, max=100, help="Largest error allowed, % of full scale.")
     ] = 0.1,
     profile: Annotated[
         str, typer.Option(help="Steps to check: a profile's name, or the path of a .toml.")
     ] = "check",
-    data: DataOption = DEFAULT_DATA,
-    yes: YesOption = False,
-    real_time: RealTimeOption = False,
+    *,
+    options: BenchOptions,
 ) -> None:
     """Check a module against the check standard: zero, a few steps, verdict with guard band.
 
@@ -48,14 +38,13 @@ def check(
     from torquebench.calibration import load_profile
 
     chosen = load_profile(profile)
-    description = bench_description(bench)
-    confirm_start(description, side.value, chosen, yes)
+    description = options.description()
+    confirm_start(description, side.value, chosen, options.yes)
 
     from torquebench.campaign.checking import check_module
-    from torquebench.cli.bench_session import open_bench
     from torquebench.cli.doubts import VERIFICATION_STANDARD, tell_doubts
 
-    with open_bench(description, data, real_time=real_time, yes=yes) as session:
+    with options.open(description) as session:
         tell_doubts(session.station, VERIFICATION_STANDARD)
         with session.measuring() as (progress, ask):
             result = check_module(
@@ -73,10 +62,7 @@ def _report(result: CheckResult, tolerance: float) -> None:
     )
     model = result.model
     say("without compensation" if model is None else f"compensated by model-{model.model_id}")
-    table = narrow_table()
-    for heading in ("standard N·m", "error N·m", "% FS", "U N·m"):
-        table.add_column(heading, justify="right")
-    table.add_column("verdict", no_wrap=True)
+    table = narrow_table(columns=(">standard N·m", ">error N·m", ">% FS", ">U N·m", "|verdict"))
     points = []
     for standard, error, expanded, decision in zip(
         data.standard_nm,

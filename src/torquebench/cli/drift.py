@@ -74,11 +74,7 @@ def _print_series(series: DriftSeries) -> None:
     chart = series.chart
     simulated = " - simulated" if series.simulated else ""
     out().print(Text(f"{series.title}, {series.unit}{simulated}", style="bold"))
-    table = narrow_table()
-    table.add_column("when (UTC)", no_wrap=True)
-    for heading in ("value", "moving range"):
-        table.add_column(heading, justify="right")
-    table.add_column("")
+    table = narrow_table(columns=("|when (UTC)", ">value", ">moving range", ""))
     for row, (moment, value) in enumerate(zip(series.moments, series.values, strict=True)):
         moving = f"{abs(value - series.values[row - 1]):.4f}" if row else ""
         table.add_row(f"{moment:%Y-%m-%d %H:%M}", f"{value:+.4f}", moving, series.remark(row))

@@ -21,7 +21,7 @@ from torquebench.cli.options import (
     moment_in_utc,
     performed_at,
 )
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
+from torquebench.cli.terminal.console import answer, print_facts, say, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -213,10 +213,6 @@ def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
 
 
 def _show(registry: Registry, shown: Equipment) -> None:
-    table = narrow_table(f"{shown.kind} {shown.serial}")
-    table.show_header = False
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(overflow="fold")
     span = "" if shown.range_nm is None else f"{shown.range_nm:g} N·m"
     rows = [("type", f"{shown.manufacturer} {shown.model}".strip()), ("range", span)]
     rows += [(name, str(value)) for name, value in shown.details.items()]
@@ -248,10 +244,7 @@ def _show(registry: Registry, shown: Equipment) -> None:
             (f"calibration-{each.calibration_id}", f"{each.performed:%Y-%m-%d}, due {each.due}")
             for each in registry.calibrations(shown.serial)
         ]
-    for name, value in rows:
-        if value:
-            table.add_row(escape(name), escape(value))
-    out().print(table)
+    print_facts(f"{shown.kind} {shown.serial}", rows)
 
 
 def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:

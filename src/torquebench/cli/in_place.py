@@ -90,9 +90,7 @@ def in_place(
     range_nm = measured.calibration.range_nm
     say(f"[bold]{side.capitalize()} module, {range_nm:g} N·m{simulated}[/bold]")
     say("worst error of fresh readings in the chain, by calibration:")
-    shown = narrow_table()
-    shown.add_column("calibration")
-    shown.add_column("% FS", justify="right")
+    shown = narrow_table(columns=("calibration", ">% FS"))
     names = ("none: raw reading", "transducer alone", "in place", "in place, rising only (BP)")
     for name, value in zip(names, found, strict=True):
         shown.add_row(name, number(value))

@@ -8,14 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.chain_words import tell_compensation
 from torquebench.cli.options import (
-    CLOCK_TOLERANCE_PPM,
     DEFAULT_DATA,
-    AcceptCounterOption,
     BenchOption,
-    ClockToleranceOption,
+    CounterOptions,
     DataOption,
-    accepted_counter,
     bench_description,
 )
 from torquebench.cli.terminal.console import answer, answer_line, is_json, note, out
@@ -25,11 +23,10 @@ if TYPE_CHECKING:
     from torquebench.bench.active_chain import ActiveChain
     from torquebench.bench.drivers.base import Side
     from torquebench.bench.samples import AcquiredBlock, Viewer
-    from torquebench.chain import Timebase
     from torquebench.errors import InputError
     from torquebench.station import Station
 
-__all__ = ["compensated", "measure"]
+__all__ = ["measure"]
 
 
 def measure(
@@ -41,11 +38,11 @@ def measure(
     count: Annotated[
         int | None, typer.Option(min=1, help="Number of lines; without it, until Ctrl-C.")
     ] = None,
-    accept_counter: AcceptCounterOption = None,
-    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
     zero: Annotated[
         bool, typer.Option("--zero", help="First measure the zero of the unloaded bench.")
     ] = False,
+    *,
+    counter: CounterOptions,
 ) -> None:
     """Show torque ± U (k = 2) of both sides, speed, temperature and compensation, live.
 
@@ -56,24 +53,16 @@ def measure(
     note(f"opening {description.name}")
 
     from torquebench.bench.drivers.base import SIDES
-    from torquebench.chain import not_in_u
     from torquebench.cli.recovered import tell_recovered
     from torquebench.station import Station
 
-    accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
     with Station.open(description, data, real_time=True) as station:
         tell_recovered(station)
-        states = {side: compensated(station, side, accepted) for side in SIDES}
-        if zero:
-            _take_zero(station)
         if station.description.simulated:
             note("simulated bench")
-        missing = {side: not_contained(station, side) for side in SIDES}
-        for side, state in states.items():
-            note(f"{side}: {state}")
-            sentence = not_in_u(missing[side])
-            if sentence is not None:
-                note(f"{side}: {sentence}")
+        states, missing = tell_compensation(station, SIDES, counter.accepted())
+        if zero:
+            _take_zero(station)
         answer(
             simulated=station.description.simulated,
             compensation=states,
@@ -85,28 +74,6 @@ def measure(
         except KeyboardInterrupt:
             out().print()
         note("measuring ended; nothing was moved")
-
-
-def compensated(station: Station, side: Side, accepted: Timebase | None = None) -> str:
-    """Compensate a side by its active model if there is one, and say by which."""
-    from torquebench.errors import ModelMismatchError
-
-    try:
-        active = station.activate_compensation(side, accepted)
-    except ModelMismatchError as error:
-        return f"not compensated, {error.found}"
-    made = ""
-    if active.accepted is not None:
-        made = (
-            f", made with {active.accepted.identity}: {active.accepted.tolerance_ppm:g} ppm added"
-        )
-    return f"compensated by model-{active.model_id} ({active.kind}){made}"
-
-
-def not_contained(station: Station, side: Side) -> list[str]:
-    """Return the influences that U of a side doesn't contain; none where it states no U."""
-    active = station.acquisition.compensation(side)
-    return [] if active is None else list(active.chain.missing())
 
 
 def _take_zero(station: Station) -> None:

@@ -133,9 +133,8 @@ def _finish(
 
     for block in blocks:
         if isinstance(block, Table):
-            table = narrow_table(caption=block.caption)
-            for place, name in enumerate(block.header):
-                table.add_column(name, justify="right" if place else "left")
+            columns = (block.header[0], *(f">{name}" for name in block.header[1:]))
+            table = narrow_table(columns=columns, caption=block.caption)
             for row in block.rows:
                 table.add_row(*row)
             out().print(table)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -19,6 +21,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
+    from torquebench.cli.bench_session import BenchSession
     from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
@@ -26,8 +29,10 @@ __all__ = [
     "CSV_ENDINGS",
     "AcceptCounterOption",
     "BenchOption",
+    "BenchOptions",
     "ClockToleranceOption",
     "ColumnOption",
+    "CounterOptions",
     "DataOption",
     "Module",
     "ModuleArgument",
@@ -130,6 +135,42 @@ ClockToleranceOption = Annotated[
     typer.Option(min=0.001, max=1000, help="Largest difference of the two counters' clocks."),
 ]
 CLOCK_TOLERANCE_PPM = 100.0
+
+
+@dataclass(frozen=True)
+class BenchOptions:
+    """The options of every command that moves a bench."""
+
+    bench: BenchOption = None
+    data: DataOption = DEFAULT_DATA
+    yes: YesOption = False
+    real_time: RealTimeOption = False
+
+    def description(self) -> BenchDescription:
+        """Return the description of the bench."""
+        return bench_description(self.bench)
+
+    def open(
+        self, description: BenchDescription, *, resumed: str = ""
+    ) -> AbstractContextManager[BenchSession]:
+        """Open the bench for measuring; a resumed run needs no message."""
+        from torquebench.cli.bench_session import open_bench
+
+        return open_bench(
+            description, self.data, real_time=self.real_time, yes=self.yes, resumed=resumed
+        )
+
+
+@dataclass(frozen=True)
+class CounterOptions:
+    """The options of commands that may use models of another counter."""
+
+    accept_counter: AcceptCounterOption = None
+    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM
+
+    def accepted(self) -> Timebase | None:
+        """Return the other counter that the command accepts, None if none is named."""
+        return accepted_counter(self.accept_counter, self.clock_tolerance_ppm)
 
 
 def accepted_counter(identity: str | None, tolerance_ppm: float) -> Timebase | None:

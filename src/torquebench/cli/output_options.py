@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
 import typer
 
@@ -40,24 +41,46 @@ def _with_options(command: Callable[..., Any], path: str) -> Callable[..., Any]:
     @functools.wraps(command)
     def run(*, quiet: bool = False, json: bool = False, **given: Any) -> Any:
         begin_output(path, json=json, quiet=quiet)
+        for name, kind in groups.items():
+            given[name] = kind(**{each.name: given.pop(each.name) for each in fields(kind)})
         return command(**given)
 
     signature = inspect.signature(command, eval_str=True)
-    for each in signature.parameters.values():
+    groups: dict[str, Any] = {
+        name: each.annotation
+        for name, each in signature.parameters.items()
+        if is_dataclass(each.annotation)
+    }
+    parameters = [part for each in signature.parameters.values() for part in _options(each)]
+    for each in parameters:
         kind, *options = get_args(each.annotation) or (None,)
         for option in options:
             option.metavar = option.metavar or _value_name(kind)
     added = {"json": JsonOption} if path in ANSWERS else {}
     added["quiet"] = QuietOption
-    parameters = [
+    parameters += [
         inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=False, annotation=kind)
         for name, kind in added.items()
     ]
-    named = [*signature.parameters.values(), *parameters]
     # Typer reads a command's options from this attribute, which typing doesn't know.
-    run.__signature__ = signature.replace(parameters=named)  # type: ignore[attr-defined]
-    run.__annotations__ = {each.name: each.annotation for each in named}
+    run.__signature__ = signature.replace(parameters=parameters)  # type: ignore[attr-defined]
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
     return run
+
+
+def _options(parameter: inspect.Parameter) -> Iterator[inspect.Parameter]:
+    """Yield a parameter as an option; a dataclass is a group of options, its fields."""
+    if not is_dataclass(parameter.annotation):
+        yield parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY)
+        return
+    hints = get_type_hints(parameter.annotation, include_extras=True)
+    for each in fields(parameter.annotation):
+        yield inspect.Parameter(
+            each.name,
+            inspect.Parameter.KEYWORD_ONLY,
+            default=inspect.Parameter.empty if each.default is MISSING else each.default,
+            annotation=hints[each.name],
+        )
 
 
 def _value_name(kind: Any) -> str | None:

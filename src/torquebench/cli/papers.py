@@ -215,9 +215,9 @@ def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
 
 def _write(page: Page, reports: list[Path]) -> None:
 
-    table = narrow_table(page.title + (" - simulated" if page.simulated else ""))
-    table.add_column("item")
-    table.add_column("met or not")
+    table = narrow_table(
+        page.title + (" - simulated" if page.simulated else ""), columns=("item", "met or not")
+    )
     for section in page.sections[1:]:
         item, _, verdict = section.heading.rpartition(": ")
         table.add_row(item, verdict)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from torquebench.bench.drivers.base import Side
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.resuming import InterruptedCalibration
+    from torquebench.cli.options import BenchOptions
 
 __all__ = ["resume_run"]
 
@@ -22,11 +23,8 @@ __all__ = ["resume_run"]
 def resume_run(
     name: str,
     sides: tuple[Side, ...],
-    bench: Path | None,
     model: ModelChoice | None,
-    data: Path,
-    real_time: bool,
-    yes: bool,
+    options: BenchOptions,
 ) -> None:
     """Recover unfinished runs, read the run back and continue with it.
 
@@ -38,19 +36,16 @@ def resume_run(
         Of the run: its id, the beginning of it, or "latest".
     sides : tuple of str
         Modules that were named; empty where none was.
-    bench : pathlib.Path or None
-        The bench description; None takes the one that the run was measured on.
     model : ModelChoice or None
         None takes the one that it was begun with.
-    data, real_time, yes
-        As for a calibration.
+    options : BenchOptions
+        Without a bench description that of the run.
     """
-    from torquebench.bench.description import load_bench
     from torquebench.cli.calibrating import run_calibrations
     from torquebench.cli.terminal.confirming import confirm_start
     from torquebench.procedures.staircase import describe_step
 
-    interrupted = _read(name, data)
+    interrupted = _read(name, options.data)
     if interrupted is None:
         return
     if sides and sides != (interrupted.side,):
@@ -63,7 +58,7 @@ def resume_run(
             ),
             "leave the module out",
         )
-    description = _recorded(interrupted) if bench is None else load_bench(bench)
+    description = _recorded(interrupted) if options.bench is None else options.description()
     note(
         f"resuming {interrupted.run_ids[-1]} at series {interrupted.series}: "
         f"{len(interrupted.kept)} points are kept, {interrupted.repeated} are measured again"
@@ -71,15 +66,13 @@ def resume_run(
     if interrupted.damaged:
         named = "; ".join(describe_step(step) for step in interrupted.damaged)
         warn(f"the record of these points is damaged, they are measured again: {named}")
-    confirm_start(description, interrupted.side, interrupted.profile, yes)
+    confirm_start(description, interrupted.side, interrupted.profile, options.yes)
     run_calibrations(
         description,
         (interrupted.side,),
         interrupted.profile,
         model or _begun_with(interrupted),
-        data,
-        real_time=real_time,
-        yes=yes,
+        options,
         interrupted=interrupted,
     )
 

@@ -63,8 +63,7 @@ def simulate(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, end)
     with Simulators(description) as simulators:
-        table = narrow_table("Simulated instruments")
-        table.show_header = False
+        table = narrow_table("Simulated instruments", headings=False)
         for role, address in simulators.addresses.items():
             table.add_row(role, address)
         out().print(table)

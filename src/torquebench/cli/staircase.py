@@ -44,12 +44,9 @@ def staircase_tables(
     checked = "" if profile.verified else ", not checked against a licensed text"
     yield Text(f"profile {profile.name} (SHA-256 {profile.sha256[:12]}…{checked})")
     yield Text(f"setup    {_setup(rehearsal)}")
-    table = narrow_table()
-    table.add_column("series", justify="right")
-    table.add_column("what")
-    table.add_column("steps", justify="right")
-    for heading in ("from N·m", "to N·m", "each s", "in all s"):
-        table.add_column(heading, justify="right")
+    table = narrow_table(
+        columns=(">series", "what", ">steps", ">from N·m", ">to N·m", ">each s", ">in all s")
+    )
     for number, alike in _alike(_by_series(steps)):
         first = alike[0]
         for group in first:
@@ -86,9 +83,10 @@ def _placing(profile: Profile, coarse: int) -> str:
 
 def placement_table(placement: Placement) -> RenderableType:
     """Return how an adaptive calibration went, one line a decision."""
-    table = narrow_table("U (k = 2) of the model at its largest")
-    for heading in ("points", "U % FS", "placed next", "U predicted % FS"):
-        table.add_column(heading, justify="right")
+    table = narrow_table(
+        "U (k = 2) of the model at its largest",
+        columns=(">points", ">U % FS", ">placed next", ">U predicted % FS"),
+    )
     for each in placement.rounds:
         following = [str(each.proposed), f"{each.predicted_percent:.4f}"] if each.proposed else []
         table.add_row(str(each.points), f"{each.expanded_percent:.4f}", *following)

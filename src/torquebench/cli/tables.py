@@ -162,12 +162,18 @@ def comparison_table(comparison: Comparison, taken: str) -> Table:
     from torquebench.cli.terminal.console import narrow_table
 
     table = narrow_table(
+        columns=(
+            "|model",
+            ">|worst N·m",
+            ">|RMS N·m",
+            ">|worst % FS",
+            ">|RMS % FS",
+            ">|param.",
+            ">|fit s",
+        ),
         caption=f"errors at steps left out ({comparison.folds} folds, {comparison.points} points, "
-        f"{comparison.steps} steps)"
+        f"{comparison.steps} steps)",
     )
-    table.add_column("model", no_wrap=True)
-    for heading in ("worst N·m", "RMS N·m", "worst % FS", "RMS % FS", "param.", "fit s"):
-        table.add_column(heading, justify="right", no_wrap=True)
     for score in comparison.scores:
         chosen = score.name == taken
         table.add_row(
@@ -194,9 +200,9 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
     repeats = np.unique(sweep.repeat).size
     count = "one sweep" if repeats == 1 else f"{repeats} repeats"
     yield Text(f"No-load friction at the input, {count}, {words}{marked}", style="bold")
-    table = narrow_table()
-    for heading in ("rpm", "clockwise mN·m", "spread", "counter-cw. mN·m", "spread"):
-        table.add_column(heading, justify="right")
+    table = narrow_table(
+        columns=(">rpm", ">clockwise mN·m", ">spread", ">counter-cw. mN·m", ">spread")
+    )
     nominal = np.abs(sweep.nominal_rpm)
     for speed in np.unique(nominal):
         cells = [f"{speed:g}"]
@@ -219,10 +225,10 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
     """Return what was identified of a chain that turns: largest value and U of each part."""
     from torquebench.cli.terminal.console import narrow_table
 
-    table = narrow_table("identified, largest where it was measured, % FS")
-    table.add_column("effect", no_wrap=True)
-    for heading in ("value", "± (k = 2)", "measured"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = narrow_table(
+        "identified, largest where it was measured, % FS",
+        columns=("|effect", ">|value", ">|± (k = 2)", ">|measured"),
+    )
     for effect in effects:
         for part in effect.identified(range_nm):
             u = f"{part.u_percent:.2g}"
@@ -235,9 +241,10 @@ def cells_table(points: CalibrationData, torque: Torque) -> RenderableType:
     from torquebench.calibration import cell_rows
     from torquebench.cli.terminal.console import narrow_table
 
-    table = narrow_table("error in % FS and coverage of U (k = 2), by speed, temperature, torque")
-    for heading in ("1/min", "°C", "% of range", "points", "RMS", "worst", "covered"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = narrow_table(
+        "error in % FS and coverage of U (k = 2), by speed, temperature, torque",
+        columns=(">|1/min", ">|°C", ">|% of range", ">|points", ">|RMS", ">|worst", ">|covered"),
+    )
     for row in cell_rows(points, torque):
         table.add_row(*row)
     return table

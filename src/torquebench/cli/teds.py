@@ -239,9 +239,7 @@ def _answer(sheet: Sheet, **facts: Any) -> None:
 def _print_values(title: str, fields: tuple[Field | Array, ...], values: Any) -> None:
     from torquebench.teds.templates import Array
 
-    table = narrow_table()
-    table.add_column(title)
-    table.add_column("", no_wrap=True)
+    table = narrow_table(columns=(title, "|"))
     for each in fields:
         if not isinstance(each, Array):
             table.add_row(each.label, _shown(values[each.name]))

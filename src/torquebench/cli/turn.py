@@ -8,18 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from torquebench.cli.answers import TURN_PLANNED, TURNED
-from torquebench.cli.options import (
-    CSV_ENDINGS,
-    DEFAULT_DATA,
-    BenchOption,
-    DataOption,
-    Module,
-    ModuleArgument,
-    RealTimeOption,
-    YesOption,
-    bench_description,
-    check_output,
-)
+from torquebench.cli.options import CSV_ENDINGS, BenchOptions, Module, ModuleArgument, check_output
 from torquebench.cli.terminal.confirming import confirm_turn
 from torquebench.cli.terminal.console import (
     answer,
@@ -42,8 +31,6 @@ def turn(
     profile: Annotated[
         str, typer.Option(help="A profile's name, or the path of a .toml.")
     ] = "empty-run",
-    bench: BenchOption = None,
-    data: DataOption = DEFAULT_DATA,
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Show speeds and duration; nothing moves.")
     ] = False,
@@ -53,12 +40,12 @@ def turn(
     resume: Annotated[
         bool, typer.Option("--resume", help="Resume the interrupted run in the file of --out.")
     ] = False,
-    yes: YesOption = False,
     seed: Annotated[
         int | None,
         typer.Option(min=0, help="Draw the random points of a verification by another seed."),
     ] = None,
-    real_time: RealTimeOption = False,
+    *,
+    options: BenchOptions,
 ) -> None:
     """Rotate a module with nothing mounted or against the calibrator, and write the table.
 
@@ -73,15 +60,15 @@ def turn(
     chosen = load_turning_profile(profile)
     if seed is not None:
         chosen = chosen.with_seed(seed)
-    description = bench_description(bench)
+    description = options.description()
     answer(side=side.value, profile=chosen.name, simulated=description.simulated)
     if dry_run:
         _dry_run(description, side, chosen)
         return
     if not resume:
         check_output(result, endings=CSV_ENDINGS)
-    confirm_turn(description, side.value, chosen, yes)
-    _run(description, side, chosen, result, data, (resume, not no_wait, yes, real_time))
+    confirm_turn(description, side.value, chosen, options.yes)
+    _run(description, side, chosen, result, options, resume=resume, wait=not no_wait)
 
 
 def _run(
@@ -89,16 +76,16 @@ def _run(
     side: Module,
     profile: TurningProfile,
     result: Path,
-    data: Path,
-    options: tuple[bool, bool, bool, bool],
+    options: BenchOptions,
+    *,
+    resume: bool,
+    wait: bool,
 ) -> None:
     from torquebench.campaign.turning_runs import measure_turning, read_begun
-    from torquebench.cli.bench_session import open_bench
 
-    resume, wait, yes, real_time = options
     serial = description.module(side.value).transducer.serial
     begun = read_begun(result, side.value, profile, serial) if resume else None
-    with open_bench(description, data, real_time=real_time, yes=yes) as session:
+    with options.open(description) as session:
         try:
             with session.measuring() as (progress, ask):
                 done = measure_turning(
@@ -134,10 +121,9 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
         Station.open(description, Path(scratch)) as station,
     ):
         rehearsal = rehearse_turning(station, side.value, profile)
-    table = narrow_table(f"{profile.title or profile.name}, {side.value}")
-    table.show_header = False
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    table = narrow_table(
+        f"{profile.title or profile.name}, {side.value}", columns=("|", ""), headings=False
+    )
     if profile.kind == "dynamics":
         _describe_steps(table, description, side, profile)
         table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -12,16 +11,7 @@ from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.commands import write_verification
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import (
-    DEFAULT_DATA,
-    BenchOption,
-    DataOption,
-    ModuleArgument,
-    RealTimeOption,
-    YesOption,
-    bench_description,
-    data_directory,
-)
+from torquebench.cli.options import BenchOptions, ModuleArgument, data_directory
 from torquebench.cli.reports import ReportOption, check_reports
 from torquebench.cli.terminal.confirming import confirm_start
 from torquebench.cli.terminal.console import answer, out, say
@@ -66,10 +56,8 @@ def verification(
     ] = 0.1,
     report: ReportOption = None,
     mounting: MountingOption = None,
-    bench: BenchOption = None,
-    data: DataOption = DEFAULT_DATA,
-    yes: YesOption = False,
-    real_time: RealTimeOption = False,
+    *,
+    options: BenchOptions,
 ) -> None:
     """Verify a module at fresh points against the verification standard, in groups.
 
@@ -79,18 +67,18 @@ def verification(
     """
     check_reports(report)
     entered = mounting_record(mounting)
-    description = bench_description(bench)
-    data_directory(data)
+    description = options.description()
+    data_directory(options.data)
     side: Side = module.value
     from torquebench.calibration import load_profile
 
     profile = load_profile("verification").with_options(
         groups=groups, points=points, same_points=same_points or None
     )
-    confirm_start(description, side, profile, yes)
+    confirm_start(description, side, profile, options.yes)
     with recorded(entered):
         measured, result, run_id, titles, chains = _measured(
-            description, side, profile, models, seed, data, yes=yes, real_time=real_time
+            description, side, profile, models, seed, options
         )
     kept = _print(result, titles, tolerance)
     missing = next(iter(chains.values())).missing()
@@ -159,10 +147,7 @@ def _measured(
     profile: Profile,
     named: list[str] | None,
     seed: int | None,
-    data: Path,
-    *,
-    yes: bool,
-    real_time: bool,
+    options: BenchOptions,
 ) -> tuple[CalibrationData, VerificationResult, str, dict[str, str], dict[str, MeasuringChain]]:
     import numpy as np
 
@@ -173,11 +158,10 @@ def _measured(
     from torquebench.campaign.modules import register_verification
     from torquebench.campaign.registering import registered_patiently
     from torquebench.chain import MeasuringChain
-    from torquebench.cli.bench_session import open_bench
     from torquebench.compensation import load_model
     from torquebench.records import REGISTERS
 
-    with open_bench(description, data, real_time=real_time, yes=yes) as session:
+    with options.open(description) as session:
         station = session.station
         entries = _entries(station, side, named)
         stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}

@@ -233,8 +233,7 @@ def _guarded(examine: Callable[[], Iterator[Finding]]) -> Iterator[Finding]:
 
 
 def _print(title: str, findings: list[Finding]) -> None:
-    table = narrow_table(title)
-    table.show_header = False
+    table = narrow_table(title, headings=False)
     table.add_column(width=8)
     table.add_column(width=14, overflow="fold")
     table.add_column(overflow="fold")

@@ -383,10 +383,11 @@ def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
     if not deviations:
         say("kept: no deviation from the profile")
         return
-    table = narrow_table("Deviations from the profile, and their consequence for the certificate")
-    table.show_header = False
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    table = narrow_table(
+        "Deviations from the profile, and their consequence for the certificate",
+        columns=("|", ""),
+        headings=False,
+    )
     for each in deviations:
         refused = each.consequence == "refuse"
         table.add_row("[red]refused[/red]" if refused else "stated", escape(each.found))
@@ -432,13 +433,11 @@ def _quantities(evaluation: StaticEvaluation) -> Any:
     """Return the table of all quantities, one line a step."""
     from torquebench.reports.evaluation_report import residual_zero, static_quantities
 
-    table = narrow_table()
     header, rows = static_quantities(evaluation)
-    for name in header:
-        table.add_column(name, justify="right")
+    columns = [f">{name}" for name in header]
+    table = narrow_table(columns=columns, caption=residual_zero(evaluation))
     for row in rows:
         table.add_row(*row)
-    table.caption = residual_zero(evaluation)
     return table
 
 

@@ -101,9 +101,8 @@ def _print(found: IdentifiedDynamics) -> None:
         ("lag", "lag_s", 1e6, "µs"),
         ("delay", "delay_s", 1e6, "µs"),
     ]
-    table = narrow_table("Identified" + (" - simulated" if found.simulated else ""))
-    for name in ("", "value", "U (k = 2)", "unit"):
-        table.add_column(name, justify="left" if name in ("", "unit") else "right")
+    simulated = " - simulated" if found.simulated else ""
+    table = narrow_table(f"Identified{simulated}", columns=("", ">value", ">U (k = 2)", "unit"))
     parameters: dict[str, dict[str, float | str]] = {}
     for words, name, factor, unit in rows:
         value, u = getattr(transfer, name), transfer.standard_uncertainty(name)

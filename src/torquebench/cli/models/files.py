@@ -169,10 +169,7 @@ def budget(
 
 def _print_budget(found: Budget) -> None:
     """Print the contributions, the largest first, and the result."""
-    table = narrow_table()
-    table.add_column("quantity", no_wrap=True)
-    for heading in ("u N·m", "distribution", "share"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = narrow_table(columns=("|quantity", ">|u N·m", ">|distribution", ">|share"))
     for line in sorted(found.lines, key=lambda each: -each.contribution):
         if line.contribution == 0.0:
             continue

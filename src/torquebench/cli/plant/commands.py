@@ -184,12 +184,10 @@ def status(plant: PlantOption = "") -> None:
         states = found.benches()
     answer(benches=[PLANT_BENCH.of(each) for each in states])
     now = datetime.now(UTC)
-    table = narrow_table(caption=f"{len(states)} benches")
-    table.add_column("no.", justify="right")
-    table.add_column("bench", overflow="fold")
-    table.add_column("place", overflow="fold")
-    for heading in ("entries", "runs", "folders", "heard from"):
-        table.add_column(heading, justify="right", no_wrap=True)
+    table = narrow_table(
+        columns=(">no.", "bench", "place", ">|entries", ">|runs", ">|folders", ">|heard from"),
+        caption=f"{len(states)} benches",
+    )
     for each in states:
         heard = "never" if each.last_contact is None else _ago(now, each.last_contact)
         if each.replaced_by is not None:
@@ -243,11 +241,10 @@ def runs(
             withdrawn=withdrawn,
         )
     answer(runs=[PLANT_RUN.of(run, withdrawn=run.withdrawn is not None) for run in listed])
-    table = narrow_table(caption=f"{len(listed)} runs, the newest first")
-    table.add_column("run", overflow="fold")
-    table.add_column("bench", overflow="fold")
-    table.add_column("specimen", overflow="fold")
-    table.add_column("state", no_wrap=True)
+    table = narrow_table(
+        columns=("run", "bench", "specimen", "|state"),
+        caption=f"{len(listed)} runs, the newest first",
+    )
     for run in listed:
         table.add_row(run.run_id, escape(run.bench), escape(run.serial), _state(run))
     out().print(table)

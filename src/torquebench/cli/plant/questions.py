@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -16,7 +18,7 @@ from torquebench.cli.terminal.console import answer, narrow_table, note, out, sa
 from torquebench.errors import InputError
 
 if TYPE_CHECKING:
-    from torquebench.plant import Answer, SpecimenFilter
+    from torquebench.plant import Answer, Plant, SpecimenFilter
 
 __all__ = ["app", "show"]
 
@@ -98,30 +100,49 @@ def _short(value: Any) -> str:
     return str(value)
 
 
-def _wanted(
-    specimen_type: str,
-    quantity: str,
-    bench: int | None,
-    batch: str | None,
-    since: datetime | None,
-    until: datetime | None,
-) -> SpecimenFilter:
-    from torquebench.plant import SpecimenFilter
+@dataclass(frozen=True)
+class SpecimenOptions:
+    """Which specimens, and which of their values."""
 
-    return SpecimenFilter(specimen_type, quantity, bench, batch, since, until)
+    specimen_type: TypeArgument
+    quantity: QuantityArgument
+    bench: BenchNumber = None
+    batch: BatchOption = None
+    since: SinceOption = None
+    until: UntilOption = None
+
+    def chosen(self) -> SpecimenFilter:
+        """Return the filter of the plant's questions."""
+        from torquebench.plant import SpecimenFilter
+
+        return SpecimenFilter(**vars(self))
+
+
+@dataclass(frozen=True)
+class AnswerOptions:
+    """The plant, and where its answer is written."""
+
+    out_file: OutOption = None
+    plant: PlantOption = ""
+
+    def show(self, ask: Callable[[Plant], Answer]) -> Answer:
+        """Ask the plant, print its answer and write it where a file is named."""
+        with opened(self.plant, self.out_file) as plant:
+            answered = ask(plant)
+        show(answered, self.out_file)
+        return answered
 
 
 @app.command("due")
 def due(
     within: Annotated[int, typer.Option(min=0, help="How many days to look ahead.")] = 30,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    options: AnswerOptions,
 ) -> None:
     """List transducers and standards that are due for calibration, with their places."""
     from torquebench.plant import due as asked
 
-    with opened(plant, out_file) as found:
-        show(asked(found, within), out_file)
+    options.show(lambda plant: asked(plant, within))
 
 
 @app.command("drift")
@@ -138,8 +159,8 @@ def drift(
         typer.Option(min=1e-6, help="Tolerance of the span's drift, in % (zero: % of range)."),
     ] = 0.1,
     base: BaseOption = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    options: AnswerOptions,
 ) -> None:
     """Show the drift of a transducer over time and all benches, or of one kind (`--kind`)."""
     from torquebench.plant import drift as asked
@@ -147,47 +168,34 @@ def drift(
 
     if (serial is None) == (kind is None):
         raise InputError("a serial number and --kind, or neither", "one of them")
-    with opened(plant, out_file) as found:
-        if kind is not None:
-            show(drift_of_kind(found, kind), out_file)
-        else:
-            show(asked(found, serial or "", tolerance, base=base), out_file)
+    if kind is not None:
+        options.show(lambda plant: drift_of_kind(plant, kind))
+    else:
+        options.show(lambda plant: asked(plant, serial or "", tolerance, base=base))
 
 
 @app.command("specimens")
 def specimens(
-    specimen_type: TypeArgument,
-    quantity: QuantityArgument,
-    bench: BenchNumber = None,
-    batch: BatchOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    specimens: SpecimenOptions,
+    options: AnswerOptions,
 ) -> None:
     """List the values of a quantity of all specimens of a type, one row for each specimen."""
     from torquebench.plant import specimens as asked
 
-    with opened(plant, out_file) as found:
-        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
-        show(asked(found, wanted), out_file)
+    options.show(lambda plant: asked(plant, specimens.chosen()))
 
 
 @app.command("capability")
 def capability(
-    specimen_type: TypeArgument,
-    quantity: QuantityArgument,
     lower: Annotated[float | None, typer.Option(help="Lower limit, in the value's unit.")] = None,
     upper: Annotated[float | None, typer.Option(help="Upper limit, in the value's unit.")] = None,
     level: Annotated[
         float, typer.Option(min=0.5, max=0.999, help="Confidence of the intervals.")
     ] = 0.95,
-    bench: BenchNumber = None,
-    batch: BatchOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    specimens: SpecimenOptions,
+    options: AnswerOptions,
 ) -> None:
     """Show Cp and Cpk of a type with their intervals, over all benches and for each.
 
@@ -195,15 +203,12 @@ def capability(
     """
     from torquebench.plant import capability as asked
 
-    with opened(plant, out_file) as found:
-        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
-        show(asked(found, wanted, lower=lower, upper=upper, level=level), out_file)
+    chosen = specimens.chosen()
+    options.show(lambda plant: asked(plant, chosen, lower=lower, upper=upper, level=level))
 
 
 @app.command("charts")
 def charts(
-    specimen_type: TypeArgument,
-    quantity: QuantityArgument,
     base: BaseOption = None,
     weight: Annotated[
         float, typer.Option(min=0.01, max=1.0, help="EWMA: weight of the newest value.")
@@ -211,38 +216,27 @@ def charts(
     width: Annotated[
         float, typer.Option(min=0.1, help="EWMA: limits in standard deviations.")
     ] = 2.9,
-    bench: BenchNumber = None,
-    batch: BatchOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    specimens: SpecimenOptions,
+    options: AnswerOptions,
 ) -> None:
     """Show control charts of a type: single values (Shewhart) and weighted averages (EWMA)."""
     from torquebench.plant import charts as asked
 
-    with opened(plant, out_file) as found:
-        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
-        show(asked(found, wanted, base=base, weight=weight, width=width), out_file)
+    chosen = specimens.chosen()
+    options.show(lambda plant: asked(plant, chosen, base=base, weight=weight, width=width))
 
 
 @app.command("outliers")
 def outliers(
-    specimen_type: TypeArgument,
-    quantity: QuantityArgument,
-    bench: BenchNumber = None,
-    batch: BatchOption = None,
-    since: SinceOption = None,
-    until: UntilOption = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    specimens: SpecimenOptions,
+    options: AnswerOptions,
 ) -> None:
     """Show outliers of a type: benches, batches and single specimens."""
     from torquebench.plant import outliers as asked
 
-    with opened(plant, out_file) as found:
-        wanted = _wanted(specimen_type, quantity, bench, batch, since, until)
-        show(asked(found, wanted), out_file)
+    options.show(lambda plant: asked(plant, specimens.chosen()))
 
 
 @app.command("compare")
@@ -253,8 +247,8 @@ def compare(
     ],
     quantity: QuantityArgument,
     reference: Annotated[int | None, typer.Option(help="Number of the reference bench.")] = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    options: AnswerOptions,
 ) -> None:
     """Compare benches by a specimen that all of them tested: E_n numbers.
 
@@ -263,9 +257,7 @@ def compare(
     from torquebench.cli.failure import CHECK_FAILED
     from torquebench.plant import compare as asked
 
-    with opened(plant, out_file) as found:
-        compared = asked(found, serial, quantity, reference=reference)
-    show(compared, out_file)
+    compared = options.show(lambda plant: asked(plant, serial, quantity, reference=reference))
     differing = [row["bench"] for row in compared.rows() if row["verdict"] != "agrees"]
     if differing:
         warn(f"|E_n| above 1: {', '.join(differing)}")
@@ -293,8 +285,8 @@ def reevaluate(
     limit: Annotated[
         int | None, typer.Option(min=1, help="Largest number of runs to evaluate now.")
     ] = None,
-    out_file: OutOption = None,
-    plant: PlantOption = "",
+    *,
+    options: AnswerOptions,
 ) -> None:
     """Refit and evaluate every recorded run with this version, and show the changes.
 
@@ -310,7 +302,7 @@ def reevaluate(
     from torquebench.plant.reevaluating import KINDS
 
     name = label or __version__
-    with opened(plant, out_file) as found:
+    with opened(options.plant, options.out_file) as found:
         with TerminalProgress() as progress:
             done = again(
                 found,
@@ -323,7 +315,7 @@ def reevaluate(
                 progress=progress,
             )
         say(f"{done.done} runs evaluated now, {done.known} before, {done.problems} can't be")
-        show(differences(found, name, against), out_file)
+        show(differences(found, name, against), options.out_file)
     if done.problems:
         raise typer.Exit(CHECK_FAILED)
 

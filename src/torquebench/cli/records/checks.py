@@ -67,9 +67,9 @@ def verify(
         say(f"chain end {report.head}")
         return
     count = len(report.findings)
-    table = narrow_table(f"{count} defect{'s' if count > 1 else ''}")
-    for heading in ("what", "where", "found", "way back"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table(
+        f"{count} defect{'s' if count > 1 else ''}", columns=("what", "where", "found", "way back")
+    )
     for finding in report.findings:
         table.add_row(finding.kind, finding.place, finding.what, finding.way_back)
     out().print(table)

@@ -30,7 +30,7 @@ from torquebench.cli.options import (
 from torquebench.cli.records.backup import backup, rebuild, restore
 from torquebench.cli.records.checks import amend, review, use, verify
 from torquebench.cli.recovered import tell_unfinished
-from torquebench.cli.terminal.console import answer, narrow_table, out, say
+from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 
@@ -151,9 +151,7 @@ def _list_runs(registry: Registry, limit: int) -> None:
 
 
 def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
-    table = narrow_table("Runs")
-    for heading in ("run", "started (UTC)", "status", "bench"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table("Runs", columns=("run", "started (UTC)", "status", "bench"))
     answer(runs=[])
     for run in runs[:limit]:
         where = "simulated" if run.simulated else run.bench
@@ -163,9 +161,10 @@ def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
 
 
 def _list_calibrations(registry: Registry, limit: int) -> None:
-    table = narrow_table("Calibrations")
-    for heading in ("name", "performed (UTC)", "transducer", "points", "range", "profile"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table(
+        "Calibrations",
+        columns=("name", "performed (UTC)", "transducer", "points", "range", "profile"),
+    )
     found = registry.calibrations(limit=limit + 1)
     answer(calibrations=[])
     for entry in found[:limit]:
@@ -183,9 +182,9 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
 
 
 def _list_models(registry: Registry, limit: int) -> None:
-    table = narrow_table("Models")
-    for heading in ("name", "created (UTC)", "kind", "transducer", "range", "in use"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table(
+        "Models", columns=("name", "created (UTC)", "kind", "transducer", "range", "in use")
+    )
     found = registry.models(limit=limit + 1)
     answer(models=[])
     for entry in found[:limit]:
@@ -204,10 +203,7 @@ def _list_models(registry: Registry, limit: int) -> None:
 
 
 def _list_equipment(registry: Registry, limit: int) -> None:
-    table = narrow_table("Equipment")
-    table.add_column("kind", no_wrap=True)
-    for heading in ("serial", "what", "range"):
-        table.add_column(heading, overflow="fold")
+    table = narrow_table("Equipment", columns=("|kind", "serial", "what", "range"))
     found = registry.equipment()
     for entry in found[:limit]:
         span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
@@ -417,14 +413,7 @@ def _in_use(registry: Registry, entry: ModelEntry) -> bool:
 
 
 def _facts(title: str, facts: Mapping[str, str], record: object) -> None:
-    table = narrow_table(title)
-    table.show_header = False
-    table.add_column(style="dim", no_wrap=True)
-    table.add_column(overflow="fold")
-    for key, value in facts.items():
-        if value:
-            table.add_row(key, value)
-    out().print(table)
+    print_facts(title, facts.items())
     answer(name=title, facts={key: value for key, value in facts.items() if value})
     answer(record=vars(record))
 

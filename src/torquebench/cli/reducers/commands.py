@@ -13,26 +13,15 @@ from typer.core import TyperGroup
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.cli.answers import TEST_PLAN
+from torquebench.cli.chain_words import tell_compensation
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import (
-    CLOCK_TOLERANCE_PPM,
-    DEFAULT_DATA,
-    HELP_MARKUP,
-    AcceptCounterOption,
-    BenchOption,
-    ClockToleranceOption,
-    DataOption,
-    RealTimeOption,
-    YesOption,
-    accepted_counter,
-    bench_description,
-)
+from torquebench.cli.options import HELP_MARKUP, BenchOptions, CounterOptions
 from torquebench.cli.reducers.compare import compare
 from torquebench.cli.reducers.standard import standard_reducer
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.terminal.confirming import confirm_test
-from torquebench.cli.terminal.console import answer, note, out, say
+from torquebench.cli.terminal.console import answer, out, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -145,28 +134,22 @@ def _command(name: str) -> Callable[..., None]:
         dry_run: DryRunOption = False,
         report: ReportOption = None,
         mounting: MountingOption = None,
-        bench: BenchOption = None,
-        data: DataOption = DEFAULT_DATA,
-        yes: YesOption = False,
-        real_time: RealTimeOption = False,
-        accept_counter: AcceptCounterOption = None,
-        clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
+        *,
+        options: BenchOptions,
+        counter: CounterOptions,
     ) -> None:
-
-        described = bench_description(bench)
-        kind, described = _mounted(described, reducer, serial)
-        accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
+        kind, described = _mounted(options.description(), reducer, serial)
         settings = _settings(short, twist, no_twist, tare, repeats)
         settings = settings.with_loops(loops, positions)
-        wanted = _Wanted(name, kind, settings, serial, accepted)
+        wanted = _Wanted(name, kind, settings, serial, counter.accepted())
         entered = mounting_record(mounting)
         check_reports(report)
         if dry_run:
             _dry_run(described, wanted)
             return
-        confirm_test(described, kind, yes)
+        confirm_test(described, kind, options.yes)
         with recorded(entered):
-            record = _run(described, wanted, data, yes=yes, real_time=real_time)
+            record = _run(described, wanted, options)
         _finish(record, report or [])
 
     return command
@@ -273,17 +256,13 @@ def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
     say("Limits and interlocks checked; nothing was moved.")
 
 
-def _run(
-    described: BenchDescription, wanted: _Wanted, data: Path, *, yes: bool, real_time: bool
-) -> ReducerTestRecord:
+def _run(described: BenchDescription, wanted: _Wanted, options: BenchOptions) -> ReducerTestRecord:
     from torquebench.bench.roles import SIDES
     from torquebench.campaign.reducers.tests import run_reducer_test
-    from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.measure import compensated
 
-    with open_bench(described, data, real_time=real_time, yes=yes) as session:
-        for side in SIDES:
-            note(f"{side}: {compensated(session.station, side, wanted.accepted)}")
+    with options.open(described) as session:
+        _, missing = tell_compensation(session.station, SIDES, wanted.accepted)
+        answer(not_in_u=missing)
         with session.measuring() as (progress, ask):
             return run_reducer_test(
                 session.station,

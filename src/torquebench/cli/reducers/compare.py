@@ -91,14 +91,10 @@ def _print_change(found: ReducerComparison) -> None:
     common = "common errors of both runs cancel"
     table = narrow_table(
         f"specimen {escape(before.serial or '–')}: after minus before",
+        columns=("", ">|before", ">|after", ">|change", ">|U", "|unit", "|"),
         caption="U of the change, 95.45 % coverage; "
         + (common if found.same_chain else "no errors cancel: different chains"),
     )
-    table.add_column("", overflow="fold")
-    for heading in ("before", "after", "change", "U"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
-    table.add_column("", no_wrap=True)
     for key, result in found.changes.items():
         value, expanded = stated(result.change.value, result.change.expanded_uncertainty())
         table.add_row(
@@ -119,12 +115,9 @@ def _print_specimens(found: ReducerComparison) -> None:
     names = ", ".join(each.serial or "–" for each in found.specimens)
     table = narrow_table(
         f"{len(found.specimens)} specimens: {escape(names)}",
+        columns=("", ">|mean", ">|U", ">|spread", ">|smallest", ">|largest", "|unit"),
         caption="U of the mean, 95.45 % coverage; spread: standard deviation between specimens",
     )
-    table.add_column("", overflow="fold")
-    for heading in ("mean", "U", "spread", "smallest", "largest"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
     outliers = []
     for key, result in found.values.items():
         values = [each.value for each in result.specimens.values()]

@@ -30,12 +30,10 @@ def rehearsal_table(
     said = " - simulated" if simulated else ""
     table = narrow_table(
         f"Planned test of {escape(reducer.name)}{said}",
+        columns=("", ">time", ">warm-up", ">points", ">input", ">output"),
         caption=f"allowed at the reducer: {reducer.acceleration_torque_nm:g} N·m, "
         f"{reducer.max_input_speed_rpm:g} rpm",
     )
-    table.add_column("", overflow="fold")
-    for heading in ("time", "warm-up", "points", "input", "output"):
-        table.add_column(heading, justify="right")
     for part in parts:
         most = []
         for side in ("input", "output"):
@@ -122,11 +120,11 @@ def print_by_speed(
 def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> None:
     from torquebench.uncertainty import stated
 
-    table = narrow_table(title, caption="U: expanded uncertainty, 95.45 % coverage")
-    table.add_column("", overflow="fold")
-    for heading in ("value", "U"):
-        table.add_column(heading, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
+    table = narrow_table(
+        title,
+        columns=("", ">|value", ">|U", "|unit"),
+        caption="U: expanded uncertainty, 95.45 % coverage",
+    )
     judged = any(each.verdict for each in quantities)
     if judged:
         table.add_column("limit", no_wrap=True)

@@ -8,28 +8,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.answers import FRICTION_POINT, STANDARD_REDUCER
+from torquebench.cli.chain_words import tell_compensation
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
-from torquebench.cli.options import (
-    CLOCK_TOLERANCE_PPM,
-    DEFAULT_DATA,
-    AcceptCounterOption,
-    BenchOption,
-    ClockToleranceOption,
-    DataOption,
-    RealTimeOption,
-    YesOption,
-    accepted_counter,
-    bench_description,
-)
+from torquebench.cli.options import BenchOptions, CounterOptions
 from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.cli.terminal.confirming import confirm_test
-from torquebench.cli.terminal.console import answer, narrow_table, note, out, say
+from torquebench.cli.terminal.console import answer, narrow_table, out, say
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.campaign.standard_reducer import StandardReducerCheck
-    from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
 __all__ = ["standard_reducer"]
@@ -56,12 +45,9 @@ def standard_reducer(
     ] = False,
     report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
     mounting: MountingOption = None,
-    bench: BenchOption = None,
-    data: DataOption = DEFAULT_DATA,
-    yes: YesOption = False,
-    real_time: RealTimeOption = False,
-    accept_counter: AcceptCounterOption = None,
-    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM,
+    *,
+    options: BenchOptions,
+    counter: CounterOptions,
 ) -> None:
     """Measure a standard reducer's certified friction: error and repeatability with a verdict.
 
@@ -70,15 +56,12 @@ def standard_reducer(
     or repeatability exceeds the tolerance.
     """
     check_reports(report)
-    described = bench_description(bench)
+    described = options.description()
     kind, entered = _kind(reducer, described), mounting_record(mounting)
-    accepted = accepted_counter(accept_counter, clock_tolerance_ppm)
     if kind is not None:
-        confirm_test(described, kind, yes)
+        confirm_test(described, kind, options.yes)
     with recorded(entered):
-        found = _measured(
-            described, kind, tolerance, repeats, both_directions, data, accepted, yes, real_time
-        )
+        found = _measured(described, kind, tolerance, repeats, both_directions, options, counter)
     _print(found)
     if report:
         from torquebench.reports.reducers.standard import standard_reducer_page
@@ -112,19 +95,15 @@ def _measured(
     tolerance: float,
     repeats: int,
     both: bool,
-    data: Path,
-    accepted: Timebase | None,
-    yes: bool,
-    real_time: bool,
+    options: BenchOptions,
+    counter: CounterOptions,
 ) -> StandardReducerCheck:
     from torquebench.campaign.standard_reducer import check_standard_reducer, standard_reducer
-    from torquebench.cli.bench_session import open_bench
-    from torquebench.cli.measure import compensated
 
-    with open_bench(described, data, real_time=real_time, yes=yes) as session:
+    with options.open(described) as session:
         station = session.station
-        compensation = compensated(station, "input", accepted)
-        note(f"input: {compensation}")
+        states, missing = tell_compensation(station, ("input",), counter.accepted())
+        answer(not_in_u=missing)
         mounted = standard_reducer(kind, described, station.drivers.reducer_certificate)
         with session.measuring() as (progress, ask):
             return check_standard_reducer(
@@ -132,7 +111,7 @@ def _measured(
                 mounted,
                 mounted.settings(repeats, both_directions=both),
                 tolerance_percent=tolerance,
-                compensation=compensation,
+                compensation=states["input"],
                 progress=progress,
                 on_pause=ask,
             )
@@ -144,10 +123,10 @@ def _print(found: StandardReducerCheck) -> None:
     check = found.check
     suffix = " - simulated" if found.simulated else ""
     table = narrow_table(
-        f"{found.reducer.name}{suffix}", caption=f"Input module: {found.compensation}."
+        f"{found.reducer.name}{suffix}",
+        columns=(">rpm", ">known, N·m", ">mean, N·m", ">error, % FS", ">repeatability, % FS"),
+        caption=f"Input module: {found.compensation}.",
     )
-    for header in ("rpm", "known, N·m", "mean, N·m", "error, % FS", "repeatability, % FS"):
-        table.add_column(header, justify="right")
     for point in check.points:
         mean = sum(point.measured_nm) / len(point.measured_nm)
         table.add_row(

@@ -79,12 +79,11 @@ def _plain_quantities(
 def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
     from torquebench.uncertainty import stated
 
-    table = narrow_table(escape(title), caption="U: expanded uncertainty, 95.45 % coverage")
-    table.add_column("", overflow="fold")
-    table.add_column("value", justify="right", no_wrap=True)
-    table.add_column("U", justify="right", no_wrap=True)
-    table.add_column("k", justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
+    table = narrow_table(
+        escape(title),
+        columns=("", ">|value", ">|U", ">|k", "|unit"),
+        caption="U: expanded uncertainty, 95.45 % coverage",
+    )
     for each in quantities:
         value, expanded = stated(each.estimate.value, each.estimate.expanded_uncertainty())
         factor = f"{each.estimate.coverage_factor():.2f}"
@@ -97,10 +96,9 @@ def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
 def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
     if not judged:
         return
-    table = narrow_table("against the data sheet, guard band = U")
-    table.add_column("", overflow="fold")
-    table.add_column("limit", no_wrap=True)
-    table.add_column("verdict", no_wrap=True)
+    table = narrow_table(
+        "against the data sheet, guard band = U", columns=("", "|limit", "|verdict")
+    )
     for each in judged:
         verdict = each.decision.verdict
         style = "red" if verdict.failed else "green"

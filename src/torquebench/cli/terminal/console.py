@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,6 +35,7 @@ __all__ = [
     "narrow_table",
     "note",
     "out",
+    "print_facts",
     "say",
     "say_file",
     "stderr_console",
@@ -228,9 +229,22 @@ def _write_message(parts: Mapping[str, str]) -> None:
     stderr_console().print(table)
 
 
-def narrow_table(title: str = "", *, caption: str = "") -> Table:
-    """Return a table that stays within 80 columns: thin rules, one space of padding."""
-    return Table(
+def narrow_table(
+    title: str = "", *, columns: Sequence[str] = (), caption: str = "", headings: bool = True
+) -> Table:
+    """Return a table that stays within 80 columns: thin rules, one space of padding.
+
+    Parameters
+    ----------
+    title : str
+    columns : sequence of str
+        Headings: one that begins with ">" is set right, then one with "|" is never broken; long
+        words of others are.
+    caption : str
+    headings : bool
+        Whether they are printed.
+    """
+    table = Table(
         title=title or None,
         title_justify="left",
         title_style="bold",
@@ -241,4 +255,25 @@ def narrow_table(title: str = "", *, caption: str = "") -> Table:
         padding=(0, 1, 0, 0),
         header_style="bold",
         pad_edge=False,
+        show_header=headings,
     )
+    for column in columns:
+        heading = column.removeprefix(">")
+        table.add_column(
+            heading.removeprefix("|"),
+            justify="right" if column.startswith(">") else "left",
+            no_wrap=heading.startswith("|"),
+            overflow="fold",
+        )
+    return table
+
+
+def print_facts(title: str, facts: Iterable[tuple[str, str]]) -> None:
+    """Print names and values below a title; those without a value are left out."""
+    table = narrow_table(title, headings=False)
+    table.add_column(style="dim", no_wrap=True)
+    table.add_column(overflow="fold")
+    for name, value in facts:
+        if value:
+            table.add_row(escape(name), escape(value))
+    out().print(table)
