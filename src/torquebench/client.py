@@ -142,20 +142,57 @@ def _result(job: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _value(bench: Mapping[str, Any], signal: str) -> float | None:
-    for each in bench["signals"]:
-        if each["name"] == signal:
-            return None if each["stale"] else each["value"]
-    names = ", ".join(each["name"] for each in bench["signals"])
-    raise RefusedError(
-        422, "torquebench:InputError", Message("no signal {signal!r}", signal), names
-    )
+    newest = {entry["name"]: entry for entry in bench["signals"]}
+    if signal not in newest:
+        raise RefusedError(
+            422,
+            "torquebench:InputError",
+            Message("no signal {signal!r}", signal),
+            ", ".join(newest),
+        )
+    return None if newest[signal]["stale"] else newest[signal]["value"]
 
 
-def _body(given: Mapping[str, Any]) -> dict[str, Any]:
-    return {name: value for name, value in given.items() if value is not None}
+def _stated(values: Mapping[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in values.items() if value is not None}
 
 
-class Client:
+class _Requests:
+    """Operations of one request each; those of `AsyncClient` are awaited."""
+
+    request: Callable[..., Any]
+
+    def get(self, path: str, **query: Any) -> Any:
+        """Read a resource."""
+        return self.request("GET", path, query=_stated(query))
+
+    def post(self, path: str, **body: Any) -> Any:
+        """Call an operation that changes something."""
+        return self.request("POST", path, body=body)
+
+    def start(self, kind: str, **request: Any) -> Any:
+        """Start a job and return its first state; an impossible job is refused."""
+        return self.post(f"/start/{kind}", **request)
+
+    def answer(self, number: int, *, done: bool = True) -> Any:
+        """Answer a request to the person at the bench."""
+        return self.post(f"/prompt/{number}", done=done)
+
+    def activate(self, model_id: int, reason: str = "") -> Any:
+        """Put a model into use."""
+        return self.post(f"/models/{model_id}/activate", reason=reason)
+
+    def sign_off(self, calibration_id: int, password: str, remark: str = "") -> Any:
+        """Sign that a calibration was reviewed; a person's session only."""
+        path = f"/calibrations/{calibration_id}/sign-off"
+        return self.post(path, password=password, remark=remark)
+
+    def stop(self, reason: str = "") -> Any:
+        """Bring the bench to its safe state at once; this is no emergency stop."""
+        return self.post("/stop", reason=reason)
+
+
+class Client(_Requests):
     """A connection to a panel's server.
 
     Parameters
@@ -194,26 +231,14 @@ class Client:
         """
         return _content(self.http.request(method, path, params=query, json=body))
 
-    def get(self, path: str, **query: Any) -> Any:
-        """Read a resource."""
-        return self.request("GET", path, query=_body(query))
-
-    def post(self, path: str, **body: Any) -> Any:
-        """Call an operation that changes something."""
-        return self.request("POST", path, body=body)
-
     def sign_in(self, name: str, password: str) -> None:
         """Open a person's session and use it from now on."""
-        token = self.post("/session", name=name, password=password)["token"]
-        self.http.headers.update(_headers(token))
-
-    def start(self, kind: str, **request: Any) -> dict[str, Any]:
-        """Start a job and return its first state; an impossible job is refused."""
-        return dict(self.post(f"/start/{kind}", **request))
+        session = self.post("/session", name=name, password=password)
+        self.http.headers.update(_headers(session["token"]))
 
     def events(self, job_id: str | None = None) -> Iterator[Event]:
         """Yield events: of one job until its end, otherwise until the connection ends."""
-        query = _body({"job_id": job_id})
+        query = _stated({"job_id": job_id})
         with self.http.stream("GET", "/events", params=query) as answer:
             if not answer.is_success:
                 answer.read()
@@ -265,18 +290,6 @@ class Client:
         """
         return _result(self.wait(self.start(kind, **request)["job_id"], on_event))
 
-    def answer(self, number: int, *, done: bool = True) -> None:
-        """Answer a request to the person at the bench."""
-        self.post(f"/prompt/{number}", done=done)
-
-    def activate(self, model_id: int, reason: str = "") -> None:
-        """Put a model into use."""
-        self.post(f"/models/{model_id}/activate", reason=reason)
-
-    def sign_off(self, calibration_id: int, password: str, remark: str = "") -> None:
-        """Sign that a calibration was reviewed; a person's session only."""
-        self.post(f"/calibrations/{calibration_id}/sign-off", password=password, remark=remark)
-
     def certificate(self, calibration_id: int, password: str, **request: Any) -> dict[str, Any]:
         """Issue a certificate and return the job's result; a person's session only."""
         path = f"/calibrations/{calibration_id}/certificate"
@@ -286,14 +299,10 @@ class Client:
         """Return the newest value of a signal; None if there is none or it is stale."""
         return _value(self.get("/bench"), signal)
 
-    def stop(self, reason: str = "") -> None:
-        """Bring the bench to its safe state at once; this is no emergency stop."""
-        self.post("/stop", reason=reason)
-
     def download(self, path: str, file: Path | str, **query: Any) -> Path:
         """Write a resource to a file, such as ``/runs/ID/export`` or ``/models/7/file``."""
         target = Path(file)
-        with self.http.stream("GET", path, params=_body(query)) as answer:
+        with self.http.stream("GET", path, params=_stated(query)) as answer:
             if not answer.is_success:
                 answer.read()
                 _content(answer)
@@ -302,7 +311,7 @@ class Client:
         return target
 
 
-class AsyncClient:
+class AsyncClient(_Requests):
     """`Client` for an event loop: the same operations, awaited."""
 
     def __init__(self, url: str, token: str = "", **options: Any) -> None:
@@ -322,29 +331,17 @@ class AsyncClient:
     async def request(
         self, method: str, path: str, *, query: Mapping[str, Any] | None = None, body: Any = None
     ) -> Any:
-        """Ask for any operation of the API; see `Client.request`."""
+        """Call any operation of the API; see `Client.request`."""
         return _content(await self.http.request(method, path, params=query, json=body))
 
-    async def get(self, path: str, **query: Any) -> Any:
-        """Read something."""
-        return await self.request("GET", path, query=_body(query))
-
-    async def post(self, path: str, **body: Any) -> Any:
-        """Do something."""
-        return await self.request("POST", path, body=body)
-
     async def sign_in(self, name: str, password: str) -> None:
-        """Open a person's session and speak for it from now on."""
-        opened = await self.post("/session", name=name, password=password)
-        self.http.headers.update(_headers(opened["token"]))
-
-    async def start(self, kind: str, **request: Any) -> dict[str, Any]:
-        """Start a job and return it as it begins; see `Client.start`."""
-        return dict(await self.post(f"/start/{kind}", **request))
+        """Open a person's session and use it from now on."""
+        session = await self.post("/session", name=name, password=password)
+        self.http.headers.update(_headers(session["token"]))
 
     async def events(self, job_id: str | None = None) -> AsyncIterator[Event]:
         """Yield what happens; see `Client.events`."""
-        query = _body({"job_id": job_id})
+        query = _stated({"job_id": job_id})
         async with self.http.stream("GET", "/events", params=query) as answer:
             if not answer.is_success:
                 await answer.aread()
@@ -366,9 +363,9 @@ class AsyncClient:
             try:
                 async for event in self.events(job_id):
                     broken = 0
-                    heard = on_event(event)
-                    if isinstance(heard, Awaitable):
-                        await heard
+                    result = on_event(event)
+                    if isinstance(result, Awaitable):
+                        await result
                     if _is_end(event, job_id):
                         return dict(event.data)
             except httpx.TransportError:
@@ -388,19 +385,6 @@ class AsyncClient:
         started = await self.start(kind, **request)
         return _result(await self.wait(started["job_id"], on_event))
 
-    async def answer(self, number: int, *, done: bool = True) -> None:
-        """Answer the request to the person at the bench."""
-        await self.post(f"/prompt/{number}", done=done)
-
-    async def activate(self, model_id: int, reason: str = "") -> None:
-        """Put a model into use."""
-        await self.post(f"/models/{model_id}/activate", reason=reason)
-
-    async def sign_off(self, calibration_id: int, password: str, remark: str = "") -> None:
-        """Sign that a calibration was looked over; a person's session only."""
-        path = f"/calibrations/{calibration_id}/sign-off"
-        await self.post(path, password=password, remark=remark)
-
     async def certificate(
         self, calibration_id: int, password: str, **request: Any
     ) -> dict[str, Any]:
@@ -413,14 +397,10 @@ class AsyncClient:
         """Return the newest value of a signal; None if there is none or it is stale."""
         return _value(await self.get("/bench"), signal)
 
-    async def stop(self, reason: str = "") -> None:
-        """Bring the bench to its safe state at once; this is no emergency stop."""
-        await self.post("/stop", reason=reason)
-
     async def download(self, path: str, file: Path | str, **query: Any) -> Path:
         """Write the content of a path to a file; see `Client.download`."""
         target = Path(file)
-        async with self.http.stream("GET", path, params=_body(query)) as answer:
+        async with self.http.stream("GET", path, params=_stated(query)) as answer:
             if not answer.is_success:
                 await answer.aread()
                 _content(answer)

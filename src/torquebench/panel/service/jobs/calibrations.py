@@ -1,12 +1,11 @@
 """Jobs about compensation: calibrate, compare models, fit another one, verify.
 
-`panel.api.details` describes the details of their results.
+`jobs.details` has the types of their details.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
@@ -33,6 +32,7 @@ from torquebench.campaign.fitting import (
     fit_metrics,
     fit_models,
     model_in_use,
+    model_title,
     store_model,
 )
 from torquebench.campaign.measuring import (
@@ -59,6 +59,7 @@ from torquebench.panel.service.fields import (
     ProfileName,
     RunId,
 )
+from torquebench.panel.service.jobs.details import ComparedModel, ComparisonDetails
 from torquebench.panel.service.jobs.previews import staircase_preview
 from torquebench.panel.service.jobs.results import (
     calibration_data,
@@ -322,8 +323,9 @@ def calibration_job_result(done: FinishedCalibration) -> JobResult:
     """Return the result of a calibration's job."""
     result, registered = done.measured.result, done.registered
     numbers = {name: entry.model_id for name, entry in registered.models.items()}
-    found = calibration_result(registered.calibration, result.data, done.fitted, numbers)
-    return replace(found, details=dict(found.details) | {"unsettled": result.unsettled})
+    return calibration_result(
+        registered.calibration, result.data, done.fitted, numbers, result.unsettled
+    )
 
 
 # -- compare and fit ------------------------------------------------------------------------
@@ -334,7 +336,7 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
     entry, data = calibration_data(context.station, request.calibration_id)
     job = context.job
     job.start("Comparing models", SHARES)
-    found = run_in_process(
+    comparison = run_in_process(
         compare_points,
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
@@ -342,12 +344,25 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
         progress=job,
         cancelled=job.cancelled.is_set,
     )
+    title = model_title(comparison.best)
+    sentence = Message("Least error at points left out: {model}.", title)
     return JobResult(
-        headline=found["sentence"],
+        headline=sentence,
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
-        details=found,
+        details=ComparisonDetails(
+            scores=[
+                ComparedModel(**vars(score), title=model_title(score.name))
+                for score in comparison.scores
+            ],
+            best=comparison.best,
+            sentence=sentence,
+            refused=comparison.refused,
+            noise=comparison.noise,
+            steps=comparison.steps,
+            folds=comparison.folds,
+        ),
     )
 
 

@@ -18,6 +18,14 @@ from torquebench.chain import MeasuringChain
 from torquebench.compensation import CompensationModel, PublishedNetworkModel
 from torquebench.errors import RecordError
 from torquebench.message import Message
+from torquebench.panel.service.jobs.details import (
+    CalibrationDetails,
+    CalibrationPoints,
+    FittedModelDetails,
+    TrainingCurve,
+    VerificationDetails,
+    VerifiedModelDetails,
+)
 from torquebench.panel.service.jobs.values import JobResult
 from torquebench.records import CalibrationEntry, ModelEntry, RunFolder
 from torquebench.reports.certificate import run_data
@@ -38,6 +46,7 @@ def calibration_result(
     data: CalibrationData,
     fitted: Sequence[FittedModel],
     model_ids: Mapping[str, int],
+    unsettled: int | None = None,
 ) -> JobResult:
     """Describe a calibration's errors, before and after each model."""
     best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
@@ -62,7 +71,7 @@ def calibration_result(
         run_ids=(str(entry.run_id),),
         calibration_id=entry.calibration_id,
         model_ids=model_ids,
-        details=fit_details(data, fitted, model_ids),
+        details=fit_details(data, fitted, model_ids, unsettled),
     )
 
 
@@ -73,45 +82,42 @@ def errors_of(item: FittedModel, data: CalibrationData) -> ErrorSummary:
 
 
 def fit_details(
-    data: CalibrationData, fitted: Sequence[FittedModel], model_ids: Mapping[str, int]
-) -> dict[str, Any]:
-    """Return points and models of a fit."""
-    models = {
-        item.name: {
-            "model_id": model_ids.get(item.name),
-            "title": item.title,
-            "kind": item.model.kind,
-            "torque_nm": item.chain.torque(data.readings()).value_nm,
-            "summary": errors_of(item, data),
-            "remarks": item.remarks,
-            "contradictions": item.contradictions,
-            "parameters": {} if item.choice is None else item.choice.parameters,
-            "rising_only": item.choice is not None and item.choice.rising_only,
-            **_training(item.model),
-        }
-        for item in fitted
-    }
-    return {
-        "side": data.side,
-        "range_nm": data.range_nm,
-        "points": {
-            "reading_nm": data.reading_nm,
-            "standard_nm": data.standard_nm,
-            "branch": data.branch,
-            "series": data.series,
+    data: CalibrationData,
+    fitted: Sequence[FittedModel],
+    model_ids: Mapping[str, int],
+    unsettled: int | None = None,
+) -> CalibrationDetails:
+    """Return tables and curves of a calibration and its models."""
+    return CalibrationDetails(
+        side=data.side,
+        range_nm=data.range_nm,
+        points=CalibrationPoints(data.reading_nm, data.standard_nm, data.branch, data.series),
+        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
+        models={
+            item.name: FittedModelDetails(
+                model_id=model_ids.get(item.name),
+                title=item.title,
+                kind=item.model.kind,
+                torque_nm=item.chain.torque(data.readings()).value_nm,
+                summary=errors_of(item, data),
+                remarks=item.remarks,
+                contradictions=item.contradictions,
+                parameters={} if item.choice is None else item.choice.parameters,
+                rising_only=item.choice is not None and item.choice.rising_only,
+                training_curve=_training(item.model),
+            )
+            for item in fitted
         },
-        "raw": summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-        "models": models,
-    }
+        unsettled=unsettled,
+    )
 
 
-def _training(model: CompensationModel) -> dict[str, Any]:
-    """Return the training curve of a network, if it has one."""
+def _training(model: CompensationModel) -> TrainingCurve | None:
+    """Return the training curve of a network; None for any other model."""
     trained = getattr(model, "estimator_", model)
     if not isinstance(trained, PublishedNetworkModel):
-        return {}
-    epoch, rms_nm = trained.training_curve_.T
-    return {"training_curve": {"epoch": epoch, "rms_nm": rms_nm}}
+        return None
+    return TrainingCurve(*trained.training_curve_.T)
 
 
 def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
@@ -159,8 +165,7 @@ def verification_result(
 ) -> JobResult:
     """Judge every model at the points of a verification, by the metadata of its run."""
     standard = check_standard(metadata, data)
-    details: dict[str, Any] = {}
-    verdicts = {}
+    details: dict[str, VerifiedModelDetails] = {}
     for name in ("raw", *models):
         judged = judge_check(
             data,
@@ -168,15 +173,14 @@ def verification_result(
             standard=standard,
             tolerance_percent_fs=tolerance_percent_fs,
         )
-        verdicts[name] = judged.verdict
-        details[name] = {
-            "model_id": None if name == "raw" else int(name.removeprefix("model-")),
-            "title": _title(models.get(name)),
-            "verdict": verdicts[name].value,
-            "result": result.of(name),
-            "error_nm": judged.torque.value_nm - data.standard_nm,
-            "expanded_uncertainty_nm": judged.torque.expanded_uncertainty_nm,
-        }
+        details[name] = VerifiedModelDetails(
+            model_id=None if name == "raw" else int(name.removeprefix("model-")),
+            title=_title(models.get(name)),
+            verdict=judged.verdict,
+            result=result.of(name),
+            error_nm=judged.torque.value_nm - data.standard_nm,
+            expanded_uncertainty_nm=judged.torque.expanded_uncertainty_nm,
+        )
     best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
     worst = result.of(best).against_standard
     return JobResult(
@@ -184,25 +188,25 @@ def verification_result(
             "{count} fresh points: {title} is within {worst_nm:.3g} N·m "
             "({worst_percent_fs:.3g} % FS).",
             len(data),
-            details[best]["title"],
+            details[best].title,
             worst.worst_nm,
             worst.worst_percent_fs,
         ),
-        verdict=verdicts[best].value,
+        verdict=details[best].verdict.value,
         simulated=data.simulated,
         run_ids=(run_id,),
         calibration_id=entry.calibration_id,
         model_ids={name: int(name.removeprefix("model-")) for name in models},
-        details={
-            "side": data.side,
-            "range_nm": data.range_nm,
-            "tolerance_percent_fs": tolerance_percent_fs,
-            "seed": seed,
-            "standard_nm": data.standard_nm,
-            "group": data.series,
-            "best": best,
-            "models": details,
-        },
+        details=VerificationDetails(
+            side=data.side,
+            range_nm=data.range_nm,
+            tolerance_percent_fs=tolerance_percent_fs,
+            seed=seed,
+            standard_nm=data.standard_nm,
+            group=data.series,
+            best=best,
+            models=details,
+        ),
     )
 
 
