@@ -12,7 +12,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 from torquebench.records import Registry, check_records
-from torquebench.records.registry.schema import RunEndRow, RunRow
+from torquebench.records.registry.entries import RunSummary
 
 BATCH = 5000
 REPEATS = 20
@@ -24,35 +24,27 @@ def fill(registry: Registry, folder: Path, runs: int) -> None:
     kinds = ("calibrate-output", "verify-output", "zero", "no-load-friction")
     for begin in range(0, runs, BATCH):
         numbers = range(begin, min(begin + BATCH, runs))
-        with registry.writing() as session:
-            begun = [
-                RunRow(
-                    run_id=f"run-{number:07}",
-                    kind=kinds[number % len(kinds)],
-                    started=start + timedelta(minutes=number),
-                    side="output",
-                    operator="Ana",
-                    bench="Bench 1",
-                    simulated=True,
-                    profile_name="rapid-in-situ",
-                    profile_sha256="ab" * 32,
-                    software_version="0.1.0",
-                    folder=registry.stored(folder / "runs" / f"run-{number:07}"),
+        with registry.writing():
+            for number in numbers:
+                begun = start + timedelta(minutes=number)
+                registry.add_run(
+                    RunSummary(
+                        run_id=f"run-{number:07}",
+                        kind=kinds[number % len(kinds)],
+                        started=begun,
+                        side="output",
+                        operator="Ana",
+                        bench="Bench 1",
+                        simulated=True,
+                        profile_name="rapid-in-situ",
+                        profile_sha256="ab" * 32,
+                        software_version="0.1.0",
+                        folder=folder / "runs" / f"run-{number:07}",
+                        finished=begun,
+                        status="completed",
+                        manifest_sha256="cd" * 32,
+                    )
                 )
-                for number in numbers
-            ]
-            session.add_all(begun)
-            session.flush()
-            session.add_all(
-                RunEndRow(
-                    run_key=run.id,
-                    finished=run.started,
-                    status="completed",
-                    reason="",
-                    manifest_sha256="cd" * 32,
-                )
-                for run in begun
-            )
 
 
 def milliseconds(work: Callable[[], object]) -> tuple[float, float]:

@@ -25,14 +25,8 @@ from torquebench.plant.folders import FolderStore
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.chain import ChainHead
-from torquebench.records.registry.schema import (
-    ActivationRow,
-    CalibrationRow,
-    LinkRow,
-    ModelRow,
-    RunEndRow,
-    RunRow,
-)
+from torquebench.records.registry.entries import Activation, CalibrationEntry, ModelEntry
+from torquebench.records.registry.schema import links, run_ends, runs
 from torquebench.records.runs.states import DISCARDED
 
 __all__ = ["LINK_FILE", "BenchLink", "Forwarded", "forward", "note_withdrawal"]
@@ -230,13 +224,10 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
     while done.head.sequence < end:
         after = done.head.sequence
         query = (
-            select(LinkRow).where(LinkRow.sequence > after).order_by(LinkRow.sequence).limit(BATCH)
+            select(links).where(links.c.sequence > after).order_by(links.c.sequence).limit(BATCH)
         )
         with registry.session() as session:
-            entries = [
-                {column.name: getattr(row, column.name) for column in LinkRow.__table__.columns}
-                for row in session.scalars(query)
-            ]
+            entries = [dict(row._mapping) for row in session.execute(query)]
         done.head = link.append(entries)
         if done.head.sequence <= after:
             raise RecordError(
@@ -330,33 +321,24 @@ def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) ->
     A model that was fitted to it is taken out of use.
     """
     with registry.writing() as session:
-        row = session.scalars(select(RunEndRow).join(RunRow).where(RunRow.run_id == run_id)).one()
+        query = select(run_ends.c.id).join(runs).where(runs.c.run_id == run_id)
+        end = session.scalars(query).one()
         registry.amend(
-            "run_ends", row.id, {"status": DISCARDED}, amended_by=by, reason=f"plant: {reason}"
+            "run_ends", end, {"status": DISCARDED}, amended_by=by, reason=f"plant: {reason}"
         )
         said = f"run {run_id} withdrawn by {by}: {reason}"
-        query = (
-            select(ModelRow)
-            .join(CalibrationRow, ModelRow.calibration_key == CalibrationRow.id)
-            .where(CalibrationRow.run_key == row.run_key)
-        )
-        for model in session.scalars(query).all():
-            calibration = model.calibration
-            latest = session.scalar(
-                select(ActivationRow)
-                .where(
-                    ActivationRow.transducer_key == calibration.transducer_key,
-                    ActivationRow.counter_key == calibration.counter_key,
-                )
-                .order_by(ActivationRow.id.desc())
-                .limit(1)
+        fitted = [
+            model
+            for calibration in registry.entries(CalibrationEntry, run_id=run_id)
+            for model in registry.entries(ModelEntry, calibration_id=calibration.calibration_id)
+        ]
+        for model in fitted:
+            chain = model.transducer_serial, model.counter_identity
+            history = registry.entries(
+                Activation, transducer_serial=chain[0], counter_identity=chain[1]
             )
-            if latest is not None and latest.model_key == model.id:
-                registry.deactivate(
-                    calibration.transducer.serial,
-                    calibration.counter.serial,
-                    operator=by,
-                    reason=f"run {run_id} was withdrawn: {reason}",
-                )
-                said += f"; model-{model.id} is out of use, calibrate again"
+            if history and history[-1].model_id == model.model_id:
+                because = f"run {run_id} was withdrawn: {reason}"
+                registry.deactivate(*chain, operator=by, reason=because)
+                said += f"; model-{model.model_id} is out of use, calibrate again"
     return said

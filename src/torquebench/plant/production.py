@@ -35,7 +35,7 @@ JOIN plant.results q ON q.bench_key = r.bench_key AND q.run_id = r.run_id
 JOIN plant.benches b ON b.bench_key = r.bench_key AND b.replaced_by IS NULL
 WHERE q.quantity = :quantity AND r.withdrawn IS NULL AND r.status = 'completed'
   AND r.kind NOT LIKE '%-short'
-  AND (CAST(:type AS text) IS NULL OR r.specimen_type = :type)
+  AND CAST(:specimen_type AS text) IN ('', r.specimen_type)
   AND (CAST(:serial AS text) IS NULL OR r.serial = :serial)
   AND (CAST(:bench AS integer) IS NULL OR r.bench_key = :bench)
   AND (CAST(:batch AS text) IS NULL OR r.batch = :batch)
@@ -46,7 +46,7 @@ ORDER BY r.started, r.bench_key, r.id
 _QUANTITIES = """
 SELECT DISTINCT q.quantity FROM plant.runs r
 JOIN plant.results q ON q.bench_key = r.bench_key AND q.run_id = r.run_id
-WHERE (CAST(:type AS text) IS NULL OR r.specimen_type = :type)
+WHERE CAST(:specimen_type AS text) IN ('', r.specimen_type)
   AND (CAST(:serial AS text) IS NULL OR r.serial = :serial)
   AND r.kind NOT LIKE '%-short' LIMIT 40
 """
@@ -59,12 +59,15 @@ class SpecimenFilter:
     Parameters
     ----------
     specimen_type, quantity : str
-        Type as the reducer's description names it, and key of a value, such as ``"backlash"``.
+        Type as the reducer's description names it (empty for any), and key of a value, such as
+        ``"backlash"``.
     bench : int, optional
         Number of a bench.
     batch : str, optional
     since, until : datetime, optional
         With time zone.
+    serial : str, optional
+        Of one specimen.
     """
 
     specimen_type: str
@@ -73,27 +76,18 @@ class SpecimenFilter:
     batch: str | None = None
     since: datetime | None = None
     until: datetime | None = None
+    serial: str | None = None
 
 
-def _rows(
-    plant: Plant, wanted: SpecimenFilter | None, serial: str | None = None, quantity: str = ""
-) -> list[Any]:
-    given: dict[str, Any] = {
-        "type": wanted.specimen_type if wanted else None,
-        "serial": serial,
-        "quantity": wanted.quantity if wanted else quantity,
-        "bench": wanted.bench if wanted else None,
-        "batch": wanted.batch if wanted else None,
-        "since": wanted.since if wanted else None,
-        "until": wanted.until if wanted else None,
-    }
+def _rows(plant: Plant, wanted: SpecimenFilter) -> list[Any]:
+    given = vars(wanted)
     with plant.transaction() as connection:
         rows: list[Any] = list(connection.execute(text(_RESULTS), given))
         if not rows:
             known = sorted(connection.scalars(text(_QUANTITIES), given))
-            asked = serial or (wanted.specimen_type if wanted else "")
+            asked = wanted.serial or wanted.specimen_type
             raise InputError(
-                Message("no {quantity} of {type}", given["quantity"], asked),
+                Message("no {quantity} of {type}", wanted.quantity, asked),
                 Message("one of {list}", ", ".join(known))
                 if known
                 else "a tested specimen or type",
@@ -364,7 +358,7 @@ def compare(plant: Plant, serial: str, quantity: str, *, reference: int | None =
     InputError
         Fewer than two benches tested it, or a test stated no uncertainty.
     """
-    rows = _rows(plant, None, serial, quantity)
+    rows = _rows(plant, SpecimenFilter("", quantity, serial=serial))
     results = []
     for bench in dict.fromkeys(row.bench for row in rows):
         own = [row for row in rows if row.bench == bench]

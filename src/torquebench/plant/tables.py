@@ -28,7 +28,8 @@ from sqlalchemy import (
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.types import JSON, Date, TypeEngine
 
-from torquebench.records.registry.schema import Base, LinkRow, RunEndRow, RunRow, UtcDateTime
+from torquebench.records.registry import schema
+from torquebench.records.registry.schema import UtcDateTime
 
 __all__ = [
     "PLANT_SCHEMA",
@@ -57,6 +58,16 @@ def _text(name: str, default: str | None = "") -> Column[str]:
     return Column(name, Text, nullable=default is None, server_default=default)
 
 
+def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
+    if isinstance(kind, JSON):
+        return JSONB()
+    if isinstance(kind, Integer):
+        return BigInteger()
+    if isinstance(kind, Date | Boolean | Float):
+        return kind
+    return _Moment if isinstance(kind, UtcDateTime) else Text()
+
+
 settings = Table(
     "settings", plant_metadata, Column("name", Text, primary_key=True), _text("content", "")
 )
@@ -80,13 +91,16 @@ links = Table(
     "links",
     plant_metadata,
     Column("bench_key", Integer, ForeignKey("plant.benches.bench_key"), primary_key=True),
-    Column("sequence", BigInteger, primary_key=True),
-    Column("table", Text, nullable=False),
-    Column("key", BigInteger, nullable=False),
-    Column("recorded", Text, nullable=False),
-    Column("content", Text, nullable=False),
-    Column("previous_sha256", Text, nullable=False),
-    Column("sha256", Text, nullable=False),
+    *(
+        Column(
+            each.name,
+            _mirrored_type(each.type),
+            primary_key=each.primary_key,
+            nullable=False,
+            autoincrement=False,
+        )
+        for each in schema.links.c
+    ),
 )
 
 runs = Table(
@@ -198,22 +212,10 @@ reevaluations = Table(
 )
 
 
-def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
-    if isinstance(kind, JSON):
-        return JSONB()
-    if isinstance(kind, Integer):
-        return BigInteger()
-    if isinstance(kind, Date | Boolean | Float):
-        return kind
-    return _Moment if isinstance(kind, UtcDateTime) else Text()
-
-
 def _mirror(table: Table) -> Table:
     """Return the plant's copy of a bench's table, with the bench's number."""
     columns = [
-        Column(each.name, _mirrored_type(each.type), primary_key=each.name == "id", nullable=True)
-        for each in table.columns
-        if each.name != "id"
+        Column(each.name, _mirrored_type(each.type)) for each in table.columns if each.name != "id"
     ]
     indexes = [
         Index(f"ix_plant_{table.name}_{name}", name, "bench_key")
@@ -231,11 +233,9 @@ def _mirror(table: Table) -> Table:
 
 
 _LOOKED_UP = ("serial", "transducer_key", "equipment_key")
-_OTHERWISE = {each.__tablename__ for each in (LinkRow, RunRow, RunEndRow)}
+_OTHERWISE = (schema.links, schema.runs, schema.run_ends)
 
 mirrored = {
-    table.name: _mirror(table)
-    for table in Base.metadata.sorted_tables
-    if table.name not in _OTHERWISE
+    table.name: _mirror(table) for table in schema.metadata.sorted_tables if table not in _OTHERWISE
 }
 """The plant's tables of a bench's rows, by the bench's name of the table."""

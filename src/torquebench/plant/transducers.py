@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from typing import Any, TypeVar
 
@@ -16,6 +16,7 @@ from torquebench.plant.answer import Answer
 from torquebench.plant.database import Plant
 from torquebench.plant.folders import FolderStore
 from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
+from torquebench.records.registry.entry_rows import entry_of
 
 __all__ = ["drift", "drift_of_kind", "due"]
 
@@ -31,6 +32,35 @@ _ACCEPTED = """r.withdrawn IS NULL AND NOT EXISTS (
     AND v.subject_key = c.id AND NOT v.accepted)
 """
 _DUE_TRANSDUCERS = f"""
+SELECT e.serial, 'transducer' AS kind, latest.bench_key, latest.name, latest.place,
+  latest.performed::date AS performed, latest.due, coalesce(latest.simulated, false) AS simulated
+FROM (SELECT DISTINCT serial FROM plant.equipment JOIN plant.benches USING (bench_key)
+  WHERE kind = 'transducer' AND replaced_by IS NULL) AS e
+LEFT JOIN LATERAL (
+  SELECT c.bench_key, b.name, b.place, c.performed, c.due, c.simulated
+  FROM plant.equipment own
+  JOIN plant.calibrations c ON c.bench_key = own.bench_key AND c.transducer_key = own.id {_COUNTS}
+  WHERE own.kind = 'transducer' AND own.serial = e.serial
+    AND {_ACCEPTED.format(table="calibrations")}
+  ORDER BY c.performed DESC LIMIT 1) AS latest ON true
+"""
+_DUE_STANDARDS = """
+SELECT DISTINCT ON (e.kind, e.serial) e.serial, e.kind, b.bench_key, b.name, b.place,
+  p.performed, p.due, false AS simulated
+FROM plant.equipment e
+JOIN plant.reports p ON p.bench_key = e.bench_key AND p.equipment_key = e.id
+JOIN plant.benches b ON b.bench_key = e.bench_key AND b.replaced_by IS NULL
+ORDER BY e.kind, e.serial, p.due DESC NULLS LAST, p.recorded DESC
+"""
+_OF_TRANSDUCER = f"""
+SELECT c.*, r.run_id, b.name{{more}} FROM plant.equipment e
+JOIN plant.{{table}} c ON c.bench_key = e.bench_key AND c.transducer_key = e.id {_COUNTS}
+WHERE e.kind = 'transducer' AND e.serial = :serial AND {_ACCEPTED}
+ORDER BY c.performed
+"""
+_COUNTER = """, (SELECT serial FROM plant.equipment k
+  WHERE k.bench_key = c.bench_key AND k.id = c.counter_key) AS counter_identity"""
+_TRANSDUCERS = f"""
 SELECT e.serial, 'transducer' AS kind, latest.bench_key, latest.name, latest.place,
   latest.performed::date AS performed, latest.due, coalesce(latest.simulated, false) AS simulated
 FROM (SELECT DISTINCT serial FROM plant.equipment JOIN plant.benches USING (bench_key)
@@ -161,24 +191,22 @@ class _Transducer:
 
 
 def _transducers(connection: Any) -> list[Equipment]:
-    return [
-        Equipment("transducer", row.serial, row.manufacturer, row.model, row.range_nm, row.details)
-        for row in connection.execute(text(_TRANSDUCERS))
-    ]
-
-
-def _entry(kind: type[Entry], row: Any, /, **others: Any) -> Entry:
-    """Return a row as its entry, like `records.database.entry_of` of a bench's own row."""
-    names = {each.name for each in fields(kind)} & row._mapping.keys() - others.keys()
-    return kind(**{name: row._mapping[name] for name in names}, **others)
+    rows = connection.execute(text(_TRANSDUCERS))
+    return [entry_of(Equipment, {**row._mapping, "kind": "transducer"}) for row in rows]
 
 
 def _transducer(plant: Plant, serial: str) -> _Transducer:
     benches: dict[datetime, str] = {}
 
-    def noted(row: Any) -> str | None:
-        benches[row.performed] = f"{row.bench_key} {row.name}"
-        return None if row.run_id is None else f"{row.bench_key}/{row.run_id}"
+    def history(kind: type[Entry], table: str, more: str = "") -> list[Entry]:
+        entries = []
+        query = text(_OF_TRANSDUCER.format(table=table, more=more))
+        for row in connection.execute(query, {"serial": serial}):
+            benches[row.performed] = f"{row.bench_key} {row.name}"
+            columns = {**row._mapping, "transducer_serial": serial, "calibration_id": row.id}
+            columns["run_id"] = row.run_id and f"{row.bench_key}/{row.run_id}"
+            entries.append(entry_of(kind, columns))
+        return entries
 
     with plant.transaction() as connection:
         known = _transducers(connection)
@@ -187,27 +215,13 @@ def _transducer(plant: Plant, serial: str) -> _Transducer:
                 Message("transducer {serial!r}", serial),
                 ", ".join(each.serial for each in known[:12]) or "a registered transducer",
             )
-        calibrated = [
-            _entry(
-                CalibrationEntry,
-                row,
-                calibration_id=row.id,
-                run_id=noted(row),
-                transducer_serial=serial,
-                counter_identity=row.counter or "",
-                valid_nm=(row.valid_low_nm, row.valid_high_nm),
-            )
-            for row in connection.execute(text(_CALIBRATIONS), {"serial": serial})
-        ]
-        zeros = [
-            _entry(Zeroing, row, transducer_serial=serial, run_id=noted(row))
-            for row in connection.execute(text(_ZEROINGS), {"serial": serial})
-        ]
-        checked = [
-            _entry(CheckEntry, row, transducer_serial=serial, run_id=noted(row))
-            for row in connection.execute(text(_CHECKS), {"serial": serial})
-        ]
-    return _Transducer(calibrated, zeros, checked, known, benches)
+        return _Transducer(
+            history(CalibrationEntry, "calibrations", _COUNTER),
+            history(Zeroing, "zeroings"),
+            history(CheckEntry, "checks"),
+            known,
+            benches,
+        )
 
 
 def drift(

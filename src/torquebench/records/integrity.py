@@ -6,24 +6,25 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sqlalchemy import select
+from sqlalchemy import Table, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.files import sha256_of_file
-from torquebench.records.registry.database import Database, content_of
+from torquebench.records.registry.database import Database
 from torquebench.records.registry.entries import archived_at
 from torquebench.records.registry.schema import (
-    Base,
-    CalibrationRow,
-    CertificateRow,
-    LinkRow,
-    ModelRow,
-    ReportRow,
-    RunEndRow,
-    RunRow,
+    calibrations,
+    certificates,
+    equipment,
+    links,
+    metadata,
+    models,
+    reports,
+    run_ends,
+    runs,
 )
 from torquebench.records.runs.entries import RunRecords
 from torquebench.records.runs.folder import MANIFEST, RunFolder
@@ -189,15 +190,15 @@ def check_records(
     """
     check = _Check(registry)
     findings = [*check.chain(), *check.rows()]
-    runs = 0
+    compared_runs = 0
     if folders:
         for found in check.runs():
-            runs += 1
+            compared_runs += 1
             findings += found
         findings += check.single_files()
     findings += check.anchored(anchors)
     return IntegrityReport(
-        registry.head(), check.compared, runs, check.files, tuple(dict.fromkeys(findings))
+        registry.head(), check.compared, compared_runs, check.files, tuple(dict.fromkeys(findings))
     )
 
 
@@ -206,12 +207,12 @@ class _Check:
 
     def __init__(self, registry: RunRecords) -> None:
         self.registry = registry
-        self.entered_again = {run for *_, runs in registry.rebuilt() for run in runs}
+        self.entered_again = {run for *_, entered in registry.rebuilt() for run in entered}
         self.files = 0
         self.compared = 0
         with registry.session() as session:
-            query = select(LinkRow).order_by(LinkRow.sequence)
-            self.links = [_link(row) for row in session.scalars(query)]
+            query = select(links).order_by(links.c.sequence)
+            self.links = [Link(**row._mapping) for row in session.execute(query)]
         self.anchors: list[tuple[ChainHead, str]] = []
 
     def chain(self) -> Iterator[Finding]:
@@ -222,39 +223,36 @@ class _Check:
         registered: dict[str, dict[int, Link]] = {}
         for link in self.links:
             registered.setdefault(link.table, {})[link.key] = link
-        for mapper in sorted(Base.registry.mappers, key=lambda each: each.class_.__tablename__):
-            table = mapper.class_.__tablename__
-            if mapper.class_ is not LinkRow:
-                yield from self._table(mapper.class_, registered.pop(table, {}))
-        for table, links in registered.items():
-            for key in links:
-                yield Finding("removed", f"{table} {key}")
+        for name, table in sorted(metadata.tables.items()):
+            if table is not links:
+                yield from self._table(table, registered.pop(name, {}))
+        for name, removed in registered.items():
+            for key in removed:
+                yield Finding("removed", f"{name} {key}")
 
-    def _table(self, rows: Any, links: dict[int, Link]) -> Iterator[Finding]:
-        table = rows.__tablename__
+    def _table(self, table: Table, entered: dict[int, Link]) -> Iterator[Finding]:
         with self.registry.session() as session:
-            query = select(rows).order_by(rows.id).execution_options(yield_per=1000)
-            for row in _readable(session.scalars(query)):
+            query = select(table).order_by(table.c.id).execution_options(yield_per=1000)
+            for row in _readable(session.execute(query)):
                 if isinstance(row, ValueError):
-                    yield Finding("changed", table, found=f"a value that can't be read: {row}")
+                    yield Finding("changed", table.name, found=f"a value that can't be read: {row}")
                     return
                 self.compared += 1
-                link = links.pop(row.id, None)
-                where = f"{table} {row.id}"
+                link = entered.pop(row.id, None)
+                where = f"{table.name} {row.id}"
                 if link is None:
                     yield Finding("added", where)
                     continue
-                yield from _differences(row, link)
-                session.expunge(row)
-        for key in links:
-            yield Finding("removed", f"{table} {key}")
+                yield from _differences(where, row, link)
+        for key in entered:
+            yield Finding("removed", f"{table.name} {key}")
 
     def runs(self) -> Iterator[list[Finding]]:
-        query = select(RunRow.folder, RunEndRow.manifest_sha256).join(
-            RunEndRow, RunEndRow.run_key == RunRow.id
+        query = select(runs.c.folder, run_ends.c.manifest_sha256).join(
+            run_ends, run_ends.c.run_key == runs.c.id
         )
         with self.registry.session() as session:
-            ended = list(session.execute(query.order_by(RunRow.id)))
+            ended = list(session.execute(query.order_by(runs.c.id)))
         for folder, manifest_sha256 in ended:
             path = self.registry.root / folder
             yield [
@@ -279,9 +277,9 @@ class _Check:
     def single_files(self) -> Iterator[Finding]:
         with self.registry.session() as session:
             files: list[Any] = [
-                *session.execute(select(ModelRow.file, ModelRow.file_sha256)),
+                *session.execute(select(models.c.file, models.c.file_sha256)),
                 *session.execute(
-                    select(ReportRow.file, ReportRow.file_sha256).where(ReportRow.file != "")
+                    select(reports.c.file, reports.c.file_sha256).where(reports.c.file != "")
                 ),
             ]
         files += self._certificates()
@@ -296,7 +294,7 @@ class _Check:
     def _certificates(self) -> Iterator[tuple[str, str]]:
         """Yield path and hash of each archived file of a certificate, as entered."""
         for link in self.links:
-            if link.table != CertificateRow.__tablename__:
+            if link.table != certificates.name:
                 continue
             try:
                 entered = json.loads(link.content)
@@ -340,53 +338,53 @@ def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, .
         Where there is no such calibration.
     """
     with registry.session() as session:
-        row = session.get(CalibrationRow, calibration_id)
-        if row is None:
+        query = select(calibrations).where(calibrations.c.id == calibration_id)
+        calibration = session.execute(query).one_or_none()
+        if calibration is None:
             raise RecordError(
                 Message("calibration {calibration_id} isn't registered", calibration_id),
                 "a registered calibration",
             )
-        rows: list[Any] = [row, row.run, row.transducer, row.counter, row.standard]
-        for query in (
-            select(RunEndRow).where(RunEndRow.run_key == row.run_key),
-            select(ModelRow).where(ModelRow.calibration_key == row.id),
-            select(ReportRow).where(ReportRow.equipment_key == row.standard_key),
-        ):
-            rows += session.scalars(query)
-        found: list[str] = []
-        for each in rows:
-            if each is not None:
-                found += _row_changes(session, each)
-        return tuple(found)
+        based_on = (
+            (calibrations, "id", calibration_id),
+            (runs, "id", calibration.run_key),
+            (equipment, "id", calibration.transducer_key),
+            (equipment, "id", calibration.counter_key),
+            (equipment, "id", calibration.standard_key),
+            (run_ends, "run_key", calibration.run_key),
+            (models, "calibration_key", calibration_id),
+            (reports, "equipment_key", calibration.standard_key),
+        )
+        return tuple(
+            change
+            for table, column, key in based_on
+            for row in session.execute(select(table).where(table.c[column] == key))
+            for change in _row_changes(session, table.name, row)
+        )
 
 
-def _row_changes(session: Session, row: Any) -> Iterator[str]:
-    table = row.__tablename__
-    entered = session.scalar(select(LinkRow).where(LinkRow.table == table, LinkRow.key == row.id))
+def _row_changes(session: Session, table: str, row: Any) -> Iterator[str]:
+    query = select(links).where(links.c.table == table, links.c.key == row.id)
+    entered = session.execute(query).one_or_none()
     where = f"{table} {row.id}"
     if entered is None:
         yield str(Finding("added", where))
         return
-    link = _link(entered)
+    link = Link(**entered._mapping)
     if link.sha256 != link.expected_sha256():
         what = f"entry {link.sequence} doesn't have the hash that it was sealed with"
         yield str(Finding("chain", where, found=what))
-    for finding in _differences(row, link):
+    for finding in _differences(where, row, link):
         yield str(finding)
 
 
-def _link(row: LinkRow) -> Link:
-    return Link(**{name: getattr(row, name) for name in Link.__dataclass_fields__})
-
-
-def _differences(row: Any, link: Link) -> Iterator[Finding]:
-    where = f"{row.__tablename__} {row.id}"
+def _differences(where: str, row: Any, link: Link) -> Iterator[Finding]:
     try:
         entered = json.loads(link.content)
     except json.JSONDecodeError:
         yield Finding("chain", where, found="its entry in the chain can't be read")
         return
-    present = json.loads(canonical(content_of(row)))
+    present = json.loads(canonical(dict(row._mapping)))
     for name, before, now in changed_fields(entered, present):
         yield Finding("changed", where, name, repr(now), repr(before))
 

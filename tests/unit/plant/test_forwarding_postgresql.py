@@ -16,7 +16,7 @@ from torquebench.plant import FolderStore, Plant, forward
 from torquebench.plant.forwarding import BenchLink
 from torquebench.progress import NoProgress
 from torquebench.records import Registry, RunFolder, UnavailableError
-from torquebench.records.registry.schema import Base
+from torquebench.records.registry.schema import metadata
 from torquebench.station.entering import enter_run
 
 
@@ -85,7 +85,7 @@ def test_every_table_of_a_bench_is_known_to_the_plant(plant: Plant) -> None:
                 text("SELECT table_name FROM information_schema.tables WHERE table_schema='plant'")
             )
         )
-    assert set(Base.metadata.tables) - names == {"chain", "run_ends"}  # as links; in runs
+    assert set(metadata.tables) - names == {"chain", "run_ends"}  # as links; in runs
 
 
 @pytest.mark.parametrize("kept", [0, 1, 2, 5])

@@ -1,16 +1,19 @@
+import hashlib
 from datetime import UTC, datetime, timedelta
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from sqlalchemy import event, inspect, text
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.schema import CreateTable
 
 from torquebench.errors import InputError, RecordError
 from torquebench.records import Registry
 from torquebench.records.registry.database import REGISTRY_URL
 from torquebench.records.registry.migrating import SCHEMA_VERSION
 from torquebench.records.registry.migrations import versions
-from torquebench.records.registry.schema import Base, RunEndRow, RunRow
+from torquebench.records.registry.schema import metadata, run_ends, runs
 from torquebench.records.runs.entries import RunRecords
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
@@ -19,14 +22,25 @@ START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 def test_the_migrations_give_the_tables_that_the_code_writes(registry, around):
     with around.connect() as connection:
         context = MigrationContext.configure(connection, opts={"compare_type": True})
-        assert compare_metadata(context, Base.metadata) == []
+        assert compare_metadata(context, metadata) == []
         found = {
             index["name"]
-            for table in Base.metadata.tables
+            for table in metadata.tables
             for index in inspect(connection).get_indexes(table)
         }
-    wanted = {index.name for table in Base.metadata.tables.values() for index in table.indexes}
+    wanted = {index.name for table in metadata.tables.values() for index in table.indexes}
     assert wanted <= found
+
+
+def test_the_tables_of_a_version_stay_as_they_were_made() -> None:
+    """They are derived from the entries; a stored registry has the columns of its version."""
+    made = [
+        str(CreateTable(table).compile(dialect=dialect))
+        for dialect in (sqlite.dialect(), postgresql.dialect())
+        for _, table in sorted(metadata.tables.items())
+    ]
+    digest = hashlib.sha256(" ".join(" ".join(made).split()).encode()).hexdigest()
+    assert (SCHEMA_VERSION, digest[:16]) == ("0003", "621203df5d5ad724")
 
 
 def test_the_newest_migration_is_the_version_that_is_written():
@@ -70,7 +84,7 @@ def test_every_table_refuses_changes(registry, around):
             names = "SELECT tgname FROM pg_trigger WHERE NOT tgisinternal"
         triggers = {name.removesuffix("_update").removesuffix("_delete")
                     for (name,) in connection.execute(text(names))}  # fmt: skip
-    assert triggers == {f"keep_{table}" for table in Base.metadata.tables}
+    assert triggers == {f"keep_{table}" for table in metadata.tables}
 
 
 def test_a_database_with_other_tables_is_refused(around, tmp_path, registry_url):
@@ -107,7 +121,7 @@ def test_a_refusal_says_how_long_a_server_was_tried(tmp_path):
 
 
 def enter_runs(engine, count):
-    runs = [
+    begun = [
         {
             "id": number + 1,
             "run_id": f"run-{number:06}",
@@ -132,11 +146,11 @@ def enter_runs(engine, count):
             "reason": "",
             "manifest_sha256": "",
         }
-        for run in runs
+        for run in begun
     ]
     with engine.begin() as connection:
-        connection.execute(RunRow.__table__.insert(), runs)
-        connection.execute(RunEndRow.__table__.insert(), ends)
+        connection.execute(runs.insert(), begun)
+        connection.execute(run_ends.insert(), ends)
         connection.execute(text("ANALYZE"))
 
 

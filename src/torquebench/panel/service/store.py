@@ -60,86 +60,55 @@ class MessageText(TypeDecorator[str]):
         return Message.restored(json.loads(value)) if value and is_message else value
 
 
-users = Table(
+def _table(name: str, layout: str, *others: Column[Any]) -> Table:
+    """Return a table of texts, which are never empty, and other columns.
+
+    ``#`` marks the texts of its primary key; without any the rows are numbered.
+    """
+    columns: list[Column[Any]] = [
+        Column(word.rstrip("#"), Text, primary_key="#" in word, nullable=False)
+        for word in layout.split()
+    ]
+    numbers = () if "#" in layout else (Column("id", Integer, primary_key=True),)
+    return Table(name, metadata, *numbers, *columns, *others)
+
+
+users = _table(
     "users",
-    metadata,
-    Column("id", Integer, primary_key=True),
+    "name role password_hash created",
     Column("key", Text, nullable=False, unique=True),
-    Column("name", Text, nullable=False),
-    Column("role", Text, nullable=False),
-    Column("password_hash", Text, nullable=False),
     Column("active", Boolean, nullable=False),
-    Column("created", Text, nullable=False),
 )
-sessions = Table(
+sessions = _table(
     "sessions",
-    metadata,
-    Column("token_sha256", Text, primary_key=True),
+    "token_sha256# address",
     Column("user_id", Integer, nullable=False),
-    Column("address", Text, nullable=False),
     Column("created", Float, nullable=False),
     Column("seen", Float, nullable=False),
 )
-clients = Table(
+clients = _table(
     "clients",
-    metadata,
-    Column("id", Integer, primary_key=True),
-    Column("name", Text, nullable=False),
-    Column("role", Text, nullable=False),
+    "name role created created_by",
     Column("token_sha256", Text, nullable=False, unique=True),
-    Column("created", Text, nullable=False),
-    Column("created_by", Text, nullable=False),
     Column("revoked", Text),
 )
-failures = Table(
+failures = _table(
     "failures",
-    metadata,
-    Column("id", Integer, primary_key=True),
+    "",
     Column("subject", Text, nullable=False, index=True),
     Column("at", Float, nullable=False),
 )
-events = Table(
-    "events",
-    metadata,
-    Column("id", Integer, primary_key=True),
-    Column("at", Text, nullable=False),
-    Column("who", Text, nullable=False),
-    Column("what", MessageText, nullable=False),
-    Column("details", Text, nullable=False),
-)
-preferences = Table(
-    "preferences",
-    metadata,
-    Column("who", Text, primary_key=True),
-    Column("name", Text, primary_key=True),
-    Column("value", Text, nullable=False),
-)
-job_log = Table(
+events = _table("events", "at who details", Column("what", MessageText, nullable=False))
+preferences = _table("preferences", "who# name# value")
+job_log = _table(
     "job_log",
-    metadata,
-    Column("job_id", Text, primary_key=True),
+    "job_id# kind state verdict started",
     Column("who", Text, nullable=False, index=True),
-    Column("kind", Text, nullable=False),
     Column("title", MessageText, nullable=False),
-    Column("state", Text, nullable=False),
     Column("headline", MessageText, nullable=False),
-    Column("verdict", Text, nullable=False),
-    Column("started", Text, nullable=False),
     Column("told", Boolean, nullable=False),
 )
-changes = Table(
-    "changes",
-    metadata,
-    Column("id", Integer, primary_key=True),
-    Column("at", Text, nullable=False),
-    Column("who", Text, nullable=False),
-    Column("section", Text, nullable=False),
-    Column("name", Text, nullable=False),
-    Column("reason", Text, nullable=False),
-    Column("before", Text, nullable=False),
-    Column("after", Text, nullable=False),
-    Column("undoes", Integer),
-)
+changes = _table("changes", "at who section name reason before after", Column("undoes", Integer))
 
 
 @dataclass(frozen=True)

@@ -5,20 +5,9 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session, aliased
-
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.records.files import sha256_of_file
-from torquebench.records.registry.database import (
-    Database,
-    as_json,
-    entry_of,
-    equipment_row,
-    row_of,
-    run_row,
-)
 from torquebench.records.registry.entries import (
     Activation,
     CalibrationEntry,
@@ -26,15 +15,7 @@ from torquebench.records.registry.entries import (
     ModelEntry,
     VerificationEntry,
 )
-from torquebench.records.registry.schema import (
-    ActivationRow,
-    CalibrationRow,
-    CheckRow,
-    EquipmentRow,
-    ModelRow,
-    RunRow,
-    VerificationRow,
-)
+from torquebench.records.registry.entry_rows import EntryRecords, as_json
 
 if TYPE_CHECKING:
     from torquebench.calibration import CalibrationData, Contradiction, VerificationResult
@@ -42,7 +23,7 @@ if TYPE_CHECKING:
 __all__ = ["CalibrationRecords"]
 
 
-class CalibrationRecords(Database):
+class CalibrationRecords(EntryRecords):
     """Calibrations, models, activations, verifications and checks."""
 
     def add_calibration(
@@ -101,30 +82,27 @@ class CalibrationRecords(Database):
                 "the serial of the transducer and the identity of its counter",
                 "name both in the table or the bench description",
             )
-        with self.writing() as session:
-            row = CalibrationRow(
-                run=None if run_id is None else run_row(session, run_id),
-                transducer=equipment_row(session, "transducer", data.transducer_serial),
-                counter=equipment_row(session, "counter", data.counter_identity),
-                performed=performed or datetime.now(UTC),
-                measured_by=measured_by,
-                range_nm=data.range_nm,
-                valid_low_nm=float(min(data.standard_nm.min(), 0.0)),
-                valid_high_nm=float(max(data.standard_nm.max(), 0.0)),
-                due=due,
-                points=len(data),
-                data_sha256=data.sha256(),
-                profile_name=profile_name,
-                profile_sha256=profile_sha256,
-                simulated=data.simulated,
-                files=dict(files or {}),
-                summary=as_json({**(summary or {}), "span_error_percent": span_errors(data)}),
-            )
-            if standard_serial:
-                row.standard_key = equipment_row(session, "calibrator", standard_serial).id
-            session.add(row)
-            session.flush()
-            return _calibration_entry(row)
+        low, high = min(data.standard_nm.min(), 0.0), max(data.standard_nm.max(), 0.0)
+        entry = CalibrationEntry(
+            calibration_id=0,
+            run_id=run_id,
+            transducer_serial=data.transducer_serial,
+            counter_identity=data.counter_identity,
+            standard_serial=standard_serial,
+            performed=performed or datetime.now(UTC),
+            measured_by=measured_by,
+            range_nm=data.range_nm,
+            valid_nm=(float(low), float(high)),
+            due=due,
+            points=len(data),
+            data_sha256=data.sha256(),
+            profile_name=profile_name,
+            profile_sha256=profile_sha256,
+            simulated=data.simulated,
+            files=files or {},
+            summary={**(summary or {}), "span_error_percent": span_errors(data)},
+        )
+        return self.calibration(self.add(entry))
 
     def calibration(self, calibration_id: int) -> CalibrationEntry:
         """Return one calibration.
@@ -134,26 +112,20 @@ class CalibrationRecords(Database):
         RecordError
             Where it isn't registered.
         """
-        with self.session() as session:
-            row = session.get(CalibrationRow, calibration_id)
-            if row is None:
-                raise RecordError(
-                    Message("calibration {calibration_id} isn't registered", calibration_id),
-                    "a registered calibration",
-                )
-            return _calibration_entry(row)
+        for entry in self.entries(CalibrationEntry, calibration_id=calibration_id):
+            return entry
+        raise RecordError(
+            Message("calibration {calibration_id} isn't registered", calibration_id),
+            "a registered calibration",
+        )
 
     def calibrations(
         self, transducer_serial: str | None = None, *, limit: int | None = None
     ) -> list[CalibrationEntry]:
         """Return calibrations, all or of one transducer, the newest first."""
-        query = select(CalibrationRow).order_by(CalibrationRow.id.desc()).limit(limit)
-        if transducer_serial is not None:
-            query = query.join(CalibrationRow.transducer).where(
-                EquipmentRow.serial == transducer_serial
-            )
-        with self.session() as session:
-            return [_calibration_entry(row) for row in session.scalars(query)]
+        return self.entries(
+            CalibrationEntry, newest_first=True, limit=limit, transducer_serial=transducer_serial
+        )
 
     def add_model(
         self,
@@ -192,25 +164,22 @@ class CalibrationRecords(Database):
         """
         if not file.is_file():
             raise RecordError(Message("model file {file} is missing", file), "a model file")
-        with self.writing() as session:
-            row = ModelRow(
-                calibration_key=calibration.calibration_id,
-                kind=kind,
-                file=self.stored(file),
-                file_sha256=sha256_of_file(file),
-                range_nm=calibration.range_nm,
-                side=side,
-                metrics=as_json(
-                    {
-                        **(metrics or {}),
-                        **({"contradictions": contradictions} if contradictions else {}),
-                    }
-                ),
-                created=created or datetime.now(UTC),
-            )
-            session.add(row)
-            session.flush()
-            return self._model_entry(row)
+        found = {"contradictions": contradictions} if contradictions else {}
+        entry = ModelEntry(
+            model_id=0,
+            calibration_id=calibration.calibration_id,
+            kind=kind,
+            file=file,
+            file_sha256=sha256_of_file(file),
+            range_nm=calibration.range_nm,
+            side=side,
+            transducer_serial=calibration.transducer_serial,
+            counter_identity=calibration.counter_identity,
+            metrics={**(metrics or {}), **found},
+            created=created or datetime.now(UTC),
+            simulated=calibration.simulated,
+        )
+        return self.model(self.add(entry))
 
     def model(self, model_id: int) -> ModelEntry:
         """Return one model.
@@ -220,22 +189,19 @@ class CalibrationRecords(Database):
         RecordError
             Where it isn't registered.
         """
-        with self.session() as session:
-            return self._model_entry(_model(session, model_id))
+        for entry in self.entries(ModelEntry, model_id=model_id):
+            return entry
+        raise RecordError(
+            Message("model {model_id} isn't registered", model_id), "a registered model"
+        )
 
     def models(
         self, transducer_serial: str | None = None, *, limit: int | None = None
     ) -> list[ModelEntry]:
         """Return models, all or of one transducer, the newest first."""
-        query = select(ModelRow).order_by(ModelRow.id.desc()).limit(limit)
-        if transducer_serial is not None:
-            query = (
-                query.join(ModelRow.calibration)
-                .join(CalibrationRow.transducer)
-                .where(EquipmentRow.serial == transducer_serial)
-            )
-        with self.session() as session:
-            return [self._model_entry(row) for row in session.scalars(query)]
+        return self.entries(
+            ModelEntry, newest_first=True, limit=limit, transducer_serial=transducer_serial
+        )
 
     # Activation
 
@@ -265,9 +231,9 @@ class CalibrationRecords(Database):
         InputError
             Where such a model is taken without a name or a reason.
         """
-        with self.writing() as session:
-            model = _model(session, model_id)
-            contradictions = self._model_entry(model).contradictions
+        with self.writing():
+            model = self.model(model_id)
+            contradictions = model.contradictions
             if contradictions and not despite_contradictions:
                 raise RecordError(
                     Message(
@@ -293,16 +259,8 @@ class CalibrationRecords(Database):
                 )
             if contradictions:
                 reason = Message("although its calibration contradicts itself: {reason}", reason)
-            session.add(
-                ActivationRow(
-                    transducer_key=model.calibration.transducer_key,
-                    counter_key=model.calibration.counter_key,
-                    model=model,
-                    activated=datetime.now(UTC),
-                    operator=operator,
-                    reason=reason,
-                )
-            )
+            chain = model.transducer_serial, model.counter_identity
+            self.add(Activation(model_id, *chain, datetime.now(UTC), operator, reason))
 
     def deactivate(
         self,
@@ -313,17 +271,8 @@ class CalibrationRecords(Database):
         reason: str = "",
     ) -> None:
         """Deactivate the compensation of a chain; the history keeps earlier ones."""
-        with self.writing() as session:
-            session.add(
-                ActivationRow(
-                    transducer_key=equipment_row(session, "transducer", transducer_serial).id,
-                    counter_key=equipment_row(session, "counter", counter_identity).id,
-                    model=None,
-                    activated=datetime.now(UTC),
-                    operator=operator,
-                    reason=reason,
-                )
-            )
+        chain = transducer_serial, counter_identity
+        self.add(Activation(None, *chain, datetime.now(UTC), operator, reason))
 
     def active_model(self, transducer_serial: str, counter_identity: str) -> ModelEntry | None:
         """Return the model in use for a transducer read by a counter, or None.
@@ -356,25 +305,7 @@ class CalibrationRecords(Database):
 
     def activations(self, transducer_serial: str) -> list[Activation]:
         """Return the history of a transducer's models in use, the oldest first."""
-        counter = aliased(EquipmentRow)
-        query = (
-            select(ActivationRow, counter.serial)
-            .join(EquipmentRow, ActivationRow.transducer_key == EquipmentRow.id)
-            .join(counter, ActivationRow.counter_key == counter.id)
-            .where(EquipmentRow.serial == transducer_serial)
-            .order_by(ActivationRow.id)
-        )
-        with self.session() as session:
-            return [
-                entry_of(
-                    Activation,
-                    row,
-                    model_id=row.model_key,
-                    transducer_serial=transducer_serial,
-                    counter_identity=identity,
-                )
-                for row, identity in session.execute(query)
-            ]
+        return self.entries(Activation, transducer_serial=transducer_serial)
 
     # Verifications
 
@@ -394,32 +325,20 @@ class CalibrationRecords(Database):
         RecordError
             Where the model or the run isn't registered.
         """
-        with self.writing() as session:
-            model = _model(session, model_id)
-            session.add(
-                VerificationRow(
-                    model=model,
-                    run=None if run_id is None else run_row(session, run_id),
-                    performed=performed or datetime.now(UTC),
-                    measured_by=measured_by,
-                    data_sha256=result.data_sha256,
-                    simulated=result.simulated,
-                    summary=as_json(result),
-                )
-            )
+        entry = VerificationEntry(
+            model_id=self.model(model_id).model_id,
+            run_id=run_id,
+            performed=performed or datetime.now(UTC),
+            measured_by=measured_by,
+            data_sha256=result.data_sha256,
+            simulated=result.simulated,
+            summary=as_json(result),
+        )
+        self.add(entry)
 
     def verifications(self, model_id: int) -> list[VerificationEntry]:
         """Return the verifications of a model, the oldest first."""
-        query = (
-            select(VerificationRow)
-            .where(VerificationRow.model_key == model_id)
-            .order_by(VerificationRow.id)
-        )
-        with self.session() as session:
-            return [
-                entry_of(VerificationEntry, row, model_id=row.model_key, run_id=_run_id(row.run))
-                for row in session.scalars(query)
-            ]
+        return self.entries(VerificationEntry, model_id=model_id)
 
     # Checks
 
@@ -431,76 +350,10 @@ class CalibrationRecords(Database):
         RecordError
             Where its run isn't registered.
         """
-        with self.writing() as session:
-            row = row_of(
-                CheckRow,
-                entry,
-                transducer=equipment_row(session, "transducer", entry.transducer_serial),
-                run=None if entry.run_id is None else run_row(session, entry.run_id),
-                model_key=entry.model_id,
-                summary=as_json(entry.summary),
-            )
-            if entry.standard_serial:
-                standard = equipment_row(session, "verification-standard", entry.standard_serial)
-                row.standard_key = standard.id
-            session.add(row)
+        self.add(entry)
 
     def checks(self, transducer_serial: str) -> list[CheckEntry]:
         """Return the checks of a transducer, the oldest first."""
-        query = (
-            select(CheckRow)
-            .join(CheckRow.transducer)
-            .where(EquipmentRow.serial == transducer_serial)
-            .order_by(CheckRow.performed, CheckRow.id)
+        return self.entries(
+            CheckEntry, order=("performed", "id"), transducer_serial=transducer_serial
         )
-        with self.session() as session:
-            return [
-                entry_of(
-                    CheckEntry,
-                    row,
-                    transducer_serial=transducer_serial,
-                    standard_serial=row.standard.serial if row.standard else "",
-                    model_id=row.model_key,
-                    run_id=_run_id(row.run),
-                )
-                for row in session.scalars(query)
-            ]
-
-    def _model_entry(self, row: ModelRow) -> ModelEntry:
-        calibration = row.calibration
-        return entry_of(
-            ModelEntry,
-            row,
-            model_id=row.id,
-            calibration_id=row.calibration_key,
-            file=self.root / row.file,
-            transducer_serial=calibration.transducer.serial,
-            counter_identity=calibration.counter.serial,
-            simulated=calibration.simulated,
-        )
-
-
-def _calibration_entry(row: CalibrationRow) -> CalibrationEntry:
-    return entry_of(
-        CalibrationEntry,
-        row,
-        calibration_id=row.id,
-        run_id=_run_id(row.run),
-        transducer_serial=row.transducer.serial,
-        counter_identity=row.counter.serial,
-        standard_serial=row.standard.serial if row.standard else "",
-        valid_nm=(row.valid_low_nm, row.valid_high_nm),
-    )
-
-
-def _model(session: Session, model_id: int) -> ModelRow:
-    row = session.get(ModelRow, model_id)
-    if row is None:
-        raise RecordError(
-            Message("model {model_id} isn't registered", model_id), "a registered model"
-        )
-    return row
-
-
-def _run_id(row: RunRow | None) -> str | None:
-    return None if row is None else row.run_id

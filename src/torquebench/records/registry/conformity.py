@@ -1,23 +1,18 @@
 """The registry's certificates, reviews and amendments."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any, Literal, get_args
 
-from sqlalchemy import Table, select
+from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
-from torquebench.records.registry.database import Database, as_json, entry_of, row_of
 from torquebench.records.registry.entries import Amendment, CertificateEntry, Review
-from torquebench.records.registry.schema import (
-    AmendmentRow,
-    Base,
-    CalibrationRow,
-    CertificateRow,
-    ReviewRow,
-)
+from torquebench.records.registry.entry_rows import EntryRecords, number_of
+from torquebench.records.registry.schema import calibrations, certificates, metadata
 
 __all__ = ["ConformityRecords", "Subject"]
 
@@ -40,7 +35,7 @@ Subject = Literal[
 """Tables whose records can be reviewed and amended."""
 
 
-class ConformityRecords(Database):
+class ConformityRecords(EntryRecords):
     """Certificates, reviews and amendments."""
 
     def add_certificate(self, entry: CertificateEntry) -> None:
@@ -52,46 +47,34 @@ class ConformityRecords(Database):
             Where the number is taken, or calibration or replaced certificate aren't registered.
         """
         with self.writing() as session:
-            if _certificate(session, entry.number) is not None:
+            if number_of(session, certificates, number=entry.number) is not None:
                 raise RecordError(
                     Message("certificate {number} is issued", entry.number),
                     "a new number",
                     "issue an amended certificate under its own number that supersedes it",
                 )
-            if session.get(CalibrationRow, entry.calibration_id) is None:
+            if number_of(session, calibrations, id=entry.calibration_id) is None:
                 raise RecordError(
                     Message("calibration {calibration_id} isn't registered", entry.calibration_id),
                     "a registered calibration",
                 )
-            replaced = _certificate(session, entry.supersedes) if entry.supersedes else None
+            replaced = number_of(session, certificates, number=entry.supersedes)
             if entry.supersedes and replaced is None:
                 raise RecordError(
                     Message("certificate {supersedes} isn't registered", entry.supersedes),
                     "an issued one",
                 )
-            files, summary = as_json(entry.files), as_json(entry.summary)
-            row = row_of(
-                CertificateRow, entry, files=files, summary=summary, supersedes=replaced,
-                calibration_key=entry.calibration_id,
-            )  # fmt: skip
-            session.add(row)
+            self.add(entry)
 
     def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
         """Return certificates, all or of one calibration, the newest first."""
-        with self.session() as session:
-            rows = session.scalars(select(CertificateRow).order_by(CertificateRow.id.desc())).all()
-            newer = {row.supersedes_key: row.number for row in reversed(rows)}
-            return [
-                entry_of(
-                    CertificateEntry,
-                    row,
-                    calibration_id=row.calibration_key,
-                    supersedes=row.supersedes.number if row.supersedes else "",
-                    superseded_by=newer.get(row.id, ""),
-                )
-                for row in rows
-                if calibration_id in (None, row.calibration_key)
-            ]
+        entries = self.entries(CertificateEntry, newest_first=True)
+        newer = {entry.supersedes: entry.number for entry in reversed(entries)}
+        return [
+            replace(entry, superseded_by=newer.get(entry.number, ""))
+            for entry in entries
+            if calibration_id in (None, entry.calibration_id)
+        ]
 
     # Reviews
 
@@ -130,29 +113,12 @@ class ConformityRecords(Database):
                     else "a name",
                     "have a second person look over it",
                 )
-            session.add(
-                ReviewRow(
-                    subject=subject,
-                    subject_key=subject_id,
-                    checked=datetime.now(UTC),
-                    checked_by=checked_by.strip(),
-                    accepted=accepted,
-                    remark=remark,
-                )
-            )
+            now = datetime.now(UTC)
+            self.add(Review(subject, subject_id, now, checked_by.strip(), accepted, remark))
 
     def reviews(self, subject: Subject, subject_id: int) -> list[Review]:
         """Return the reviews of a record, the oldest first."""
-        query = (
-            select(ReviewRow)
-            .where(ReviewRow.subject == subject, ReviewRow.subject_key == subject_id)
-            .order_by(ReviewRow.id)
-        )
-        with self.session() as session:
-            return [
-                Review(subject, subject_id, row.checked, row.checked_by, row.accepted, row.remark)
-                for row in session.scalars(query)
-            ]
+        return self.entries(Review, subject=subject, subject_id=subject_id)
 
     # Amendments
 
@@ -204,36 +170,15 @@ class ConformityRecords(Database):
                     raise RecordError(
                         Message("{subject} have no field {name}", subject, name), known
                     )
-            session.add(
-                AmendmentRow(
-                    subject=subject,
-                    subject_key=subject_id,
-                    amended=datetime.now(UTC),
-                    amended_by=amended_by.strip(),
-                    reason=reason.strip(),
-                    changes=as_json(changes),
-                )
-            )
+            now, by = datetime.now(UTC), amended_by.strip()
+            self.add(Amendment(subject, subject_id, now, by, reason.strip(), changes))
 
     def amendments(self, subject: Subject, subject_id: int) -> list[Amendment]:
         """Return the amendments of a record, the oldest first."""
-        query = (
-            select(AmendmentRow)
-            .where(AmendmentRow.subject == subject, AmendmentRow.subject_key == subject_id)
-            .order_by(AmendmentRow.id)
-        )
-        with self.session() as session:
-            return [
-                Amendment(subject, subject_id, row.amended, row.amended_by, row.reason, row.changes)
-                for row in session.scalars(query)
-            ]
+        return self.entries(Amendment, subject=subject, subject_id=subject_id)
 
 
 _DOERS = ("measured_by", "performed_by", "authorised_by", "operator")
-
-
-def _certificate(session: Session, number: str) -> CertificateRow | None:
-    return session.scalar(select(CertificateRow).where(CertificateRow.number == number))
 
 
 def _subject(session: Session, subject: Subject, subject_id: int) -> dict[str, Any]:
@@ -242,7 +187,7 @@ def _subject(session: Session, subject: Subject, subject_id: int) -> dict[str, A
         raise RecordError(
             Message("a record of kind {subject}", subject), ", ".join(get_args(Subject))
         )
-    table: Table = Base.metadata.tables[subject]
+    table = metadata.tables[subject]
     found = session.execute(select(table).where(table.c.id == subject_id)).one_or_none()
     if found is None:
         raise RecordError(

@@ -2,14 +2,12 @@
 
 import contextlib
 import importlib
-import json
 import os
 import sqlite3
 import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self, TypeVar
@@ -19,6 +17,7 @@ from sqlalchemy import (
     Connection,
     Engine,
     NullPool,
+    Table,
     create_engine,
     event,
     make_url,
@@ -34,17 +33,15 @@ from sqlalchemy.exc import (
     OperationalError,
     SQLAlchemyError,
 )
-from sqlalchemy.orm import Session, UOWTransaction
+from sqlalchemy.orm import Session
 
 from torquebench.atomic_write import create_private, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import START, ChainHead, canonical, seal
-from torquebench.records.files import json_text, revived, with_messages
 from torquebench.records.read_only import is_writable, sqlite_reader
-from torquebench.records.registry.entries import EquipmentKind
 from torquebench.records.registry.migrating import upgrade
-from torquebench.records.registry.schema import Base, EquipmentRow, LinkRow, RunRow
+from torquebench.records.registry.schema import links
 
 __all__ = [
     "REGISTRY_FILE",
@@ -52,14 +49,10 @@ __all__ = [
     "WAY_BACK",
     "Database",
     "UnavailableError",
-    "as_json",
-    "content_of",
     "database_failures",
     "engine_of",
-    "entry_of",
-    "equipment_row",
+    "insert",
     "lost_registry",
-    "row_of",
     "url_with_driver",
 ]
 
@@ -86,8 +79,6 @@ _REMEDIES = {
 """What to do, by the beginning of the SQLSTATE."""
 
 Result = TypeVar("Result")
-Entry = TypeVar("Entry", bound=Any)
-Row = TypeVar("Row", bound=Base)
 
 
 class UnavailableError(RecordError):
@@ -265,12 +256,11 @@ class Database:
         Raises
         ------
         RecordError
-            Where the database fails, or something is changed instead of added.
+            Where the database fails; it refuses changes of rows.
         """
         outer: Session | None = getattr(self._open, "session", None)
         if outer is not None:
             yield outer
-            outer.flush()
             return
         if self.read_only:
             raise RecordError(
@@ -281,12 +271,9 @@ class Database:
         with self._session(writes=True) as session:
             if not self._sqlite:
                 session.execute(text("LOCK TABLE chain IN SHARE ROW EXCLUSIVE MODE"))
-            event.listen(session, "before_flush", _refuse_changes)
-            event.listen(session, "after_flush", _note_new_rows)
             self._open.session = session
             try:
                 yield session
-                session.flush()
                 head = _append_links(session)
             finally:
                 self._open.session = None
@@ -379,49 +366,28 @@ def database_failures(what: str) -> Iterator[None]:
         ) from error
 
 
-def content_of(row: Any) -> dict[str, Any]:
-    """Return the fields of a row as the chain keeps them."""
-    return {
-        column.key: getattr(row, attribute.key)
-        for attribute in row.__mapper__.column_attrs
-        for column in attribute.columns
-    }
+def insert(session: Session, table: Table, **values: Any) -> int:
+    """Add a row in a transaction of `Database.writing`; return its number."""
+    content = {column.name: values.get(column.name) for column in table.columns}
+    del content["id"]
+    number: int = session.execute(table.insert().returning(table.c.id), content).scalar_one()
+    session.info.setdefault("added", []).append((table.name, {"id": number, **content}))
+    return number
 
 
 def _head(session: Session) -> ChainHead:
-    query = select(LinkRow.sequence, LinkRow.sha256).order_by(LinkRow.sequence.desc()).limit(1)
+    query = select(links.c.sequence, links.c.sha256).order_by(links.c.sequence.desc()).limit(1)
     last = session.execute(query).one_or_none()
     return ChainHead(0, START) if last is None else ChainHead(last.sequence, last.sha256)
 
 
-def _refuse_changes(session: Session, _context: UOWTransaction, _instances: object) -> None:
-    changed = [row for row in session.dirty if session.is_modified(row)]
-    for row in [*changed, *session.deleted]:
-        raise RecordError(
-            Message("a change of {tablename} {id}", row.__tablename__, row.id),
-            "additions: records are never overwritten",
-            "amend the record instead",
-        )
-
-
-def _note_new_rows(session: Session, _context: UOWTransaction) -> None:
-    new = [row for row in session.new if not isinstance(row, LinkRow)]
-    session.info.setdefault("appended", []).extend(
-        sorted(new, key=lambda row: _ORDER[row.__tablename__])
-    )
-
-
 def _append_links(session: Session) -> ChainHead:
     head, now = _head(session), datetime.now(UTC)
-    for row in session.info.pop("appended", []):
-        link = seal(head, row.__tablename__, row.id, now, canonical(content_of(row)))
-        session.add(LinkRow(**vars(link)))
+    for table, content in session.info.pop("added", []):
+        link = seal(head, table, content["id"], now, canonical(content))
+        session.execute(links.insert(), vars(link))
         head = ChainHead(link.sequence, link.sha256)
-    session.flush()
     return head
-
-
-_ORDER = {table.name: number for number, table in enumerate(Base.metadata.sorted_tables)}
 
 
 def url_with_driver(url: str | URL) -> URL:
@@ -552,57 +518,3 @@ def _begin_sqlite(connection: Connection) -> None:
     # A transaction that began as a reader would find the end of the chain moved, and fail.
     writes = connection.get_execution_options().get("writes", True)
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writes else "BEGIN")
-
-
-def entry_of(kind: type[Entry], row: Base, /, **others: Any) -> Entry:
-    """Return a row as its frozen entry: columns of the entry's names, and others as they are given.
-
-    Parameters
-    ----------
-    kind : type
-        A frozen dataclass of `torquebench.records.registry.entries`.
-    row : Base
-    **others
-        Fields that aren't columns of the row.
-    """
-    names = {each.name for each in fields(kind)} & set(type(row).__table__.columns.keys())
-    values = {name: revived(getattr(row, name)) for name in names - set(others)}
-    entry: Entry = kind(**values, **others)
-    return entry
-
-
-def row_of(kind: type[Row], entry: Any, /, **others: Any) -> Row:
-    """Return a new row of a frozen entry: columns of the entry's names, and others as given."""
-    names = {each.name for each in fields(entry)} & set(kind.__table__.columns.keys())
-    return kind(**{name: getattr(entry, name) for name in names - set(others)}, **others)
-
-
-def equipment_row(session: Session, kind: EquipmentKind, serial: str) -> EquipmentRow:
-    """Return a piece of equipment's row, a new one if it isn't registered yet."""
-    query = select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
-    row = session.scalar(query)
-    if row is None:
-        row = EquipmentRow(kind=kind, serial=serial, recorded=datetime.now(UTC))
-        session.add(row)
-        session.flush()
-    return row
-
-
-def run_row(session: Session, run_id: str) -> RunRow:
-    """Return a run's row.
-
-    Raises
-    ------
-    RecordError
-        Where it isn't registered.
-    """
-    row = session.scalar(select(RunRow).where(RunRow.run_id == run_id))
-    if row is None:
-        raise RecordError(Message("run {run_id} isn't registered", run_id), "a registered run")
-    return row
-
-
-def as_json(value: Any) -> dict[str, Any]:
-    """Return a value as the database's JSON columns take it; see `with_messages`."""
-    content: dict[str, Any] = json.loads(json_text(with_messages(value)))
-    return content

@@ -12,7 +12,7 @@ from torquebench.records.integrity import Finding
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.registry.database import WAY_BACK, Database
 from torquebench.records.registry.migrating import upgrade
-from torquebench.records.registry.schema import Base
+from torquebench.records.registry.schema import metadata
 from torquebench.records.registry.schema_version import VERSIONS_TABLE
 
 __all__ = ["damage_of_file", "index_damage_only", "mend_schema", "schema_changes"]
@@ -113,7 +113,7 @@ def _expected_schema(dialect: str) -> Schema:
         engine.dispose()
         return found
     expected: Schema = {("table", VERSIONS_TABLE): "version_num"}
-    for table in Base.metadata.sorted_tables:
+    for table in metadata.sorted_tables:
         expected["table", table.name] = ", ".join(sorted(column.name for column in table.columns))
         expected["trigger", f"keep_{table.name}"] = "enabled"
         for index in table.indexes:

@@ -1,23 +1,16 @@
 """The registry's equipment: identity, components, adjustments, certificates, zeros."""
 
-from dataclasses import asdict
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
-from sqlalchemy import select
+from sqlalchemy import Row, Table, func, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.files import sha256_of_file
-from torquebench.records.registry.database import (
-    Database,
-    as_json,
-    entry_of,
-    equipment_row,
-    row_of,
-    run_row,
-)
+from torquebench.records.registry.database import insert
 from torquebench.records.registry.entries import (
     Adjustment,
     Component,
@@ -26,49 +19,44 @@ from torquebench.records.registry.entries import (
     Report,
     Zeroing,
 )
-from torquebench.records.registry.schema import (
-    AdjustmentRow,
-    ComponentRow,
-    DescriptionRow,
-    EquipmentRow,
-    ReportRow,
-    ZeroingRow,
-)
+from torquebench.records.registry.entry_rows import EntryRecords, entry_of, equipment_key, number_of
+from torquebench.records.registry.schema import components, descriptions, equipment, reports
 
 __all__ = ["EquipmentRecords"]
 
 
-class EquipmentRecords(Database):
+class EquipmentRecords(EntryRecords):
     """Equipment, components, adjustments, certificates of standards, zeroings."""
 
     def add_equipment(self, equipment: Equipment) -> None:
         """Register equipment, or its changed data."""
-        with self.writing() as session:
-            row = equipment_row(session, equipment.kind, equipment.serial)
-            known = _latest_description(session, row)
-            fields = {
-                "manufacturer": equipment.manufacturer,
-                "model": equipment.model,
-                "range_nm": equipment.range_nm,
-                "details": as_json(equipment.details),
-            }
-            if known is not None and all(
-                getattr(known, name) == value for name, value in fields.items()
-            ):
-                return
-            session.add(DescriptionRow(equipment=row, recorded=datetime.now(UTC), **fields))
+        self._add_changed(equipment, descriptions)
 
     def equipment(self, kind: EquipmentKind | None = None) -> list[Equipment]:
         """Return the registered equipment, all or of one kind, by kind and serial."""
-        query = select(EquipmentRow).order_by(EquipmentRow.kind, EquipmentRow.serial)
+        latest = select(func.max(descriptions.c.id)).group_by(descriptions.c.equipment_key)
+        of_equipment = descriptions.c.equipment_key == equipment.c.id
+        query = (
+            select(equipment, *(descriptions.c[name] for name in _DESCRIBED))
+            .outerjoin(descriptions, of_equipment & descriptions.c.id.in_(latest))
+            .order_by(equipment.c.kind, equipment.c.serial)
+        )
         if kind is not None:
-            query = query.where(EquipmentRow.kind == kind)
+            query = query.where(equipment.c.kind == kind)
         with self.session() as session:
-            known: dict[int, DescriptionRow] = {
-                row.equipment_key: row
-                for row in session.scalars(select(DescriptionRow).order_by(DescriptionRow.id))
-            }
-            return [_equipment(row, known.get(row.id)) for row in session.scalars(query)]
+            return [entry_of(Equipment, row._mapping) for row in session.execute(query)]
+
+    def _add_changed(
+        self, entry: Equipment | Report, table: Table, unimportant: tuple[str, ...] = ()
+    ) -> None:
+        """Append an entry unless the latest row of its equipment says the same."""
+        with self.writing() as session:
+            values = self.columns(session, entry, table)
+            query = select(table).where(table.c.equipment_key == values["equipment_key"])
+            latest = session.execute(query.order_by(table.c.id.desc()).limit(1)).one_or_none()
+            compared = values.keys() - {"recorded", *unimportant}
+            if latest is None or any(latest._mapping[name] != values[name] for name in compared):
+                insert(session, table, **values)
 
     # Components
 
@@ -86,65 +74,39 @@ class EquipmentRecords(Database):
         Nothing is entered where the part is there already.
         """
         with self.writing() as session:
-            whole_row, part_row = (equipment_row(session, *each) for each in (whole, part))
-            present = _fitted(session, whole_row).get(role)
-            if present is not None and present.part_key == part_row.id:
-                return
             common: dict[str, Any] = {
-                "whole": whole_row,
+                "whole_key": equipment_key(session, *whole),
                 "role": role,
                 "performed": datetime.now(UTC),
                 "performed_by": performed_by,
                 "reason": reason,
             }
+            part_key = equipment_key(session, *part)
+            present = _fitted(session, common["whole_key"]).get(role)
+            if present is not None and present.part_key == part_key:
+                return
             if present is not None:
-                session.add(ComponentRow(part=present.part, change="removed", **common))
-                session.flush()
-            session.add(ComponentRow(part=part_row, change="fitted", **common))
+                insert(session, components, part_key=present.part_key, change="removed", **common)
+            insert(session, components, part_key=part_key, change="fitted", **common)
 
     def components(self, whole: tuple[EquipmentKind, str]) -> list[Component]:
         """Return the parts fitted into a whole at present, by role."""
         with self.session() as session:
-            kind, serial = whole
-            row = session.scalar(
-                select(EquipmentRow).where(EquipmentRow.kind == kind, EquipmentRow.serial == serial)
-            )
-            if row is None:
-                return []
+            key = number_of(session, equipment, kind=whole[0], serial=whole[1])
             return [
-                Component(
-                    whole=(row.kind, row.serial),
-                    part=(fitted.part.kind, fitted.part.serial),
-                    role=role,
-                    fitted=fitted.performed,
-                    fitted_by=fitted.performed_by,
-                )
-                for role, fitted in sorted(_fitted(session, row).items())
+                Component(whole, (row.kind, row.serial), role, row.performed, row.performed_by)
+                for role, row in sorted(_fitted(session, key).items())
             ]
 
     # Adjustments
 
     def add_adjustment(self, adjustment: Adjustment) -> None:
         """Register work on a piece of equipment that may change its indication."""
-        with self.writing() as session:
-            fields = asdict(adjustment)
-            kind, serial = fields.pop("kind"), fields.pop("serial")
-            fields["before"], fields["after"] = as_json(fields["before"]), as_json(fields["after"])
-            session.add(AdjustmentRow(equipment=equipment_row(session, kind, serial), **fields))
+        self.add(adjustment)
 
     def adjustments(self, serial: str) -> list[Adjustment]:
         """Return the work on a piece of equipment, the oldest first."""
-        query = (
-            select(AdjustmentRow)
-            .join(AdjustmentRow.equipment)
-            .where(EquipmentRow.serial == serial)
-            .order_by(AdjustmentRow.id)
-        )
-        with self.session() as session:
-            return [
-                entry_of(Adjustment, row, kind=row.equipment.kind, serial=row.equipment.serial)
-                for row in session.scalars(query)
-            ]
+        return self.entries(Adjustment, serial=serial)
 
     # Certificates of standards
 
@@ -160,50 +122,13 @@ class EquipmentRecords(Database):
             raise RecordError(
                 Message("certificate {file} is missing", report.file), "a file that can be read"
             )
-        with self.writing() as session:
-            low, high = report.valid_nm or (None, None)
-            row = row_of(
-                ReportRow,
-                report,
-                equipment_key=equipment_row(session, report.kind, report.serial).id,
-                valid_low_nm=low,
-                valid_high_nm=high,
-                file="" if report.file is None else self.stored(report.file),
-                file_sha256="" if report.file is None else sha256_of_file(report.file),
-                recorded=datetime.now(UTC),
-            )
-            latest = session.scalar(
-                select(ReportRow)
-                .where(ReportRow.equipment_key == row.equipment_key)
-                .order_by(ReportRow.id.desc())
-                .limit(1)
-            )
-            if latest is None or any(
-                getattr(latest, name) != getattr(row, name) for name in _REPORT_FIELDS
-            ):
-                session.add(row)
+        digest = "" if report.file is None else sha256_of_file(report.file)
+        # The same certificate may lie elsewhere.
+        self._add_changed(replace(report, file_sha256=digest), reports, ("file",))
 
     def reports(self, serial: str) -> list[Report]:
         """Return the certificates of a standard, the newest first."""
-        query = (
-            select(ReportRow)
-            .join(ReportRow.equipment)
-            .where(EquipmentRow.serial == serial)
-            .order_by(ReportRow.id.desc())
-        )
-        with self.session() as session:
-            return [self._report(row) for row in session.scalars(query)]
-
-    def _report(self, row: ReportRow) -> Report:
-        low, high = row.valid_low_nm, row.valid_high_nm
-        return entry_of(
-            Report,
-            row,
-            kind=row.equipment.kind,
-            serial=row.equipment.serial,
-            valid_nm=None if low is None or high is None else (low, high),
-            file=self.root / row.file if row.file else None,
-        )
+        return self.entries(Report, newest_first=True, serial=serial)
 
     # Zeroings
 
@@ -215,60 +140,23 @@ class EquipmentRecords(Database):
         RecordError
             Where its run isn't registered.
         """
-        with self.writing() as session:
-            row = row_of(
-                ZeroingRow,
-                zeroing,
-                transducer=equipment_row(session, "transducer", zeroing.transducer_serial),
-                run=None if zeroing.run_id is None else run_row(session, zeroing.run_id),
-            )
-            session.add(row)
+        self.add(zeroing)
 
     def zeroings(self, transducer_serial: str) -> list[Zeroing]:
         """Return the zeros of a transducer, the oldest first."""
-        query = (
-            select(ZeroingRow)
-            .join(ZeroingRow.transducer)
-            .where(EquipmentRow.serial == transducer_serial)
-            .order_by(ZeroingRow.performed, ZeroingRow.id)
-        )
-        with self.session() as session:
-            return [
-                entry_of(
-                    Zeroing,
-                    row,
-                    transducer_serial=transducer_serial,
-                    run_id=row.run.run_id if row.run else None,
-                )
-                for row in session.scalars(query)
-            ]
+        return self.entries(Zeroing, order=("performed", "id"), transducer_serial=transducer_serial)
 
 
-_REPORT_FIELDS = set(ReportRow.__table__.columns.keys()) - {
-    *("id", "equipment_key", "file", "recorded")  # the same certificate may lie elsewhere
-}
+_DESCRIBED = ("manufacturer", "model", "range_nm", "details")
 
 
-def _latest_description(session: Session, row: EquipmentRow) -> DescriptionRow | None:
-    return session.scalar(
-        select(DescriptionRow)
-        .where(DescriptionRow.equipment_key == row.id)
-        .order_by(DescriptionRow.id.desc())
-        .limit(1)
-    )
-
-
-def _equipment(row: EquipmentRow, known: DescriptionRow | None) -> Equipment:
-    kind: Any = row.kind
-    if known is None:
-        return Equipment(kind, row.serial)
-    return Equipment(
-        kind, row.serial, known.manufacturer, known.model, known.range_nm, known.details
-    )
-
-
-def _fitted(session: Session, whole: EquipmentRow) -> dict[str, ComponentRow]:
+def _fitted(session: Session, whole_key: int | None) -> dict[str, Row[Any]]:
     """Return the latest row of each role that a part is fitted in."""
-    query = select(ComponentRow).where(ComponentRow.whole_key == whole.id).order_by(ComponentRow.id)
-    latest = {row.role: row for row in session.scalars(query)}
+    query = (
+        select(components, equipment.c.kind, equipment.c.serial)
+        .join(equipment, equipment.c.id == components.c.part_key)
+        .where(components.c.whole_key == whole_key)
+        .order_by(components.c.id)
+    )
+    latest = {row.role: row for row in session.execute(query)}
     return {role: row for role, row in latest.items() if row.change == "fitted"}

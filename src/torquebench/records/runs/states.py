@@ -9,16 +9,16 @@ from sqlalchemy import ColumnElement, select
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead
-from torquebench.records.registry.database import run_row
-from torquebench.records.registry.entries import RunSummary
+from torquebench.records.registry.entries import Amendment, CalibrationEntry, RunSummary
+from torquebench.records.registry.entry_rows import number_of, run_row
 from torquebench.records.registry.schema import (
-    AmendmentRow,
-    CalibrationRow,
-    CheckRow,
-    LinkRow,
-    RunEndRow,
-    RunRow,
-    VerificationRow,
+    amendments,
+    calibrations,
+    checks,
+    links,
+    run_ends,
+    runs,
+    verifications,
 )
 from torquebench.records.runs.entries import RunRecords
 
@@ -30,9 +30,9 @@ INTERRUPTED = ("interrupted", "aborted", "failed")
 CHUNK = 500
 
 _FOLLOWS: Mapping[str, Any] = {
-    "calibrate-": CalibrationRow.run_key,
-    "check-": CheckRow.run_key,
-    "verify-": VerificationRow.run_key,
+    "calibrate-": calibrations.c.run_key,
+    "check-": checks.c.run_key,
+    "verify-": verifications.c.run_key,
 }
 """Column by which results of a kind of run refer to it."""
 
@@ -46,16 +46,16 @@ class RunStateRecords(RunRecords):
         with self.session() as session:
             for start in range(0, len(wanted), CHUNK):
                 query = (
-                    select(RunRow.run_id, RunEndRow.id)
-                    .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
-                    .where(RunRow.run_id.in_(wanted[start : start + CHUNK]))
+                    select(runs.c.run_id, run_ends.c.id)
+                    .outerjoin(run_ends, run_ends.c.run_key == runs.c.id)
+                    .where(runs.c.run_id.in_(wanted[start : start + CHUNK]))
                 )
                 found.update({name: end is not None for name, end in session.execute(query)})
         return found
 
     def passes_through(self, head: ChainHead) -> bool:
         """Return whether a noted end of a chain is a link of this registry's."""
-        query = select(LinkRow.sha256).where(LinkRow.sequence == head.sequence)
+        query = select(links.c.sha256).where(links.c.sequence == head.sequence)
         with self.session() as session:
             return session.scalar(query) == head.sha256
 
@@ -63,45 +63,39 @@ class RunStateRecords(RunRecords):
         """Return completed runs without a registered result, oldest first."""
         wanted: ColumnElement[bool] | None = None
         for kind, key in _FOLLOWS.items():
-            one = RunRow.kind.startswith(kind) & RunRow.id.not_in(
+            one = runs.c.kind.startswith(kind) & runs.c.id.not_in(
                 select(key).where(key.is_not(None))
             )
             wanted = one if wanted is None else wanted | one
         assert wanted is not None
-        query = self._runs_and_ends().where(wanted, RunEndRow.status == "completed")
+        query = self._runs_and_ends().where(wanted, run_ends.c.status == "completed")
         return self._not_discarded(query)
 
     def calibration_of_run(self, run_id: str) -> int | None:
         """Return the number of the calibration that a run measured; None where it has none."""
-        query = (
-            select(CalibrationRow.id)
-            .join(RunRow, CalibrationRow.run_key == RunRow.id)
-            .where(RunRow.run_id == run_id)
-            .order_by(CalibrationRow.id)
-        )
-        with self.session() as session:
-            return session.scalar(query)
+        for calibration in self.entries(CalibrationEntry, run_id=run_id, limit=1):
+            return calibration.calibration_id
+        return None
 
     def interrupted_calibrations(self, since: datetime) -> list[RunSummary]:
         """Return calibrations that were begun after a moment and not completed, oldest first."""
         query = self._runs_and_ends().where(
-            RunRow.kind.startswith("calibrate-"),
-            RunEndRow.status.in_(INTERRUPTED),
-            RunRow.started > since,
+            runs.c.kind.startswith("calibrate-"),
+            run_ends.c.status.in_(INTERRUPTED),
+            runs.c.started > since,
         )
         return self._not_discarded(query)
 
     def _not_discarded(self, query: Any) -> list[RunSummary]:
-        query = query.where(RunEndRow.id.not_in(_discarded_ends())).order_by(RunRow.id)
-        with self.session() as session:
-            return [self._run(row) for row in session.execute(query)]
+        query = query.where(run_ends.c.id.not_in(_discarded_ends()))
+        return self._runs(query.order_by(runs.c.id))
 
     def discarded(self, run_id: str) -> bool:
         """Return whether a run was discarded."""
         query = (
-            select(RunEndRow.id)
-            .join(RunRow, RunEndRow.run_key == RunRow.id)
-            .where(RunRow.run_id == run_id, RunEndRow.id.in_(_discarded_ends()))
+            select(run_ends.c.id)
+            .join(runs, run_ends.c.run_key == runs.c.id)
+            .where(runs.c.run_id == run_id, run_ends.c.id.in_(_discarded_ends()))
         )
         with self.session() as session:
             return session.scalar(query) is not None
@@ -122,7 +116,7 @@ class RunStateRecords(RunRecords):
             )
         with self.writing() as session:
             row = run_row(session, run_id)
-            end = session.scalar(select(RunEndRow).where(RunEndRow.run_key == row.id))
+            end = number_of(session, run_ends, run_key=row.id)
             if end is None:
                 raise RecordError(
                     Message("run {run_id} has not ended", run_id), "a run that has ended"
@@ -134,21 +128,13 @@ class RunStateRecords(RunRecords):
                         "a run without one",
                         "review the result with `torquebench records review --reject`",
                     )
-            session.add(
-                AmendmentRow(
-                    subject=RunEndRow.__tablename__,
-                    subject_key=end.id,
-                    amended=datetime.now(UTC),
-                    amended_by=by.strip(),
-                    reason=reason.strip(),
-                    changes={"status": DISCARDED},
-                )
-            )
+            now, changes = datetime.now(UTC), {"status": DISCARDED}
+            self.add(Amendment(run_ends.name, end, now, by.strip(), reason.strip(), changes))
 
 
 def _discarded_ends() -> Any:
     """Return the query of ends that were amended to `DISCARDED`."""
-    return select(AmendmentRow.subject_key).where(
-        AmendmentRow.subject == RunEndRow.__tablename__,
-        AmendmentRow.changes["status"].as_string() == DISCARDED,
+    return select(amendments.c.subject_key).where(
+        amendments.c.subject == run_ends.name,
+        amendments.c.changes["status"].as_string() == DISCARDED,
     )

@@ -3,20 +3,20 @@
 from collections import defaultdict
 from collections.abc import Collection, Iterator
 from datetime import UTC, date, datetime
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import select
-from sqlalchemy.orm import aliased
 
 from torquebench.message import Message
 from torquebench.records.registry.database import Database
 from torquebench.records.registry.entries import RunSummary
 from torquebench.records.registry.schema import (
-    CalibrationRow,
-    LinkRow,
-    ReportRow,
-    RunEndRow,
-    RunRow,
+    calibrations,
+    equipment,
+    links,
+    reports,
+    run_ends,
+    runs,
 )
 
 if TYPE_CHECKING:
@@ -59,15 +59,15 @@ def doubts_of_runs(registry: Database, run_ids: Collection[str]) -> dict[str, tu
     for run_id, said in _ends_before_beginnings(registry, run_ids):
         found[run_id].append(said)
     query = (
-        select(RunRow.id, RunEndRow.id, RunRow.run_id)
-        .outerjoin(RunEndRow, RunEndRow.run_key == RunRow.id)
-        .where(RunRow.run_id.in_(run_ids))
+        select(runs.c.id, run_ends.c.id, runs.c.run_id)
+        .outerjoin(run_ends, run_ends.c.run_key == runs.c.id)
+        .where(runs.c.run_id.in_(run_ids))
     )
     with registry.session() as session:
         rows = session.execute(query).all()
     begun = {begin: run_id for begin, _, run_id in rows}
     ended = {end: run_id for _, end, run_id in rows}
-    for table, names in ((RunRow.__tablename__, begun), (RunEndRow.__tablename__, ended)):
+    for table, names in ((runs.name, begun), (run_ends.name, ended)):
         for key, said in _entries_back(registry, table, names):
             found[names[key]].append(said)
     return {run_id: tuple(said) for run_id, said in found.items()}
@@ -87,17 +87,17 @@ def doubts_of_calibrations(registry: Database, ids: Collection[int]) -> dict[int
     found: defaultdict[int, list[str]] = defaultdict(list)
     for number, said in _expired_standards(registry, ids):
         found[number].append(said)
-    for number, said in _entries_back(registry, CalibrationRow.__tablename__, ids):
+    for number, said in _entries_back(registry, calibrations.name, ids):
         found[number].append(said)
     query = (
-        select(CalibrationRow.id, RunRow.run_id)
-        .join(RunRow, CalibrationRow.run_key == RunRow.id)
-        .where(CalibrationRow.id.in_(ids))
+        select(calibrations.c.id, runs.c.run_id)
+        .join(runs, calibrations.c.run_key == runs.c.id)
+        .where(calibrations.c.id.in_(ids))
     )
     with registry.session() as session:
-        runs = {run_id: number for number, run_id in session.execute(query)}
-    for run_id, said_of_run in doubts_of_runs(registry, runs).items():
-        found[runs[run_id]] += said_of_run
+        numbers = {run_id: number for number, run_id in session.execute(query)}
+    for run_id, said_of_run in doubts_of_runs(registry, numbers).items():
+        found[numbers[run_id]] += said_of_run
     return {number: tuple(said) for number, said in found.items()}
 
 
@@ -105,7 +105,7 @@ def clock_behind(registry: Database, now: datetime | None = None) -> str:
     """Return a message if this computer's clock is earlier than the newest record, or ""."""
     moment = now or datetime.now(UTC)
     with registry.session() as session:
-        query = select(LinkRow.recorded).order_by(LinkRow.sequence.desc()).limit(1)
+        query = select(links.c.recorded).order_by(links.c.sequence.desc()).limit(1)
         newest = session.scalar(query)
     if newest is None:
         return ""
@@ -182,23 +182,23 @@ def _ends_before_beginnings(
 ) -> Iterator[tuple[str, str]]:
     """Yield runs that ended before they began, all or some, with a message."""
     query = (
-        select(RunRow.run_id, RunRow.started, RunEndRow.finished)
-        .join(RunEndRow, RunEndRow.run_key == RunRow.id)
-        .where(RunEndRow.finished < RunRow.started)
-        .order_by(RunRow.id)
+        select(runs.c.run_id, runs.c.started, run_ends.c.finished)
+        .join(run_ends, run_ends.c.run_key == runs.c.id)
+        .where(run_ends.c.finished < runs.c.started)
+        .order_by(runs.c.id)
     )
     if run_ids is not None:
-        query = query.where(RunRow.run_id.in_(run_ids))
+        query = query.where(runs.c.run_id.in_(run_ids))
     with registry.session() as session:
         for run_id, started, finished in session.execute(query):
             yield run_id, _end_before_beginning(run_id, started, finished)
 
 
 def _entries_before_earlier_ones(registry: Database) -> Iterator[str]:
-    query = select(LinkRow.sequence, LinkRow.table, LinkRow.key, LinkRow.recorded)
+    query = select(links.c.sequence, links.c.table, links.c.key, links.c.recorded)
     tolerance_s, latest = _tolerance_s(registry), None
     with registry.session() as session:
-        rows = session.execute(query.order_by(LinkRow.sequence).execution_options(yield_per=1000))
+        rows = session.execute(query.order_by(links.c.sequence).execution_options(yield_per=1000))
         for sequence, table, key, text in rows:
             try:
                 recorded = datetime.fromisoformat(text)
@@ -226,12 +226,12 @@ def _entries_back(
     registry: Database, table: str, keys: Collection[int]
 ) -> Iterator[tuple[int, str]]:
     """Yield those of some rows that are dated before the entry before them."""
-    before, tolerance_s = aliased(LinkRow), _tolerance_s(registry)
+    before, tolerance_s = links.alias(), _tolerance_s(registry)
     query = (
-        select(LinkRow.sequence, LinkRow.key, LinkRow.recorded, before.recorded)
-        .join(before, before.sequence == LinkRow.sequence - 1)
-        .where(LinkRow.table == table, LinkRow.key.in_(keys))
-        .order_by(LinkRow.sequence)
+        select(links.c.sequence, links.c.key, links.c.recorded, before.c.recorded)
+        .join(before, before.c.sequence == links.c.sequence - 1)
+        .where(links.c.table == table, links.c.key.in_(keys))
+        .order_by(links.c.sequence)
     )
     with registry.session() as session:
         for sequence, key, recorded, earlier in session.execute(query):
@@ -247,27 +247,29 @@ def _expired_standards(
     registry: Database, ids: Collection[int] | None = None
 ) -> Iterator[tuple[int, str]]:
     """Yield calibrations, all or some, against a standard that had expired, with a message."""
-    query = select(CalibrationRow).where(CalibrationRow.standard_key.is_not(None))
+    query = select(
+        calibrations.c.id, calibrations.c.performed, equipment.c.id.label("key"), equipment.c.serial
+    ).join(equipment, equipment.c.id == calibrations.c.standard_key)
     if ids is not None:
-        query = query.where(CalibrationRow.id.in_(ids))
+        query = query.where(calibrations.c.id.in_(ids))
     with registry.session() as session:
-        reports: dict[int, list[ReportRow]] = {}
-        for report in session.scalars(select(ReportRow).order_by(ReportRow.id)):
-            reports.setdefault(report.equipment_key, []).append(report)
-        for row in session.scalars(query.order_by(CalibrationRow.id)):
+        reports_of: defaultdict[int, list[Any]] = defaultdict(list)
+        for report in session.execute(select(reports).order_by(reports.c.id)):
+            reports_of[report.equipment_key].append(report)
+        for row in session.execute(query.order_by(calibrations.c.id)):
+            day = row.performed.date()
             known = [
-                each
-                for each in reports.get(row.standard_key or 0, [])
-                if each.performed is None or each.performed <= row.performed.date()
+                report
+                for report in reports_of[row.key]
+                if report.performed is None or report.performed <= day
             ]
-            if known and expired_on(row.performed.date(), known[-1].due):
-                day, serial = row.performed.date(), row.standard.serial if row.standard else ""
+            if known and expired_on(day, known[-1].due):
                 said = Message(
                     "calibration-{number} was made on {day} against {serial}, whose "
                     "certificate {certificate} had expired on {due}",
                     row.id,
                     day,
-                    serial,
+                    row.serial,
                     known[-1].number,
                     known[-1].due,
                 )

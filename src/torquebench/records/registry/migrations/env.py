@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from torquebench.records.registry.schema import Base
+from torquebench.records.registry.schema import metadata
 
-context.configure(connection=context.config.attributes["connection"], target_metadata=Base.metadata)
+context.configure(connection=context.config.attributes["connection"], target_metadata=metadata)
 context.run_migrations()

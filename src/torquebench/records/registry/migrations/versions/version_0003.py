@@ -7,7 +7,7 @@ The next version must state them here explicitly, so that both start from the sa
 from alembic import op
 
 from torquebench.records.registry.migrations.append_only import forbid_changes
-from torquebench.records.registry.schema import Base
+from torquebench.records.registry.schema import metadata
 
 __all__ = ["upgrade"]
 
@@ -17,6 +17,6 @@ down_revision = None
 
 def upgrade() -> None:
     """Create all tables."""
-    Base.metadata.create_all(op.get_bind())
-    for table in Base.metadata.sorted_tables:
+    metadata.create_all(op.get_bind())
+    for table in metadata.sorted_tables:
         forbid_changes(table.name)
