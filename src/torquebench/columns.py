@@ -35,17 +35,20 @@ class Column:
         For readers of files: the meaning of codes, or the definition.
     side : str
         ``"input"``, ``"output"`` or empty.
+    stated_unit : str
+        Of an unknown column, as its document states it.
     """
 
     name: str
     description: str
     note: str = ""
     side: Side = ""
+    stated_unit: str = ""
 
     @property
     def unit(self) -> str:
-        """Unit that the name ends in; "1" for other numbers and codes, empty if unknown."""
-        return unit_of_name(self.name) or ("1" if self.description else "")
+        """Unit that the name ends in; "1" for other numbers and codes."""
+        return unit_of_name(self.name) or ("1" if self.description else self.stated_unit)
 
     @property
     def title(self) -> str:

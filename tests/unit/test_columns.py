@@ -1,6 +1,7 @@
 """Every column of files, documents and signals has a unit, a description and its translation."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -32,6 +33,7 @@ WRITTEN = {
     "its settings": tuple(SETTINGS),
     "a point": tuple(vars(Point())),
     "a recorder": ("start_s", "stop_s", "samples"),
+    "temperature probes": ("temperatures-ambient_c", "temperatures-input_transducer_c"),
     "edges": ("tick", "timebase_hz"),
     "an exported event": ("unix_time_s",),
     "signals": tuple(signal.name for signal in SIGNALS),
@@ -70,7 +72,11 @@ def test_compensated_torque_and_raw_samples_are_told_apart() -> None:
     """An exported README called both the torque by the zero in use."""
     assert column_of("output_torque_nm").title == "output, compensated torque"
     assert column_of("output_torque_nm", samples=True).title == "output, raw torque"
-    assert column_of("dense_load").sentence == "As its name says."
+
+
+def test_a_column_of_another_origin_keeps_the_unit_of_its_document() -> None:
+    oil = replace(column_of("oil_pressure"), stated_unit="bar")
+    assert oil.sentence == "As its name says, in bar."
 
 
 def test_a_quantity_of_readings_is_a_column() -> None:

@@ -303,7 +303,7 @@ class _Stage:
                 }
         if device is self.devices.temperatures:
             return {
-                f"{device.name}-{probe}": {"value": 23.0, "timestamp": self.now_s}
+                f"{device.name}-{probe}_c": {"value": 23.0, "timestamp": self.now_s}
                 for probe in self.description.temperatures
             }
         return {}

@@ -6,7 +6,7 @@ import io
 import shutil
 import textwrap
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -163,19 +163,21 @@ def _copy_originals(export: _Export, source: RunFolder) -> None:
 
 def _write_documents(export: _Export, source: RunFolder) -> None:
     """Write one table for each stream of events."""
-    streams: dict[str, tuple[str, list[str]]] = {}
-    for _, document in source.documents("descriptor"):
-        streams[document["uid"]] = (str(document.get("name", "events")), [*document["data_keys"]])
     notes = _notes(source)
-    for uid, (name, keys) in streams.items():
+    for _, document in list(source.documents("descriptor")):
+        uid, keys = document["uid"], document["data_keys"]
 
-        def rows(uid: str = uid, keys: list[str] = keys) -> Iterator[list[Any]]:
+        def rows(uid: str = uid, keys: Mapping[str, Any] = keys) -> Iterator[list[Any]]:
             for _, event in source.documents("event"):
                 if event["descriptor"] == uid:
                     yield [event["time"], *(event["data"].get(key, "") for key in keys)]
 
-        columns = [column_of(name) for name in ("unix_time_s", *short_names(keys).values())]
-        export.table(f"{name}.csv", columns, rows(), notes)
+        columns = [
+            replace(column_of(name), stated_unit=str(keys[key].get("units") or ""))
+            for key, name in short_names(list(keys)).items()
+        ]
+        name = f"{document.get('name', 'events')}.csv"
+        export.table(name, [column_of("unix_time_s"), *columns], rows(), notes)
 
 
 def _notes(source: RunFolder) -> dict[str, object]:

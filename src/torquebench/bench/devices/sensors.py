@@ -124,5 +124,5 @@ class TemperatureProbes(StandardReadable):
                     units="°C",
                     getter=partial(context.acquisition.temperature_c, probe),
                 )
-                setattr(self, probe, signal)
+                setattr(self, f"{probe}_c", signal)
         super().__init__()

@@ -224,7 +224,7 @@ def temperature_c(devices: BenchDevices, probe: str = REDUCER_PROBE) -> Plan[flo
     if probe not in devices.context.description.temperatures:
         return float("nan")
     reading = yield Msg("read", devices.temperatures)
-    return float(reading[f"{devices.temperatures.name}-{probe}"]["value"])
+    return float(reading[f"{devices.temperatures.name}-{probe}_c"]["value"])
 
 
 def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> Plan[float]:
