@@ -5,6 +5,7 @@ import json
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
+from importlib import resources
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any, ClassVar, Self
@@ -23,10 +24,11 @@ from torquebench.bench import default_bench
 from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.description import BenchDescription, CertifiedPoints
+from torquebench.bench.description import DEFAULT_BENCH, BenchDescription, CertifiedPoints
 from torquebench.bench.devices import Recorder
 from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Stretch, Viewer
+from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import store_model
@@ -338,6 +340,31 @@ def test_every_interface_states_the_same_u(
     certified = certified_bench().calibrator.uncertainty("output").at(expected.value_nm[0])
     assert 2.0 * lines["reference standard"] == pytest.approx(float(certified), rel=1e-12)
     assert 0.1 < float(certified) < 0.2
+
+
+def test_a_file_takes_the_limits_of_the_bench_that_it_is_used_on(
+    file: Path, tmp_path: Path
+) -> None:
+    """Live, a model of a table had the bench's limits; a file of the same readings had none."""
+    stored, description = tb.load_model(file).stored, default_bench()
+    of_table = replace(stored.provenance, effects=(), transducer_serial="SIM-T2000")
+    save_model(tmp_path / "model.json", replace(stored, provenance=of_table))
+    example = resources.files("torquebench.bench") / DEFAULT_BENCH
+    (tmp_path / "bench.toml").write_text(example.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "readings.csv").write_text(f"reading_nm,branch\n{READING_NM},up\n")
+    command = ("apply", "model.json", "readings.csv", "--out", "torque.csv")
+    done = run(*command, "--bench", "bench.toml", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    cells = pl.read_csv(tmp_path / "torque.csv")
+    used = with_stated_limits(load_chain(tmp_path / "model.json"), description, "output")
+    expected = used.torque(Readings(np.array([READING_NM]), branch=np.ones(1)))
+    told_alike(
+        {"apply": Told(cells["torque_nm"][0], cells["expanded_uncertainty_nm"][0])}, expected
+    )
+    assert "temperature of zero" in {part.name for part in expected.components}
+    refused = run("apply", file, *command[2:], "--bench", "bench.toml", cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "SIM-T2000" in refused.stderr
 
 
 def test_the_command_of_a_budget_states_u_and_lines_of_the_chain(

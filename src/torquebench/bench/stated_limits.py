@@ -4,10 +4,33 @@ from __future__ import annotations
 
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.chain import MeasuringChain, Reference
+from torquebench.compensation import StoredModel
+from torquebench.errors import ModelMismatchError
+from torquebench.message import Message
 
-__all__ = ["with_stated_limits"]
+__all__ = ["chain_on_bench", "with_stated_limits"]
+
+
+def chain_on_bench(stored: StoredModel, description: BenchDescription) -> MeasuringChain:
+    """Return a stored chain as it is in use on the bench that has its transducer.
+
+    Raises
+    ------
+    ModelMismatchError
+        The bench has another transducer, or the file doesn't name one.
+    """
+    modules = {side: description.module(side) for side in SIDES}
+    serial = stored.provenance.transducer_serial
+    for side, module in modules.items():
+        if serial and serial == module.transducer.serial:
+            return with_stated_limits(MeasuringChain.of(stored), description, side)
+    raise ModelMismatchError(
+        Message("a model of transducer {serial!r}", serial),
+        Message.joined(module.transducer.serial for module in modules.values()),
+        "fit the model with --serial, or take the description of the bench that it is used on",
+    )
 
 
 def with_stated_limits(

@@ -42,6 +42,12 @@ if TYPE_CHECKING:
 __all__ = ["apply", "fit", "verify", "write_verification"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
+LimitsOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--bench", help="Bench description: its limits count where the chain has no record."
+    ),
+]
 SOURCES_TOLERANCE_PERCENT_FS = 0.1
 DEFAULT_KIND = "hybrid"
 
@@ -267,6 +273,7 @@ def apply(
         typer.Option(help="A file of `evaluate dynamics`, for quick torques; rows at its rate."),
     ] = None,
     without: WithoutOption = None,
+    bench: LimitsOption = None,
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
@@ -287,11 +294,11 @@ def apply(
     stored = load_model(model)
     _warn_of_contradictions(stored)
 
-    from torquebench.chain import MeasuringChain, RecordedStream, SwitchedOff
+    from torquebench.chain import RecordedStream, SwitchedOff
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.records.streams.readings_stream import compensate_file
 
-    chain = MeasuringChain.of(stored)
+    chain = _chain(stored, bench)
     filtering = None
     if dynamics is not None:
         from torquebench.campaign.dynamics import load_dynamics
@@ -373,6 +380,7 @@ def verify(
         typer.Option("--with", help="Another model beside it, for comparison. May be repeated."),
     ] = None,
     report: ReportOption = None,
+    bench: LimitsOption = None,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
@@ -392,10 +400,10 @@ def verify(
     _warn_of_contradictions(stored)
 
     from torquebench.calibration import verify as verify_models
-    from torquebench.chain import MeasuringChain, SwitchedOff
+    from torquebench.chain import SwitchedOff
     from torquebench.cli.tables import cells_table, error_blocks
 
-    chains = {name: MeasuringChain.of(each) for name, each in {"model": stored, **compared}.items()}
+    chains = {name: _chain(each, bench) for name, each in {"model": stored, **compared}.items()}
     if without:
         off = SwitchedOff.of("stated with verify", *without)
         chains = {name: each.with_effects([off]) for name, each in chains.items()}
@@ -460,6 +468,18 @@ def verify(
     say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:
         raise typer.Exit(CHECK_FAILED)
+
+
+def _chain(stored: StoredModel, bench: Path | None) -> MeasuringChain:
+    """Return the chain of a file, or as it is in use on a bench."""
+    from torquebench.chain import MeasuringChain
+
+    if bench is None:
+        return MeasuringChain.of(stored)
+    from torquebench.bench import load_bench
+    from torquebench.bench.stated_limits import chain_on_bench
+
+    return chain_on_bench(stored, load_bench(bench))
 
 
 def _torque(
