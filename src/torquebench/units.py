@@ -13,7 +13,18 @@ from math import pi
 __all__ = [
     "ARCMIN",
     "ARCSEC",
+    "DAY",
+    "DAYS_PER_YEAR",
     "DEGREE",
+    "DEG_PER_RAD",
+    "DEG_PER_TURN",
+    "DEG_S_PER_RPM",
+    "HOUR",
+    "HOURS_PER_DAY",
+    "HOURS_PER_YEAR",
+    "KHZ",
+    "MINUTE",
+    "MS_PER_S",
     "NM_PER_RAD_OF_NM_PER_ARCMIN",
     "RAD_S_PER_RPM",
     "RPM_PER_RAD_S",
@@ -30,8 +41,21 @@ DEGREE = pi / 180.0
 ARCMIN = pi / 10800.0
 ARCSEC = pi / 648000.0
 """One turn, degree, arcminute and arcsecond, rad."""
-RAD_S_PER_RPM = 2.0 * pi / 60.0
-RPM_PER_RAD_S = 60.0 / (2.0 * pi)
+DEG_PER_RAD = 180.0 / pi
+DEG_PER_TURN = 360.0
+MINUTE = 60
+HOUR = 3600
+DAY = 86400
+"""One minute, hour and day, s."""
+DAYS_PER_YEAR = 365.25
+HOURS_PER_DAY = 24.0
+HOURS_PER_YEAR = HOURS_PER_DAY * DAYS_PER_YEAR
+MS_PER_S = 1e3
+KHZ = 1e3
+"""One kilohertz, Hz."""
+RAD_S_PER_RPM = TURN / MINUTE
+RPM_PER_RAD_S = MINUTE / TURN
+DEG_S_PER_RPM = DEG_PER_TURN / MINUTE
 NM_PER_RAD_OF_NM_PER_ARCMIN = 180.0 * 60.0 / pi
 """1 N·m/arcmin in N·m/rad: 3437.75."""
 
@@ -45,8 +69,8 @@ UNITS: Mapping[str, Mapping[str, float]] = {
         "arcsec": ARCSEC,
         "rev": TURN,
     },
-    "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / 6.0, "revs": 60.0},
-    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": 60.0},
+    "speed": {"rpm": 1.0, "rads": RPM_PER_RAD_S, "degs": 1.0 / DEG_S_PER_RPM, "revs": MINUTE},
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "min": MINUTE},
     "temperature": {"degc": 1.0, "c": 1.0},
     "acceleration": {"rads2": 1.0, "rpms": RAD_S_PER_RPM},
 }

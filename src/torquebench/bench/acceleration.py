@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench._kernels import parabola
+from torquebench.units import TURN
 
 __all__ = ["UNKNOWN", "Acceleration", "EncoderAcceleration"]
 
@@ -66,7 +67,7 @@ class EncoderAcceleration:
             time_s,
             float(np.add.reduce(time_s)) / time_s.size,
             counts.astype(np.float64, copy=False),
-            2.0 * math.pi / per_revolution,
+            TURN / per_revolution,
         )
         self._before = now = 2.0 * curve
         change = 0.0 if math.isnan(before) else now - before

@@ -30,6 +30,7 @@ from torquebench.chain import (
 )
 from torquebench.errors import InputError, SignalFault
 from torquebench.message import Message
+from torquebench.units import HOUR
 
 __all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
 
@@ -220,7 +221,7 @@ class ActiveChain:
         age_h: NDArray[np.float64] | None = None
         if zero is not None and readings.time_s.size:
             until_s = readings.time_s[-1] if readings.until_s is None else readings.until_s
-            age_h = np.maximum(until_s - zero.time_s, 0.0) / 3600.0
+            age_h = np.maximum(until_s - zero.time_s, 0.0) / HOUR
         return Readings(
             readings.reading_nm,
             counter_nm=readings.counter_nm,

@@ -18,10 +18,10 @@ from torquebench.chain import (
     Temperature,
     Zero,
 )
+from torquebench.units import DAYS_PER_YEAR, HOURS_PER_DAY
 
 __all__ = ["chain_effects", "standard_effect"]
 
-_DAYS_PER_YEAR = 365.25
 PROBE_K = 0.5
 """Limit by which a probe on a standard differs from the temperature of its transducer."""
 
@@ -90,7 +90,7 @@ def chain_effects(
         )
     )
     if transducer.drift_percent_per_year is not None:
-        interval_h = 24.0 * conditions.calibration_interval_days
+        interval_h = HOURS_PER_DAY * conditions.calibration_interval_days
         effects.append(Drift(datasheet, transducer.drift_percent_per_year, interval_h))
     return tuple(effects)
 
@@ -129,4 +129,4 @@ def _years_since_certificate(standard: StandardDescription, day: date | None) ->
     except ValueError:  # "unknown", or a date in words
         return 1.0
     until = day or standard.certificate_due
-    return 1.0 if until is None else max((until - performed).days, 0) / _DAYS_PER_YEAR
+    return 1.0 if until is None else max((until - performed).days, 0) / DAYS_PER_YEAR

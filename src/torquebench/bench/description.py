@@ -16,7 +16,7 @@ from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import FrequencyScale
-from torquebench.units import RAD_S_PER_RPM, RPM_PER_RAD_S
+from torquebench.units import KHZ, RAD_S_PER_RPM, RPM_PER_RAD_S
 from torquebench.validation import ConflictError, parse_toml, validated
 
 if TYPE_CHECKING:
@@ -88,6 +88,16 @@ class TransducerDescription(_Section):
         return self.option_khz * 500.0 / self.nominal_torque_nm
 
     @property
+    def zero_hz(self) -> float:
+        """Nominal frequency at zero torque, Hz."""
+        return KHZ * self.option_khz
+
+    @property
+    def modulation_hz(self) -> tuple[float, float]:
+        """Lowest and highest frequency of a working transducer, Hz."""
+        return 0.25 * self.zero_hz, 1.75 * self.zero_hz
+
+    @property
     def group_delay_s(self) -> float:
         """By how much its frequency is later than the torque (data sheet of the option), s."""
         return _GROUP_DELAY_S[self.option_khz]
@@ -113,13 +123,12 @@ class TransducerDescription(_Section):
     def scale(self) -> FrequencyScale:
         """Scale of this transducer with its nominal zero, before any zero was measured."""
         nominal = self.nominal_sensitivity_hz_per_nm
-        zero_hz = self.option_khz * 1e3
         return FrequencyScale(
             nominal_torque_nm=self.nominal_torque_nm,
-            nominal_zero_hz=zero_hz,
+            nominal_zero_hz=self.zero_hz,
             sensitivity_cw_hz_per_nm=self.sensitivity_cw_hz_per_nm or nominal,
             sensitivity_ccw_hz_per_nm=self.sensitivity_ccw_hz_per_nm or nominal,
-            modulation_hz=(0.25 * zero_hz, 1.75 * zero_hz),
+            modulation_hz=self.modulation_hz,
         )
 
 
@@ -467,11 +476,11 @@ class BenchDescription(_Section):
         """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009)."""
         transducer, counter = self.module(side).transducer, self.counter
         edge_s = hypot(counter.edge_jitter_s, 1.0 / (counter.timebase_hz * sqrt(12.0)))
-        edges = 1e3 * transducer.option_khz * counter.window_s
+        edges = transducer.zero_hz * counter.window_s
         relative = sqrt(12.0 / edges) * edge_s / counter.window_s
         if counter.method == "reciprocal":
             relative = sqrt(2.0) * edge_s / counter.window_s
-        return relative * 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
+        return relative * KHZ * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
 
     @property
     def name(self) -> str:

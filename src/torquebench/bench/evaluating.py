@@ -31,7 +31,7 @@ from torquebench.chain import Torque
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.signals import TorqueSamples
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import RPM_PER_RAD_S, TURN
 
 __all__ = ["BlockEvaluator", "mean_speed"]
 
@@ -193,7 +193,7 @@ class BlockEvaluator:
             return None
         per_revolution = self._description.module(side).encoder.counts_per_revolution
         found = np.interp(time_s, at, counts, left=np.nan, right=np.nan)
-        return np.asarray(found * (2.0 * np.pi / per_revolution))
+        return np.asarray(found * (TURN / per_revolution))
 
     def _check_encoder(self, side: Side, angle: AngleSamples) -> None:
         described = self._description.module(side).encoder.counts_per_revolution
@@ -216,4 +216,4 @@ def mean_speed(
 ) -> float:
     """Return the mean speed between the first and the last sample, rad/s."""
     turns = float(counts[-1] - counts[0]) / per_revolution
-    return 2.0 * np.pi * turns / float(time_s[-1] - time_s[0])
+    return TURN * turns / float(time_s[-1] - time_s[0])

@@ -16,6 +16,7 @@ from torquebench.compensation import FEATURES, branch_values, features
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
 from torquebench.message import Message
+from torquebench.units import HOUR
 
 if TYPE_CHECKING:
     from torquebench.chain import Reference
@@ -270,7 +271,7 @@ class CalibrationData:
         return readings_of_rows(
             vars(self),
             steady=self.steady,
-            zero_age_h=None if age is None else np.abs(age - age[begin]) / 3600.0,
+            zero_age_h=None if age is None else np.abs(age - age[begin]) / HOUR,
             zero_temperature_c=zeroed if zero_temperature_c is None else zero_temperature_c,
             measured_on=self.measured_on,
         )

@@ -9,6 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.calibration.data import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import DAY, DAYS_PER_YEAR
 
 __all__ = [
     "ControlChart",
@@ -317,9 +318,6 @@ def predict_drift(
     )
 
 
-DAYS_PER_YEAR = 365.25
-
-
 def propose_due_date(
     last: datetime, prediction: DriftPrediction | None, *, longest_days: int = 365
 ) -> date:
@@ -350,4 +348,4 @@ def _years(moments: list[datetime]) -> NDArray[np.float64]:
     first = min(moments, default=None)
     if first is None:
         return np.empty(0)
-    return np.array([(m - first).total_seconds() / 86400.0 / DAYS_PER_YEAR for m in moments])
+    return np.array([(m - first).total_seconds() / DAY / DAYS_PER_YEAR for m in moments])

@@ -31,6 +31,7 @@ from torquebench.records import (
     latest_unfinished_calibration,
 )
 from torquebench.station import Station
+from torquebench.units import HOUR
 
 __all__ = ["InterruptedCalibration", "find_interrupted", "read_interrupted", "resume_calibration"]
 
@@ -331,7 +332,7 @@ def _check_clause(interrupted: InterruptedCalibration, now: datetime) -> None:
             "calibrate again",
         )
     longest_h = clause.longest_h if clause is not None else 24.0
-    passed_h = (now - interrupted.interrupted).total_seconds() / 3600.0
+    passed_h = (now - interrupted.interrupted).total_seconds() / HOUR
     if passed_h > longest_h:
         raise InputError(
             Message("an interruption of {hours:.1f} h", passed_h),

@@ -28,6 +28,7 @@ from torquebench.compensation import CompensationModel, StoredModel, load_model
 from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import HOURS_PER_DAY
 
 __all__ = ["ChainStream", "MeasuringChain", "RecordedStream", "effect_from", "load_chain"]
 
@@ -105,7 +106,7 @@ class MeasuringChain:
         """Return the time from the calibration to a day, h; None where one isn't known."""
         if day is None or self.calibrated_on is None:
             return None
-        return 24.0 * abs((day - self.calibrated_on).days)
+        return HOURS_PER_DAY * abs((day - self.calibrated_on).days)
 
     def dated(self, readings: Readings) -> Readings:
         """Return readings with the age of the calibration, where their day is known."""

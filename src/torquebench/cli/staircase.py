@@ -10,6 +10,7 @@ from rich.console import RenderableType
 from rich.text import Text
 
 from torquebench.cli.terminal.console import narrow_table
+from torquebench.units import MINUTE
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -190,4 +191,4 @@ def _minutes(seconds: float) -> str:
     ('47 s', '10 min 0 s')
     """
     whole = round(seconds)
-    return f"{whole} s" if whole < 120 else f"{whole // 60} min {whole % 60} s"
+    return f"{whole} s" if whole < 120 else f"{whole // MINUTE} min {whole % MINUTE} s"

@@ -17,6 +17,7 @@ from torquebench.cli.terminal.console import (
     say,
     say_file,
 )
+from torquebench.units import MINUTE, MS_PER_S
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -103,7 +104,7 @@ def _run(
                 say_file("Complete series, --resume measures the others", result)
             raise
     simulated = " (simulated)" if description.simulated else ""
-    say(f"{done.rows} rows{simulated} in {done.bench_seconds / 60.0:.3g} min of bench time")
+    say(f"{done.rows} rows{simulated} in {done.bench_seconds / MINUTE:.3g} min of bench time")
     say_file("Table", result)
     say(f"Run: {done.run_id}")
     answer(**TURNED.of(done))
@@ -126,7 +127,7 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
     )
     if profile.kind == "dynamics":
         _describe_steps(table, description, side, profile)
-        table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min")
+        table.add_row("duration", f"{rehearsal.duration_s / MINUTE:.3g} min")
         out().print(table)
         say("Limits and interlocks checked; nothing was moved.")
         answer(**TURN_PLANNED.of(rehearsal))
@@ -154,7 +155,7 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
         table.add_row("temperatures", f"{wanted} °C, waited for up to "
                       f"{profile.temperatures.longest_h:g} h each")  # fmt: skip
     waiting = " and the waiting" if profile.temperatures is not None else ""
-    table.add_row("duration", f"{rehearsal.duration_s / 60.0:.3g} min{waiting}")
+    table.add_row("duration", f"{rehearsal.duration_s / MINUTE:.3g} min{waiting}")
     out().print(table)
     say("Limits and interlocks checked; nothing was moved.")
     answer(**TURN_PLANNED.of(rehearsal))
@@ -171,7 +172,7 @@ def _describe_steps(
     table.add_row("steps", f"{sizes} N·m around {steps.preload_share * full:g} N·m")
     slowest_s = max(steps.shares) * full / rate
     table.add_row(
-        "drive", f"at most {rate:g} N·m/s: the largest step takes {1e3 * slowest_s:.3g} ms"
+        "drive", f"at most {rate:g} N·m/s: the largest step takes {MS_PER_S * slowest_s:.3g} ms"
     )
     table.add_row("series", f"{profile.series()} of {steps.cycles} steps up and down of each size")
     if sines is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import tau
 from numbers import Integral, Real
 from typing import ClassVar
 
@@ -213,7 +214,7 @@ def train_member(
             break
     gamma, log_determinant = problem.determined(precisions, noise_variance)
     fit = problem.squares / noise_variance + precisions @ problem.weight_squares
-    log_evidence = -0.5 * float(fit + log_determinant + x.size * np.log(2.0 * np.pi))
+    log_evidence = -0.5 * float(fit + log_determinant + x.size * np.log(tau))
     return NetworkMember(
         parameters=problem.parameters,
         precisions=precisions,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import ceil, log, pi, sqrt
+from math import ceil, log, sqrt
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,6 +12,7 @@ from torquebench.dynamics.filters import UncertainFilter
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = ["InverseFilter", "StepResponse", "design_inverse", "step_response"]
 
@@ -142,11 +143,11 @@ def design_inverse(
             Message("above {own:.5g} Hz, at most {most:.5g} Hz at this rate", own, most),
             "use shorter counter windows, or don't filter",
         )
-    bell_s = sqrt(log(2.0)) / (2.0 * pi * wanted)
+    bell_s = sqrt(log(2.0)) / (TURN * wanted)
     side = ceil(_WIDTH * bell_s / interval_s)
     middle = side + round((transfer.delay_s + transfer.lag_s) / interval_s)
     # the damping's inverse decays with k/c, the window's within a few windows
-    echo_s = 12.0 * transfer.damping_ratio / (2.0 * pi * transfer.resonance_hz)
+    echo_s = 12.0 * transfer.damping_ratio / (TURN * transfer.resonance_hz)
     taps = middle + side + ceil(max(4.0 * transfer.window_s, echo_s, 4.0 * interval_s) / interval_s)
     weights = _solve(transfer, interval_s, wanted, middle, taps)
     parameters, moves = transfer.values, []
@@ -203,7 +204,7 @@ def step_response(
     """
     from scipy.signal import residue
 
-    natural = 2.0 * np.pi * transfer.resonance_hz
+    natural = TURN * transfer.resonance_hz
     damping = 2.0 * transfer.damping_ratio * natural
     lag_s = max(transfer.lag_s, 1e-3 * interval_s)
     below = np.polymul([1.0, damping, natural**2], [lag_s, 1.0])

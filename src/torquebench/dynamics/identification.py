@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import RAD_S_PER_RPM, TURN
 
 __all__ = ["Inertia", "Known", "Shaft", "identify", "identify_inertia", "shaft_of"]
 
@@ -227,7 +227,7 @@ def _check(transfer: TransferFunction, nyquist_hz: float) -> None:
             what.append(Message("{words} {value:.4g} with u = {u:.3g}", _WORDS[name], value, u))
     shift = transfer.covariance
     late = sqrt(max(shift[2][2] + shift[3][3] + 2.0 * shift[2][3], 0.0))
-    if not 2.0 * pi * transfer.resonance_hz * late <= _LARGEST_PHASE:
+    if not TURN * transfer.resonance_hz * late <= _LARGEST_PHASE:
         what.append(
             Message(
                 "lag and delay {lag_s:.3g} s with u = {late:.3g}",
@@ -374,7 +374,7 @@ def shaft_of(transfer: TransferFunction, inertia: Inertia) -> Shaft:
     >>> round(shaft.stiffness_nm_rad), round(shaft.stiffness_uncertainty_nm_rad)
     (24674, 247)
     """
-    natural, moment = 2.0 * pi * transfer.resonance_hz, inertia.inertia_kgm2
+    natural, moment = TURN * transfer.resonance_hz, inertia.inertia_kgm2
     stiffness = moment * natural**2
     damping = 2.0 * transfer.damping_ratio * moment * natural
     relative = inertia.standard_uncertainty_kgm2 / moment

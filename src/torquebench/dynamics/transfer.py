@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = ["PARAMETERS", "TransferFunction"]
 
@@ -96,7 +97,7 @@ class TransferFunction:
         """Return the complex response at frequencies."""
         frequency = np.asarray(frequency_hz, np.float64)
         s = 2j * np.pi * frequency
-        natural = 2.0 * np.pi * self.resonance_hz
+        natural = TURN * self.resonance_hz
         damping = 2.0 * self.damping_ratio * natural
         shaft = (damping * s + natural**2) / (s * s + damping * s + natural**2)
         lag = np.exp(-s * self.delay_s) / (1.0 + s * self.lag_s)
@@ -112,6 +113,6 @@ class TransferFunction:
     @property
     def group_delay_s(self) -> float:
         """Delay of slow signals: by how much a ramp's reading is late."""
-        natural = 2.0 * np.pi * self.resonance_hz
-        step = 1e-4 * natural / (2.0 * np.pi)
-        return float(-np.angle(self.response(step)) / (2.0 * np.pi * step))
+        natural = TURN * self.resonance_hz
+        step = 1e-4 * natural / TURN
+        return float(-np.angle(self.response(step)) / (TURN * step))

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from math import pi, sqrt
+from math import sqrt
 from typing import Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from torquebench.dynamics.identification import Inertia, Shaft
 from torquebench.dynamics.transfer import TransferFunction
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = [
     "Delay",
@@ -209,7 +210,7 @@ def identify_vibration(steps: Steps) -> Vibration:
 
 def _basis(parameters: FloatArray, time: FloatArray, vibrating: bool) -> FloatArray:
     frequency, damping, drive_s, ripple_hz = parameters
-    natural, ripple = 2.0 * pi * frequency, 2.0 * pi * ripple_hz * time
+    natural, ripple = TURN * frequency, TURN * ripple_hz * time
     columns = [np.ones(time.size), time - np.mean(time), np.exp(-time / drive_s)]
     columns += [wave(k * ripple) for k in (1, 2) for wave in (np.cos, np.sin)]
     if vibrating:
@@ -319,7 +320,7 @@ def _phase(sine: Sine) -> tuple[float, float, float]:
     """Return angular frequency, phase of the reading after the reference, and its u."""
     count = sine.reading_nm.size
     time = (np.arange(count) - 0.5 * count) * sine.interval_s
-    rate = 2.0 * pi / sine.period_s
+    rate = TURN / sine.period_s
     columns = [np.ones(count), time]
     columns += [
         wave(k * rate * time) for k in range(1, _HARMONICS + 1) for wave in (np.cos, np.sin)
@@ -353,7 +354,7 @@ def shaft_on_bench(
     InputError
         If the result isn't known well enough.
     """
-    natural = 2.0 * pi * vibration.frequency_hz
+    natural = TURN * vibration.frequency_hz
     relative = np.asarray(vibration.covariance) / np.outer(
         *2 * [np.array([vibration.frequency_hz, vibration.damping_ratio])]
     )

@@ -9,6 +9,7 @@ from scipy.interpolate import CubicSpline
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = [
     "Outline",
@@ -254,7 +255,7 @@ def _trace(
 
 def _equal_area_circle(radius_m: float) -> FloatArray:
     """Return the regular polygon with the circle's area, whose torsion is the circle's to 1e-6."""
-    step = 2.0 * np.pi / _SEGMENTS
+    step = TURN / _SEGMENTS
     angle = step * np.arange(_SEGMENTS)
     radius = radius_m * np.sqrt(step / np.sin(step))
     return np.asarray(radius * np.column_stack((np.cos(angle), np.sin(angle))))
@@ -360,7 +361,7 @@ def spline_shaft(
     >>> bool(np.pi * 0.013**2 < shaft.area_m2 < np.pi * 0.016**2)
     True
     """
-    tooth = 2.0 * np.pi / max(teeth, 1)
+    tooth = TURN / max(teeth, 1)
     fits = (
         teeth >= 3
         and 0.0 <= bore_m < minor_diameter_m < major_diameter_m < np.inf

@@ -1,5 +1,6 @@
 """Torsion of supports' sections in closed form: rectangle, circle, hollow circle."""
 
+from math import tau
 from typing import Any
 
 import numpy as np
@@ -119,7 +120,7 @@ def equal_area_twist_ratio(aspect_ratio: ArrayLike) -> FloatArray:
     array([1.132, 1.813, 9.86 ])
     """
     ratio: NDArray[Any] = np.asarray(aspect_ratio, dtype=np.float64)
-    return np.asarray(ratio / (2.0 * np.pi * rectangle_torsion_factor(ratio)))
+    return np.asarray(ratio / (tau * rectangle_torsion_factor(ratio)))
 
 
 def hollow_circle_gain(diameter_ratio: ArrayLike) -> FloatArray:

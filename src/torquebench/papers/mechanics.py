@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from math import tau
 from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
@@ -322,7 +323,7 @@ def section_blocks() -> tuple[Answer, Blocks]:
         )
     grid = np.geomspace(1.0, 100.0, 200)
     curve = Curve("closed form", grid, equal_area_twist_ratio(grid))
-    endless = Curve("a/b → ∞: 3 (a/b) / (2π)", grid, 3.0 * grid / (2.0 * np.pi), raw=True)
+    endless = Curve("a/b → ∞: 3 (a/b) / (2π)", grid, 3.0 * grid / tau, raw=True)
     figure = panels_figure(
         [
             Panel(

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 from torquebench.compensation import MODELS, features
 from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.units import TURN
 
 __all__ = [
     "CHAINS",
@@ -128,7 +129,7 @@ def _reversing(rng: np.random.Generator) -> Shape:
 def _rippled(rng: np.random.Generator) -> Shape:
     """Add the ripple of spline teeth and two local errors."""
     reversing = _reversing(rng)
-    period, phase = rng.uniform(0.12, 0.4), rng.uniform(0.0, 2.0 * np.pi)
+    period, phase = rng.uniform(0.12, 0.4), rng.uniform(0.0, TURN)
     ripple = rng.uniform(0.02, 0.05)
     bumps = [
         (rng.choice([-1.0, 1.0]) * rng.uniform(0.04, 0.08), rng.uniform(-0.9, 0.9), 0.06)
@@ -136,7 +137,7 @@ def _rippled(rng: np.random.Generator) -> Shape:
     ]
 
     def shape(x: FloatArray, branch: FloatArray) -> FloatArray:
-        result = reversing(x, branch) + ripple * np.sin(2.0 * np.pi * x / period + phase)
+        result = reversing(x, branch) + ripple * np.sin(TURN * x / period + phase)
         for size, centre, width in bumps:
             result = result + size * np.exp(-0.5 * ((x - centre) / width) ** 2)
         return np.asarray(result)

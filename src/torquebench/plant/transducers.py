@@ -17,6 +17,7 @@ from torquebench.plant.database import Plant
 from torquebench.plant.folders import FolderStore
 from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
 from torquebench.records.registry.entry_rows import entry_of
+from torquebench.units import DAY, DAYS_PER_YEAR
 
 __all__ = ["drift", "drift_of_kind", "due"]
 
@@ -389,7 +390,7 @@ def _pooled(columns: dict[str, list[Any]]) -> dict[str, Any]:
     if len(columns["serial"]) < 3:
         return {}
     error = np.array(columns["span_error_percent"], dtype=float)
-    years = np.array([moment.timestamp() for moment in columns["when"]]) / (365.25 * 86400.0)
+    years = np.array([moment.timestamp() for moment in columns["when"]]) / (DAYS_PER_YEAR * DAY)
     names = [
         f"{serial}/{side}"
         for serial, side in zip(columns["serial"], columns["direction"], strict=True)

@@ -12,11 +12,12 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.messages import progress, sleep
 from torquebench.procedures.setup import Plan
+from torquebench.units import DAY
 
 __all__ = ["LONGEST_RECORDING_S", "RecordedSpan", "record_signals"]
 
 POLL_INTERVAL_S = 0.1
-LONGEST_RECORDING_S = 86400.0
+LONGEST_RECORDING_S = DAY
 
 
 @dataclass(frozen=True)

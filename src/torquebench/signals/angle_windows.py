@@ -13,6 +13,7 @@ from torquebench.signals.edges import EdgeBlock
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
 from torquebench.signals.samples import FrequencySamples
 from torquebench.signals.windows import CounterMethod
+from torquebench.units import TURN
 
 __all__ = ["AngleCounter", "AngleSamples"]
 
@@ -79,7 +80,7 @@ class AngleCounter:
             if value < 1:
                 raise InputError(Message("{value} marks per {name}", value, name), "1 or more")
         self.marks_per_window = marks_per_window
-        self.window_rad = 2 * np.pi * marks_per_window / marks_per_revolution
+        self.window_rad = TURN * marks_per_window / marks_per_revolution
         self._stream = WindowStream(method, timebase_hz, **options)
         self._marks = 0
         self._windows = 0

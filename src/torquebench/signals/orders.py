@@ -10,6 +10,7 @@ from scipy.signal import get_window
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = [
     "AngleRecord",
@@ -93,7 +94,7 @@ def resample_in_angle(
     if turns[0] < 0:
         angle_times, angles = angle_times[::-1], angles[::-1]
     start, stop = max(times[0], min(angle_times)), min(times[-1], max(angle_times))
-    step = 2 * np.pi / samples_per_revolution
+    step = TURN / samples_per_revolution
     ends = np.sort(np.interp([start, stop], *_increasing(angle_times, angles)))
     grid = np.arange(np.ceil(ends[0] / step - 1e-9), np.floor(ends[1] / step + 1e-9) + 1) * step
     if stop <= start or grid.size < 2:
@@ -237,7 +238,7 @@ def fit_ripple(
         raise InputError(
             Message(
                 "{revolutions:.3g} revolutions for orders {chosen}",
-                np.ptp(angles) / (2 * np.pi),
+                np.ptp(angles) / TURN,
                 chosen.tolist(),
             ),
             "a record that tells the orders apart",

@@ -7,6 +7,7 @@ from scipy.optimize import minimize_scalar
 
 from torquebench.signals._kernels import running_median
 from torquebench.signals.outliers import median
+from torquebench.units import TURN
 
 __all__ = ["estimate_period", "ripple_terms"]
 
@@ -87,7 +88,7 @@ def _power(even: NDArray[np.float64]) -> NDArray[np.float64]:
     count = even.size
     trend = np.column_stack((np.arange(1, count + 1) / count, np.ones(count)))
     flat = even - trend @ np.linalg.lstsq(trend, even)[0]
-    window = 0.5 - 0.5 * np.cos(2.0 * np.pi * np.arange(count) / count)
+    window = 0.5 - 0.5 * np.cos(TURN * np.arange(count) / count)
     power = np.square(np.abs(rfft(window * flat)))
     power[1 : (count + 1) // 2] *= 2.0
     return np.asarray(power, dtype=np.float64)
@@ -112,5 +113,5 @@ def ripple_terms(
     list of float64 arrays, shape (n,)
         Two for each harmonic.
     """
-    phase = 2 * np.pi * (time_s - time_s[0]) / period_s
+    phase = TURN * (time_s - time_s[0]) / period_s
     return [wave(order * phase) for order in range(1, harmonics + 1) for wave in (np.cos, np.sin)]

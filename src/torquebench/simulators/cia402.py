@@ -13,7 +13,7 @@ from torquebench.bench.drivers import cia402
 from torquebench.bench.drivers.base import Side
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import MS_PER_S, RPM_PER_RAD_S
 
 __all__ = ["Cia402Node", "serial_number"]
 
@@ -124,7 +124,7 @@ class Cia402Node:
 
     def _consume(self, value: int) -> None:
         """Watch the heartbeat of object 0x1016, from the first one on."""
-        master, period_s = value >> 16, (value & 0xFFFF) / 1e3
+        master, period_s = value >> 16, (value & 0xFFFF) / MS_PER_S
         if master > 127:
             raise canopen.SdoAbortedError(VALUE_NOT_ALLOWED)
         if self._consumed is not None:

@@ -22,7 +22,7 @@ from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.simulators.misbehaviour import WireFaults
 from torquebench.simulators.plant import Plant
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import MS_PER_S, RPM_PER_RAD_S
 
 __all__ = ["AnglesImage", "DigitalImage", "DriveImage", "Image", "ProbesImage", "ReadoutImage"]
 
@@ -153,7 +153,7 @@ class DriveImage(Image):
         self._check(holding, touched)
         self._holding = holding
         if DriveCommand.WATCHDOG_TIME in touched:
-            self._drive.watchdog_s = holding[DriveCommand.WATCHDOG_TIME] / 1e3 or math.inf
+            self._drive.watchdog_s = holding[DriveCommand.WATCHDOG_TIME] / MS_PER_S or math.inf
         if DriveCommand.WATCHDOG in touched:
             self._drive.feed_watchdog()
         if DriveCommand.CONTROL in touched:

@@ -80,7 +80,7 @@ def compensation_for(
     stored.check_fits(transducer.serial, counter, module.range_nm)
     if fitted is not None and fitted.get_state() == stored.model.get_state():
         stored = replace(stored, model=fitted)
-    zero_nm = 1e3 * transducer.option_khz / transducer.nominal_sensitivity_hz_per_nm
+    zero_nm = transducer.zero_hz / transducer.nominal_sensitivity_hz_per_nm
     chain = with_stated_limits(MeasuringChain.of(stored), description, side)
     if accepted is not None:
         chain = chain.with_effects((replace(accepted, zero_nm=zero_nm),))

@@ -35,6 +35,7 @@ from torquebench.twin.parameters import TwinParameters
 from torquebench.twin.reducer import ReducerConstants
 from torquebench.twin.reducer_truth import true_no_load_nm
 from torquebench.twin.turning import LubricantName, fresh_lubrication
+from torquebench.units import HOUR, MINUTE
 
 __all__ = ["BenchTwin"]
 
@@ -634,16 +635,15 @@ def _climate(
     drop_every_h: float = 1.0,
     drop_min: float = 10.0,
 ) -> FloatArray:
-    hour = 3600.0
     return np.array(
         [
             mean_c,
             swing_k,
-            hour * period_h,
+            HOUR * period_h,
             start_s,
             drop_k,
-            hour * drop_every_h,
-            60.0 * drop_min,
+            HOUR * drop_every_h,
+            MINUTE * drop_min,
         ]
     )
 

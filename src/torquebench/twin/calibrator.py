@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from torquebench.kernels import inner
 from torquebench.twin.blocks import Certificate
+from torquebench.units import TURN
 
 __all__ = [
     "CERTIFIED_POINTS",
@@ -108,7 +109,7 @@ def draw_reference(
     relative = np.linspace(-TABLE_END, TABLE_END, 2 * per_side + 1)
     smooth = generator.normal() * relative + generator.normal() * relative**2
     for order in range(1, 5):
-        wave = np.sin(np.pi * order * relative + generator.uniform(0.0, 2.0 * np.pi))
+        wave = np.sin(np.pi * order * relative + generator.uniform(0.0, TURN))
         smooth += generator.normal() / order * (wave - wave[per_side])
     inside = np.abs(relative) <= 1.0
     smooth *= generator.uniform(0.6, 0.95) * largest_error / np.max(np.abs(smooth[inside]))

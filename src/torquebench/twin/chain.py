@@ -8,6 +8,7 @@ import math
 from typing import NamedTuple
 
 from torquebench.kernels import inner, kernel
+from torquebench.units import TURN
 
 __all__ = [
     "ChainConstants",
@@ -91,7 +92,7 @@ def additional_torque(chain: ChainConstants, torque_nm: float, angle_rad: float)
     result += chain.quadratic_per_nm[direction] * abs(torque_nm) * torque_nm
     sign = 1.0 - 2.0 * direction
     phase = chain.ripple_phase_rad[direction]
-    wave = math.sin(2.0 * math.pi * magnitude / chain.ripple_period[direction] + phase)
+    wave = math.sin(TURN * magnitude / chain.ripple_period[direction] + phase)
     engaged = magnitude / (magnitude + 0.03)  # without load the spline floats
     result += sign * engaged * chain.ripple_nm[direction] * wave
     for k in range(4):

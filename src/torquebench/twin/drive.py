@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.kernels import inner
+from torquebench.units import TURN
 
 __all__ = [
     "CONTROL_OFF",
@@ -174,7 +175,7 @@ def drive_torque(
     angle = drive.cogging_per_turn * motor_angle_rad + drive.cogging_phase_rad
     cogging = drive.cogging_nm * math.sin(angle)
     state[COGGING_MEAN] += (cogging - state[COGGING_MEAN]) * step_s / 0.1
-    phase = 2.0 * math.pi * drive.ripple_hz * time_s + drive.ripple_phase_rad
+    phase = TURN * drive.ripple_hz * time_s + drive.ripple_phase_rad
     ripple = drive.ripple_nm * (math.sin(phase) + 0.3 * math.sin(2.0 * phase))
     disturbance = cogging - state[COGGING_MEAN] + ripple
     if control == CONTROL_TORQUE:

@@ -20,7 +20,7 @@ from torquebench.twin.reducers import ReducerName, draw_reducer
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
 from torquebench.twin.turning import TurningConstants, draw_turning
-from torquebench.units import ARCSEC
+from torquebench.units import ARCSEC, TURN
 
 __all__ = ["EncoderConstants", "SideParameters", "TwinParameters"]
 
@@ -194,7 +194,7 @@ def _draw_side(
         if steepest_slope(chain) < 0.5:
             break
     calibrator, standard = presets.draw_references(generator, design, wear, carrier_hz)
-    phase = generator.uniform(0.0, 2.0 * np.pi, 2)
+    phase = generator.uniform(0.0, TURN, 2)
     largest = 4.0 if side == "input" else 0.8
     encoder = EncoderConstants(
         360_000 if side == "input" else 3_600_000,

@@ -13,7 +13,7 @@ from torquebench.twin.counter import CounterConstants
 from torquebench.twin.drive import DriveConstants
 from torquebench.twin.thermal import ThermalConstants
 from torquebench.twin.transducer import TransducerConstants
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import RAD_S_PER_RPM, TURN
 
 __all__ = ["BANDWIDTH", "DESIGNS", "WEAR", "Preset", "SideDesign"]
 
@@ -83,8 +83,8 @@ DESIGNS: dict[Side, SideDesign] = {
 
 # Lag of the bandwidth (3 and 6 kHz) and the rest of the group delay (220 and 150 µs), by carrier.
 BANDWIDTH: dict[float, tuple[float, float]] = {
-    60e3: (1.0 / (2.0 * np.pi * 3e3), 220e-6 - 1.0 / (2.0 * np.pi * 3e3)),
-    240e3: (1.0 / (2.0 * np.pi * 6e3), 150e-6 - 1.0 / (2.0 * np.pi * 6e3)),
+    60e3: (1.0 / (TURN * 3e3), 220e-6 - 1.0 / (TURN * 3e3)),
+    240e3: (1.0 / (TURN * 6e3), 150e-6 - 1.0 / (TURN * 6e3)),
 }
 
 # Factors of a worn bench's quantities over a nominal one's.
@@ -151,7 +151,7 @@ def draw_chain(
     first, second, third = (
         at_full_speed * slowly * generator.uniform(0.7, 1.3) * share for share in (1.0, 0.6, 0.2)
     )
-    phase = generator.uniform(0.0, 2.0 * np.pi, 6)
+    phase = generator.uniform(0.0, TURN, 6)
     return ChainConstants(
         range_nm=scale,
         constant_nm=(clockwise.constant_nm, counterclockwise.constant_nm),
@@ -241,10 +241,10 @@ def draw_drive(generator: np.random.Generator, design: SideDesign, wear: float) 
         wander_time_s=_around(generator, 5.0, 0.3),
         cogging_nm=generator.uniform(0.8e-3, 2.0e-3) * wear * scale,
         cogging_per_turn=24.0 if scale < 100.0 else 72.0,
-        cogging_phase_rad=generator.uniform(0.0, 2.0 * np.pi),
+        cogging_phase_rad=generator.uniform(0.0, TURN),
         ripple_nm=generator.uniform(2e-4, 6e-4) * wear * scale,
         ripple_hz=generator.uniform(23.0, 43.0),
-        ripple_phase_rad=generator.uniform(0.0, 2.0 * np.pi),
+        ripple_phase_rad=generator.uniform(0.0, TURN),
         drag_nm=2e-3 * scale,
         drag_viscous_nm_s=2e-3 * scale / design.largest_speed_rad_s,
         motor_inertia_kgm2=_around(generator, design.motor_inertia_kgm2, 0.05),

@@ -28,6 +28,7 @@ from torquebench.twin.transducer import (
     fresh_transducer_state,
 )
 from torquebench.twin.turning import TurningConstants
+from torquebench.units import TURN
 
 __all__ = ["encoder_samples", "nameplate", "new_sources", "side_of", "static_sweep"]
 
@@ -76,7 +77,7 @@ def encoder_samples(
 ) -> AngleSamples:
     """Turn angles into counts, with graduation error and faults."""
     shown = angle_rad + _graduation_error(encoder, angle_rad)
-    counts = np.floor(shown * encoder.counts_per_revolution / (2.0 * np.pi)).astype(np.int64)
+    counts = np.floor(shown * encoder.counts_per_revolution / TURN).astype(np.int64)
     return AngleSamples(
         ticks / timebase_hz,
         broken_counts(faults, counts, ticks),
@@ -91,7 +92,7 @@ def encoder_certificate(
 
     The expanded uncertainty is a fifth of the largest graduation error of its kind.
     """
-    angle = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False, dtype=np.float64)
+    angle = np.linspace(0.0, TURN, 72, endpoint=False, dtype=np.float64)
     error = _graduation_error(encoder, angle)
     expanded = 0.2 * encoder.accuracy_rad
     measured = error + 0.5 * expanded * generator.standard_normal(angle.size)

@@ -7,7 +7,7 @@ import numpy as np
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.twin.reducer import ReducerConstants
-from torquebench.units import ARCMIN, ARCSEC
+from torquebench.units import ARCMIN, ARCSEC, TURN
 
 __all__ = ["REDUCERS", "ReducerName", "draw_reducer"]
 
@@ -90,7 +90,7 @@ def draw_reducer(
     narrow, wide = 0.004 * rated / second, 0.04 * rated / second
     loops = [vary(share, 0.2) * wear * rated for share in design.hysteresis]
     errors = [vary(value, 0.3) * wear * ARCSEC for value in design.error_arcsec]
-    phases = generator.uniform(0.0, 2.0 * np.pi, 6)
+    phases = generator.uniform(0.0, TURN, 6)
     inertia = design.output_inertia_kgm2
     return ReducerConstants(
         ratio=design.ratio,

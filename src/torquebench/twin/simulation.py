@@ -14,6 +14,7 @@ from torquebench.kernels import inner, kernel
 from torquebench.twin import calibrator, chain, counter, mechanism, thermal, transducer, turning
 from torquebench.twin import drive as drv
 from torquebench.twin import reducer as red
+from torquebench.units import HOUR
 
 __all__ = [
     "STEP_S",
@@ -312,7 +313,7 @@ def simulate(
             warmth = state.temperature_c[thermal.INPUT_TRANSDUCER + side] - state.shaft_c[side]
             state.shaft_c[side] += STEP_S / constants.turning[side].gradient_time_s * warmth
             if abs(state.shafts[side, mechanism.FLANGE_SPEED]) > 1e-3:
-                state.lubrication[side, turning.HOURS] += STEP_S / 3600.0
+                state.lubrication[side, turning.HOURS] += STEP_S / HOUR
         _signals(constants, references, tables, state, orders.plant[1] == 1, normal)
     _record_frequencies(state, recording, offset + steps)
     for k in range(commands, len(told_at)):

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.kernels import inner
+from torquebench.units import TURN
 
 __all__ = ["CLIMATE", "PLACES", "ThermalConstants", "hall_c", "warm"]
 
@@ -61,7 +62,7 @@ def hall_c(climate: FloatArray, time_s: float) -> float:
     target = climate[0]
     since = time_s - climate[3]
     if climate[1] != 0.0:
-        target += climate[1] * math.sin(2.0 * math.pi * since / climate[2])
+        target += climate[1] * math.sin(TURN * since / climate[2])
     if climate[4] != 0.0 and since % climate[5] < climate[6]:
         target -= climate[4]
     return float(target)

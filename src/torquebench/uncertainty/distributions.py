@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 __all__ = ["HALF_WIDTH_FACTOR", "Distribution", "sample"]
 
@@ -86,7 +87,7 @@ def sample(
     if distribution is Distribution.TRIANGULAR:
         sum_of_two = generator.uniform(-0.5, 0.5, size) + generator.uniform(-0.5, 0.5, size)
         return value + half_width * sum_of_two
-    return value + half_width * np.sin(2.0 * np.pi * generator.random(size))
+    return value + half_width * np.sin(TURN * generator.random(size))
 
 
 def _require_separate_limits(degrees_of_freedom: float) -> None:

@@ -14,14 +14,13 @@ from torquebench.bench.certificates.table import read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.units import ARCSEC
+from torquebench.units import ARCSEC, DEGREE, TURN
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
 __all__ = ["EncoderCertificate", "encoder_certificates", "read_encoder_certificate"]
 
-TURN = 2.0 * np.pi
 LEAST_POINTS = 8
 _COLUMNS = ("angle_deg", "error_arcsec", "expanded_uncertainty_arcsec")
 
@@ -110,7 +109,7 @@ def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
     )
     points = sorted(tuple(row.number(column) for column in _COLUMNS) for row in rows)
     angle, error_arcsec, expanded = np.array(points, dtype=np.float64).T
-    return EncoderCertificate(np.radians(angle), error_arcsec * ARCSEC, expanded * ARCSEC)
+    return EncoderCertificate(angle * DEGREE, error_arcsec * ARCSEC, expanded * ARCSEC)
 
 
 def encoder_certificates(

@@ -22,7 +22,7 @@ from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.chain import SWITCHES, TorqueParts
 from torquebench.errors import SignalFault
 from torquebench.message import Message
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import DEG_PER_RAD, MS_PER_S, RAD_S_PER_RPM
 
 __all__ = ["FastRecording", "ModuleRecording", "Recorder", "SynchronousRecording"]
 
@@ -228,7 +228,7 @@ class Recorder(Device, AsyncReadable, Triggerable):
                         "to {stop_s:.2f} s",
                         name,
                         0 if found is None else found.time_s.size,
-                        1000.0 * FAST_WINDOW_S,
+                        MS_PER_S * FAST_WINDOW_S,
                         start_s,
                         stop_s,
                     ),
@@ -397,7 +397,7 @@ def _check_jumps(side: Side, samples: AngleSamples) -> None:
     worst = int(np.argmax(jump))
     limit = _LARGEST_JUMP_RAD[side]
     if jump[worst] > limit:
-        degrees = np.degrees(jump[worst])
+        degrees = jump[worst] * DEG_PER_RAD
         raise SignalFault(
             Message(
                 "the {side} encoder slips: {degrees:.4g}° within one sample at {time:.3f} s",
@@ -405,6 +405,6 @@ def _check_jumps(side: Side, samples: AngleSamples) -> None:
                 degrees,
                 samples.time_s[worst + 1],
             ),
-            Message("at most {limit:.3g}° beyond the present speed", np.degrees(limit)),
+            Message("at most {limit:.3g}° beyond the present speed", limit * DEG_PER_RAD),
             "check the encoder's coupling, its cable and the counts per revolution",
         )

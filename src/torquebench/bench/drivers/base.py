@@ -33,6 +33,7 @@ from torquebench.bench.roles import (
 )
 from torquebench.reducers import CertifiedFriction, ReducerDescription
 from torquebench.signals import EdgeBlock, FrequencySamples
+from torquebench.units import TURN
 
 __all__ = [
     "CHANNELS",
@@ -106,7 +107,7 @@ class AngleSamples:
     @property
     def angle_rad(self) -> NDArray[np.float64]:
         """Angle of each sample, rad, unwrapped."""
-        return np.asarray(self.counts * (2.0 * np.pi / self.counts_per_revolution))
+        return np.asarray(self.counts * (TURN / self.counts_per_revolution))
 
 
 @dataclass(frozen=True)

@@ -32,7 +32,7 @@ from torquebench.bench.drivers.plugins import (
 )
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import MS_PER_S, RPM_PER_RAD_S
 
 __all__ = ["PLUGIN", "CanopenLink", "Cia402Drive", "load_dictionary"]
 
@@ -300,7 +300,7 @@ class Cia402Drive:
         link = self._link
         link.start_node()
         link.beat()
-        milliseconds = round(self._watchdog_s * 1e3)
+        milliseconds = round(self._watchdog_s * MS_PER_S)
         link.write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
         link.write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()

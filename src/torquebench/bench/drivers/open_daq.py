@@ -28,6 +28,7 @@ from torquebench.bench.drivers.plugins import (
 )
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
+from torquebench.units import MS_PER_S
 
 __all__ = ["PLUGIN", "OpenDaqCounter", "OpenDaqOptions"]
 
@@ -216,7 +217,7 @@ class OpenDaqCounter(LibraryCounter):
                     ),
                     "check the device and the network",
                 )
-            wait_ms = max(SHORTEST_POLL_MS, round(1e3 * min(left_s, 0.2)))
+            wait_ms = max(SHORTEST_POLL_MS, round(MS_PER_S * min(left_s, 0.2)))
             read = partial(self._reader.read_with_domain, missing, timeout_ms=wait_ms)
             values, ticks = self._ask(read)
             if len(ticks[0]):

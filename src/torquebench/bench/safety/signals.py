@@ -25,7 +25,7 @@ from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.message import Message
 from torquebench.signals import EdgeBlock, SignalFaultKind
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import DEG_PER_TURN, MINUTE, RPM_PER_RAD_S
 
 __all__ = ["Change", "FastCheck", "SignalJudge"]
 
@@ -181,11 +181,11 @@ class SignalJudge:
     def _check_edges(self, channel: FastCheck, edges: EdgeBlock, now_s: float) -> None:
         ticks, name = edges.ticks, channel.name
         count = ticks.size
-        zero_hz = channel.transducer.option_khz * 1e3
+        lowest_hz, highest_hz = channel.transducer.modulation_hz
         frequency = 0.0
         if count >= FEW_EDGES:
             frequency = (count - 1) * edges.timebase_hz / float(ticks[-1] - ticks[0])
-        if not 0.25 * zero_hz <= frequency <= 1.75 * zero_hz:
+        if not lowest_hz <= frequency <= highest_hz:
             self._last_torque.pop((name, True), None)
             read_s = self._read_until_s.setdefault(name, now_s - edges.duration_s)
             allowed_s = self._description.safety.signal_loss_s
@@ -213,9 +213,9 @@ class SignalJudge:
             before = float(angles.time_s[0]), float(angles.counts[0]) / per_turn
         self._last_angle[side] = (time_s, turns)
         if before is not None and time_s > before[0]:
-            speed_rpm = 60.0 * (turns - before[1]) / (time_s - before[0])
+            speed_rpm = MINUTE * (turns - before[1]) / (time_s - before[0])
             self._speed(side, speed_rpm, time_s, quick=True)
-        self._angle(side, 360.0 * turns)
+        self._angle(side, DEG_PER_TURN * turns)
 
     # -- whole blocks -----------------------------------------------------------------------
 
@@ -228,7 +228,9 @@ class SignalJudge:
                 self._speed(side, speed * RPM_PER_RAD_S, block.stop_s, quick=False)
             angles = block.angles.get(side)
             if angles is not None and angles.time_s.size:
-                self._angle(side, 360.0 * float(angles.counts[-1]) / angles.counts_per_revolution)
+                self._angle(
+                    side, DEG_PER_TURN * float(angles.counts[-1]) / angles.counts_per_revolution
+                )
             self._temperature(side, block.temperatures)
         for samples in block.channels.values():
             if samples.torque_nm.size:

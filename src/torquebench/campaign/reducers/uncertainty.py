@@ -17,6 +17,7 @@ from torquebench.chain import Readings, Rotation, Torque, TorqueParts
 from torquebench.message import Message
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
+from torquebench.units import TURN
 
 __all__ = [
     "LARGE",
@@ -94,7 +95,7 @@ def bench_remarks(bench: Bench, compensated: dict[Side, bool], sides: Sequence[S
 
 def resolution_rad(bench: Bench, side: Side) -> float:
     """Return the angle of one count of an encoder."""
-    return 2.0 * np.pi / bench.description.module(side).encoder.counts_per_revolution
+    return TURN / bench.description.module(side).encoder.counts_per_revolution
 
 
 def temperature_remarks(temperature_c: float) -> list[str]:

@@ -10,10 +10,9 @@ from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
 from torquebench.uncertainty import Distribution
+from torquebench.units import HOURS_PER_YEAR
 
 __all__ = ["Drift"]
-
-_HOURS_PER_YEAR = 8766.0
 
 
 @register("drift")
@@ -32,12 +31,12 @@ class Drift(Effect):
     title: ClassVar[str] = "drift since calibration"
     needs: ClassVar[tuple[str, ...]] = ("calibration_age_h",)
     percent_per_year: float = field(metadata={"least": 0.0})
-    interval_h: float = field(default=_HOURS_PER_YEAR, metadata={"least": 0.0})
+    interval_h: float = field(default=HOURS_PER_YEAR, metadata={"least": 0.0})
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the limit at the age of the calibration, as a rectangular distribution."""
         age = self.interval_h if readings.calibration_age_h is None else readings.calibration_age_h
-        limit = 1e-2 * self.percent_per_year * age / _HOURS_PER_YEAR
+        limit = 1e-2 * self.percent_per_year * age / HOURS_PER_YEAR
         return (
             Component(
                 "drift",

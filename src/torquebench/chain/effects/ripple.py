@@ -15,6 +15,7 @@ from torquebench.chain.grid import Numbers, Table, numbers
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 from torquebench.message import Message
+from torquebench.units import MINUTE, TURN
 
 __all__ = ["Ripple", "speed_terms"]
 
@@ -116,7 +117,7 @@ class Ripple(Effect):
         orders, cosine, sine = self._coefficients
         terms = speed_terms(speed_rpm, self.largest_rpm)
         whole = np.isinf(window_s)
-        left = 0.0 if whole else np.sinc(orders * speed_rpm / 60.0 * window_s)
+        left = 0.0 if whole else np.sinc(orders * speed_rpm / MINUTE * window_s)
         return left * (cosine @ terms), left * (sine @ terms)
 
     def _sum(self, cosine: FloatArray, sine: FloatArray, angle_rad: FloatArray) -> FloatArray:
@@ -129,5 +130,5 @@ class Ripple(Effect):
         time_s = row_of(readings.time_s, angle.size)
         apart = np.arange(float(angle.size))  # rows that have nothing to do with each other
         timed = np.isfinite(time_s)
-        own = np.where(timed, np.nan_to_num(speed) / 60.0 * np.where(timed, time_s, 0.0), apart)
-        return np.where(np.isnan(angle), own, angle / (2.0 * np.pi))
+        own = np.where(timed, np.nan_to_num(speed) / MINUTE * np.where(timed, time_s, 0.0), apart)
+        return np.where(np.isnan(angle), own, angle / TURN)

@@ -12,6 +12,7 @@ from torquebench.chain.effects.ripple import speed_terms
 from torquebench.chain.grid import numbers
 from torquebench.chain.identification.records import EmptyRun
 from torquebench.chain.readings import FloatArray, Readings
+from torquebench.units import MINUTE
 
 __all__ = ["identify_ripple", "without_ripple"]
 
@@ -42,8 +43,8 @@ class _Rows:
         terms = speed_terms(run.speed_rpm, largest)
         columns = []
         for order in ORDERS:
-            left = np.sinc(order * run.speed_rpm / 60.0 * window_s)
-            seen = np.abs(order * run.speed_rpm / 60.0 * window_s) < _MOST_TURNS
+            left = np.sinc(order * run.speed_rpm / MINUTE * window_s)
+            seen = np.abs(order * run.speed_rpm / MINUTE * window_s) < _MOST_TURNS
             part = seen * left * terms
             columns += [part * np.cos(order * angle), part * np.sin(order * angle)]
         every = np.concatenate(columns).T
@@ -193,7 +194,7 @@ def _by_speed(
     size = 2 * len(orders)
     found = np.zeros((size, speeds.size, size * _TERMS))
     for number, order in enumerate(orders):
-        left = np.sinc(order * speeds / 60.0 * window_s)
+        left = np.sinc(order * speeds / MINUTE * window_s)
         for side in range(2):
             place = 2 * number + side
             found[place, :, place * _TERMS : (place + 1) * _TERMS] = (left * terms).T

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from torquebench.errors import ModelMismatchError, TorquebenchError
-from torquebench.units import RPM_PER_RAD_S
+from torquebench.units import DEG_PER_RAD, MS_PER_S, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.audit.entries import AuditLog
@@ -199,7 +199,7 @@ def _pulses(station: Station) -> Iterator[Finding]:
         except TorquebenchError as error:
             yield Finding(what, "problem", error.found, error.remedy)
             continue
-        zero_hz = station.description.module(side).transducer.option_khz * 1e3
+        zero_hz = station.description.module(side).transducer.zero_hz
         found = f"{latest.frequency_hz:.2f} Hz"
         if abs(latest.frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
             yield Finding(
@@ -219,7 +219,7 @@ def _encoders(station: Station) -> Iterator[Finding]:
         what = f"{side} encoder"
         try:
             speed_rad_s = station.acquisition.speed_rad_s(side)
-            degrees = math.degrees(station.acquisition.angle_rad(side))
+            degrees = station.acquisition.angle_rad(side) * DEG_PER_RAD
         except TorquebenchError as error:
             yield _problem(what, error)
             continue
@@ -368,7 +368,7 @@ def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Find
     drive.ramp_to_zero(description.safety.ramp_to_zero_s)
     started = time.perf_counter()
     drive.disable()
-    took_ms = (time.perf_counter() - started) * 1e3
+    took_ms = (time.perf_counter() - started) * MS_PER_S
     if drive.state().enabled:
         return Finding(
             what, "problem", "it stays on when disabled", "don't use the bench: repair the drive"

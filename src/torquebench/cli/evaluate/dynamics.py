@@ -10,6 +10,7 @@ import typer
 from torquebench.cli.answers import EVALUATED_DYNAMICS
 from torquebench.cli.options import check_output
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.units import MS_PER_S
 
 if TYPE_CHECKING:
     from torquebench.campaign.dynamics import IdentifiedDynamics
@@ -126,10 +127,11 @@ def _print(found: IdentifiedDynamics) -> None:
     for words, step in (("raw", designed.raw), ("with the filter", designed.compensated)):
         say(
             f"{words}: bandwidth {step.bandwidth_hz:.4g} Hz, overshoot of a step "
-            f"{100.0 * max(step.overshoot, 0.0):.2g} %, rise time {1e3 * step.rise_time_s:.3g} ms"
+            f"{100.0 * max(step.overshoot, 0.0):.2g} %, "
+            f"rise time {MS_PER_S * step.rise_time_s:.3g} ms"
         )
     say(
-        f"the filter needs readings every {1e3 * designed.interval_s:.4g} ms, "
+        f"the filter needs readings every {MS_PER_S * designed.interval_s:.4g} ms, "
         f"amplifies white noise by a factor of {designed.noise_gain:.3g} and delays the torque by "
-        f"{1e3 * designed.delay_s:.3g} ms"
+        f"{MS_PER_S * designed.delay_s:.3g} ms"
     )

@@ -26,6 +26,7 @@ from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.terminal.console import answer, out, say, say_file, warn, write_contradictions
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
+from torquebench.units import MS_PER_S
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -354,7 +355,7 @@ def apply(
     if filtering is not None:
         say(
             f"each torque belongs to the time of its row; the filter uses readings up to "
-            f"{1e3 * filtering.delay_s:.4g} ms later"
+            f"{MS_PER_S * filtering.delay_s:.4g} ms later"
         )
     if unmeasured:
         say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")

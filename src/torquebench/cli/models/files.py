@@ -12,6 +12,7 @@ from rich.markup import escape
 from torquebench.cli.answers import BUDGETED_READING, EXPORTED_MODEL
 from torquebench.cli.options import ReferenceOption, check_output, stated_reference
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
+from torquebench.units import HOURS_PER_DAY
 
 if TYPE_CHECKING:
     from torquebench.uncertainty import Budget
@@ -150,7 +151,7 @@ def budget(
             zero_temperature_c=None if warm is None else calibrated,
             zero_age_h=zero_age,
             zero_nm=zero,
-            calibration_age_h=None if age_days is None else 24.0 * age_days,
+            calibration_age_h=None if age_days is None else HOURS_PER_DAY * age_days,
             loadings=averaged,
         )
     )

@@ -22,6 +22,7 @@ from torquebench.cli.options import (
 from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, warn
 from torquebench.cli.terminal.progress import TerminalProgress
 from torquebench.errors import InputError
+from torquebench.units import DAY, HOUR, MINUTE
 
 if TYPE_CHECKING:
     from torquebench.plant import Forwarded, Plant, PlantRun
@@ -206,7 +207,7 @@ def status(plant: PlantOption = "") -> None:
 
 def _ago(now: datetime, then: datetime) -> str:
     seconds = max((now - then).total_seconds(), 0.0)
-    for size, unit in ((86400.0, "d"), (3600.0, "h"), (60.0, "min")):
+    for size, unit in ((DAY, "d"), (HOUR, "h"), (MINUTE, "min")):
         if seconds >= size:
             return f"{seconds / size:.0f} {unit} ago"
     return "now"

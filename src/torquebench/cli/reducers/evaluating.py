@@ -10,6 +10,7 @@ from rich.table import Table
 
 from torquebench.cli.answers import REDUCER_TEST, TEST_PART
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
+from torquebench.units import MINUTE
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.results import (
@@ -40,10 +41,10 @@ def rehearsal_table(
             torque, speed = part.largest_torque_nm[side], part.largest_speed_rpm[side]
             words = [f"{torque:.4g} N·m"] * (torque > 0) + [f"{speed:.4g} rpm"] * (speed > 0)
             most.append("\n".join(words) or "–")
-        warm = f"≤ {part.longest_warm_up_s / 60:.0f} min" if part.longest_warm_up_s else "–"
-        minutes = f"{part.duration_s / 60:.1f} min"
+        warm = f"≤ {part.longest_warm_up_s / MINUTE:.0f} min" if part.longest_warm_up_s else "–"
+        minutes = f"{part.duration_s / MINUTE:.1f} min"
         if part.longest_s > part.duration_s:
-            minutes = f"{part.duration_s / 60:.0f}–{part.longest_s / 60:.0f} min"
+            minutes = f"{part.duration_s / MINUTE:.0f}–{part.longest_s / MINUTE:.0f} min"
         table.add_row(part.title, minutes, warm, str(part.points), *most)
     return table
 

@@ -13,6 +13,7 @@ from torquebench.cli.answers import EVALUATED_QUANTITY
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import check_kept, check_output_folder
 from torquebench.cli.terminal.console import answer, narrow_table, out, say_file, stderr_console
+from torquebench.units import DEG_PER_RAD
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
@@ -154,8 +155,6 @@ def _write(
 
 def _write_curves(output: Path, result: Any) -> None:
     """Write the data of figures as CSV: loops, error curves."""
-    import numpy as np
-
     from torquebench.atomic_write import atomic_write
 
     rows: list[str] = []
@@ -174,7 +173,9 @@ def _write_curves(output: Path, result: Any) -> None:
         for each in result.directions:
             rows += [
                 f"{each.direction},{angle:.8g},{error:.6g}"
-                for angle, error in zip(np.degrees(each.angle_rad), each.error_arcsec, strict=True)
+                for angle, error in zip(
+                    each.angle_rad * DEG_PER_RAD, each.error_arcsec, strict=True
+                )
             ]
     if rows:
         atomic_write(output / "curves.csv", "\n".join(rows) + "\n")

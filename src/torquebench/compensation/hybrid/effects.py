@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.hybrid.averaging import Candidates
 from torquebench.compensation.state import storable
+from torquebench.units import TURN
 
 __all__ = [
     "KINDS",
@@ -327,7 +328,7 @@ def _ripple_sines(
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return cosines and sines of all ripples, shape (k, n), and their linear change, (n,)."""
     way = points.u + dictionary.stretches[:, None] * points.u * np.abs(points.u)
-    angle = 2 * np.pi * dictionary.frequencies[:, None] * way
+    angle = TURN * dictionary.frequencies[:, None] * way
     cosine, sine = np.cos(angle), np.sin(angle)
     if np.any(dictionary.growing):
         grown = _GROWN * np.sqrt(np.abs(points.u))
@@ -346,7 +347,7 @@ def _wave_sines(
     points: EffectPoints, frequencies: FloatArray
 ) -> tuple[FloatArray, FloatArray, FloatArray]:
     """Return cosines and sines of all waves, shape (k, n), and the windows, shape (6, n)."""
-    angle = 2 * np.pi * frequencies[:, None] * points.u
+    angle = TURN * frequencies[:, None] * points.u
     distance = (points.u[None, :] - _WAVE_CENTRES[:, None]) / _WAVE_REACH
     return np.cos(angle), np.sin(angle), np.exp(-0.5 * distance**2)
 

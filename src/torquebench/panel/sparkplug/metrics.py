@@ -15,7 +15,7 @@ from torquebench.panel.service.jobs.values import JobView
 from torquebench.panel.service.live.hub import LatestValue
 from torquebench.panel.sparkplug.payload import DataType, Quality, Value
 from torquebench.panel.sparkplug.settings import Deadband
-from torquebench.units import unit_of_name
+from torquebench.units import MS_PER_S, unit_of_name
 
 __all__ = [
     "BDSEQ",
@@ -218,7 +218,7 @@ def milliseconds(moment: datetime | date) -> int:
     86399999
     """
     if isinstance(moment, datetime):
-        return round(moment.timestamp() * 1000.0)
+        return round(moment.timestamp() * MS_PER_S)
     start = datetime(moment.year, moment.month, moment.day, tzinfo=UTC)
     return milliseconds(start) + 86_399_999
 
@@ -232,7 +232,7 @@ def read_bench(service: BenchService) -> Readings | None:
         last = next((job for job in service.jobs.recent() if not job.open), None)
     except (TorquebenchError, OSError):  # the simulator is asked while the bench is reopened
         return None
-    now = round(time.time() * 1000.0)
+    now = round(time.time() * MS_PER_S)
     node = {
         **_states(snapshot),
         **_alarms(alarms, stopped=snapshot.stopped),
@@ -296,9 +296,9 @@ def _live(value: LatestValue, now: int, fault: str = "", *, keep: bool = True) -
     if fault or value.value is None:
         return Reading(None, now, Quality.BAD if fault else Quality.STALE)
     if value.stale:
-        taken = now - round(value.age_s * 1000.0)
+        taken = now - round(value.age_s * MS_PER_S)
         return Reading(value.value, taken, Quality.STALE) if keep else Reading(None, now)
-    return Reading(value.value, now - round(value.age_s * 1000.0))
+    return Reading(value.value, now - round(value.age_s * MS_PER_S))
 
 
 def _side(side: SideSnapshot, now: int) -> Iterator[tuple[str, Reading]]:

@@ -44,6 +44,7 @@ from torquebench.panel.sparkplug.payload import Metric, decode
 from torquebench.panel.sparkplug.session import Message as MqttMessage
 from torquebench.panel.sparkplug.session import Session, Topics
 from torquebench.panel.sparkplug.settings import Broker, SparkplugSettings
+from torquebench.units import MS_PER_S
 
 __all__ = ["Publisher"]
 
@@ -450,4 +451,4 @@ def _metric(spec: MetricSpec, reading: Reading, before: Reading | None) -> Metri
 
 
 def _now() -> int:
-    return round(time.time() * 1000.0)
+    return round(time.time() * MS_PER_S)

@@ -23,6 +23,7 @@ from torquebench.procedures.reducers.setup import (
     stamp,
 )
 from torquebench.procedures.setup import REST_S, Plan, mount, power_off, set_mode, unloaded_after
+from torquebench.units import MINUTE
 
 __all__ = ["EmptyRunSettings", "empty_run"]
 
@@ -161,7 +162,7 @@ def _turned(
         yield from stamp(devices, series=point.repeat, step=number, branch=1)
         present = point.speed_rpm
         yield from turn(present)
-        period_s = 60.0 / abs(point.speed_rpm)
+        period_s = MINUTE / abs(point.speed_rpm)
         window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
         yield from table.take(point, SteadySettings(settings.settle_s, window_s, 0.0, period_s))
     yield from turn(0.0)

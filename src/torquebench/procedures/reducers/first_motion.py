@@ -32,6 +32,7 @@ from torquebench.procedures.setup import (
     set_mode,
 )
 from torquebench.procedures.zeroing import zero
+from torquebench.units import DEG_PER_TURN, DEGREE
 
 __all__ = ["Breakaway", "BreakawayRecording", "BreakawaySettings", "breakaway"]
 
@@ -104,7 +105,7 @@ class BreakawaySettings:
     def motion_rad(self, side: Side) -> float:
         """Angle after which the driven side has moved for certain, rad."""
         degrees = 5.0 if side == "input" else 0.2
-        return float(np.radians(degrees if self.motion_deg is None else self.motion_deg))
+        return float((degrees if self.motion_deg is None else self.motion_deg) * DEGREE)
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,7 +185,7 @@ def breakaway(
     warm: list[float] = []
 
     def measured() -> Plan[None]:
-        step = 360.0 / settings.positions
+        step = DEG_PER_TURN / settings.positions
         for number in range(settings.positions):
             yield from checkpoint()
             yield from set_mode(devices, "output", "free")

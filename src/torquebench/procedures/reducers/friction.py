@@ -23,6 +23,7 @@ from torquebench.procedures.reducers.setup import (
 )
 from torquebench.procedures.setup import Plan, measured_in
 from torquebench.procedures.zeroing import zero
+from torquebench.units import MINUTE
 
 __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
 
@@ -95,7 +96,7 @@ class FrictionSettings:
         >>> FrictionSettings().steady(-200.0).window_s
         0.6
         """
-        period_s = 60.0 / abs(speed_rpm)
+        period_s = MINUTE / abs(speed_rpm)
         window_s = round(period_s * float(np.ceil(self.window_s / period_s - 1e-9)), 9)
         return SteadySettings(self.settle_s, window_s, self.limit_s, period_s)
 

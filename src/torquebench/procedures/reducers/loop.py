@@ -40,6 +40,7 @@ from torquebench.procedures.setup import (
 )
 from torquebench.procedures.zeroing import measure_zero, zero
 from torquebench.reducers import FlangeInertia
+from torquebench.units import DEG_PER_RAD, DEG_PER_TURN, DEG_S_PER_RPM
 
 __all__ = [
     "BenchTwistRecording",
@@ -67,7 +68,7 @@ def even_positions(count: int) -> tuple[float, ...]:
     >>> even_positions(5)
     (0.0, 72.0, 144.0, 216.0, 288.0)
     """
-    return tuple(360.0 * place / count for place in range(count))
+    return tuple(DEG_PER_TURN * place / count for place in range(count))
 
 
 @dataclass(frozen=True)
@@ -238,8 +239,8 @@ def _near(position_deg: float, ratio: float, phase: float) -> float:
     >>> round(_near(90.0, 121.0, 0.5), 4), round(_near(90.0, 121.0, 0.25), 4)
     (90.7438, 90.0)
     """
-    off = phase - position_deg * ratio / 360.0
-    return position_deg + (off - float(np.round(off))) * 360.0 / ratio
+    off = phase - position_deg * ratio / DEG_PER_TURN
+    return position_deg + (off - float(np.round(off))) * DEG_PER_TURN / ratio
 
 
 def _turn_to(
@@ -251,11 +252,11 @@ def _turn_to(
         present = yield from angle_rad(devices, "input")
         turned = 0.0  # a rehearsal has no angles
         if present is not None and start_rad is not None:
-            turned = float(np.degrees(present - start_rad)) / limits.ratio
+            turned = float((present - start_rad) * DEG_PER_RAD) / limits.ratio
         left = output_deg - turned
         if abs(left * limits.ratio) < PHASE_DEG:
             return
-        slow_rpm = abs(left * limits.ratio) / 6.0 / seconds if seconds else inf
+        slow_rpm = abs(left * limits.ratio) / DEG_S_PER_RPM / seconds if seconds else inf
         yield from turn_output(devices, limits, left, speed_rpm=slow_rpm)
         if present is None:
             return

@@ -28,7 +28,7 @@ from torquebench.procedures.reducers.setup import (
 )
 from torquebench.procedures.setup import REST_S, Plan, measured_in, power_off
 from torquebench.reducers.repeatability import errors_of_means
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import MINUTE, RAD_S_PER_RPM
 
 __all__ = [
     "EfficiencySettings",
@@ -414,7 +414,7 @@ def _load_grid(
 
 
 def _steady(settings: EfficiencySettings, speed_rpm: float) -> SteadySettings:
-    period_s = 60.0 / abs(speed_rpm)
+    period_s = MINUTE / abs(speed_rpm)
     window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
     return SteadySettings(0.0, window_s, 0.0, period_s)
 

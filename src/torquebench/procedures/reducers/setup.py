@@ -19,7 +19,7 @@ from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, Setup, power_on
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import DEG_PER_RAD, DEGREE, MINUTE, RAD_S_PER_RPM
 
 __all__ = [
     "GENTLE_RPM_PER_S",
@@ -47,7 +47,7 @@ GENTLE_RPM_PER_S = 300.0
 transducer with the shafts' inertia, and its parts would re-seat.
 """
 RATIO_TOLERANCE = 0.01
-RATIO_TOLERANCE_RAD = np.radians(0.25)
+RATIO_TOLERANCE_RAD = 0.25 * DEGREE
 
 
 @dataclass(frozen=True)
@@ -195,7 +195,7 @@ class WarmUp:
             return float("inf")
         rows = [row for row in seen if row[0] >= seen[-1][0] - self.window_s - 1e-6]
         time_s, temperature = np.array(rows).T
-        return 60.0 * float(np.polyfit(time_s - time_s[0], temperature, 1)[0])
+        return MINUTE * float(np.polyfit(time_s - time_s[0], temperature, 1)[0])
 
 
 def run_metadata(
@@ -272,7 +272,7 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
                 "K/min after {minutes:g} min",
                 seen[-1][1],
                 settings.rate(seen),
-                settings.longest_s / 60,
+                settings.longest_s / MINUTE,
             ),
             Message("at most {rate:g} K/min", settings.rate_k_per_min),
             "warm up for longer, at the speed of the test, or let the room temperature settle",
@@ -312,7 +312,7 @@ def turn_output(
     before = yield from _angles(devices)
     axis = devices.input.drive.speed
     rate = devices.context.description.input.drive.speed_rate_rad_per_s2
-    path = np.radians(abs(output_deg)) * abs(limits.ratio)
+    path = abs(output_deg) * DEGREE * abs(limits.ratio)
     speed = min(speed_rpm, limits.turning_rpm) * RAD_S_PER_RPM
     speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
     yield from power_on(devices, "input")
@@ -350,8 +350,8 @@ def _check_ratio(
         raise BenchError(
             Message(
                 "the input turned by {found:.1f}° when {asked:.1f}° were requested",
-                np.degrees(input_rad),
-                np.degrees(asked_rad),
+                input_rad * DEG_PER_RAD,
+                asked_rad * DEG_PER_RAD,
             ),
             "the requested angle within 5 %",
             "check the input drive for saturation and the input encoder",
@@ -361,10 +361,10 @@ def _check_ratio(
         raise BenchError(
             Message(
                 "the output turned by {output:.3f}° while the input turned by {input:.1f}°",
-                np.degrees(output_rad),
-                np.degrees(input_rad),
+                output_rad * DEG_PER_RAD,
+                input_rad * DEG_PER_RAD,
             ),
-            Message("{value:.3f}° with a ratio of {ratio:g}", np.degrees(expected), limits.ratio),
+            Message("{value:.3f}° with a ratio of {ratio:g}", expected * DEG_PER_RAD, limits.ratio),
             "check that this reducer is mounted and clamped, its ratio, and both encoders for slip",
         )
 

@@ -24,7 +24,7 @@ from torquebench.procedures.reducers.setup import (
     turn_output,
 )
 from torquebench.procedures.setup import REST_S, Plan, measured_in, power_on
-from torquebench.units import RAD_S_PER_RPM
+from torquebench.units import MINUTE, RAD_S_PER_RPM
 
 __all__ = [
     "AngleRecording",
@@ -196,7 +196,7 @@ def _corrected(
 
 
 def _chunks(settings: TransmissionSettings) -> int:
-    turning_s = (settings.revolutions + settings.margin) * 60.0 / settings.output_rpm
+    turning_s = (settings.revolutions + settings.margin) * MINUTE / settings.output_rpm
     return int(np.ceil(turning_s / CHUNK_S))
 
 

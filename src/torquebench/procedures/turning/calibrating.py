@@ -21,6 +21,7 @@ from torquebench.procedures.setup import Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import reach_temperature, run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
+from torquebench.units import MINUTE
 
 __all__ = ["calibrate_turning"]
 
@@ -136,7 +137,7 @@ def _loaded(
             yield from move(drive.torque, 0.0)
             yield from turn_at(devices, side, point.speed_rpm, rate)
         present = point.speed_rpm
-        period_s = 60.0 / abs(point.speed_rpm)
+        period_s = MINUTE / abs(point.speed_rpm)
         window = SteadySettings(
             profile.settle_s, profile.turning_s(point.speed_rpm), 0.0, period_s, reference=True
         )

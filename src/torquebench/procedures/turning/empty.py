@@ -37,6 +37,7 @@ from torquebench.procedures.setup import (
 )
 from torquebench.procedures.turning.profile import Leg, TurningProfile
 from torquebench.procedures.zeroing import zero
+from torquebench.units import DEG_PER_RAD, DEG_PER_TURN, HOUR, MINUTE
 
 __all__ = [
     "EmptySummary",
@@ -138,7 +139,7 @@ class EmptyTable(SeriesTable):
                 found.reading_nm,
                 found.speed_rpm,
                 warm,
-                np.degrees(found.angle_rad) % 360.0,
+                found.angle_rad * DEG_PER_RAD % DEG_PER_TURN,
             ]
         )
         self._pieces.append(rows)
@@ -270,7 +271,7 @@ def reach_temperature(
     if (yield from angle_rad(devices, side)) is None:
         return
     probe, warm = devices.context.description.module(side).temperature_probe, float("nan")
-    for _ in range(round(settings.longest_h * 3600.0 / settings.check_interval_s) + 1):
+    for _ in range(round(settings.longest_h * HOUR / settings.check_interval_s) + 1):
         warm = yield from temperature_c(devices, probe or "")
         if abs(warm - wanted) <= settings.within_k:
             return
@@ -325,7 +326,7 @@ class _Runner:
         assert settings is not None
         speed = settings.share * self.profile.top_rpm(self.side)
         rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
-        left_s, turning = 60.0 * settings.minutes, False
+        left_s, turning = MINUTE * settings.minutes, False
         self.seen = self.devices.interruptions
         while left_s > 0.0:
             yield from checkpoint()

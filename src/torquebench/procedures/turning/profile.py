@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from importlib import resources
 from itertools import pairwise
-from math import ceil, inf, pi, sin
+from math import ceil, inf, sin
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, model_validator
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import MINUTE, TURN
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
@@ -40,7 +41,7 @@ def _sine(
     """Return a sine in pieces: the value at the end of each, and its rate."""
     ramps, before = [], middle
     for piece in range(1, _PIECES * cycles + 1):
-        value = round(middle + size * sin(2.0 * pi * piece / _PIECES), 9)
+        value = round(middle + size * sin(TURN * piece / _PIECES), 9)
         ramps.append((value, max(abs(value - before) * _PIECES / period_s, 1e-6)))
         before = value
     return tuple(ramps)
@@ -334,7 +335,7 @@ class TurningProfile(_Settings):
 
     def turning_s(self, speed_rpm: float) -> float:
         """Return how long a speed is held: whole revolutions."""
-        period_s = 60.0 / abs(speed_rpm)
+        period_s = MINUTE / abs(speed_rpm)
         return round(period_s * ceil(self.hold_s / period_s - 1e-9), 9)
 
     def series(self) -> int:

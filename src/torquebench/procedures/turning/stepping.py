@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from math import pi
 from typing import ClassVar
 
 import numpy as np
@@ -23,6 +22,7 @@ from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, power
 from torquebench.procedures.turning.empty import SeriesTable, run_metadata
 from torquebench.procedures.turning.profile import TorqueLeg, TurningProfile
 from torquebench.procedures.zeroing import zero
+from torquebench.units import MS_PER_S, TURN
 
 __all__ = ["StepTable", "check_drive", "step_torques"]
 
@@ -67,13 +67,13 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
                 "a step of {step_nm:g} N·m, which takes the drive {duration_ms:.3g} ms"
                 " at {rate:g} N·m/s",
                 step,
-                1000.0 * step / rate,
+                MS_PER_S * step / rate,
                 rate,
             ),
             Message(
                 "at most {longest_ms:g} ms (steps up to {largest_nm:.3g} N·m): "
                 "slower ones don't make a shaft vibrate",
-                1000.0 * _LONGEST_STEP_S,
+                MS_PER_S * _LONGEST_STEP_S,
                 _LONGEST_STEP_S * rate,
             ),
             "use smaller steps",
@@ -81,7 +81,7 @@ def check_drive(devices: BenchDevices, side: Side, profile: TurningProfile) -> N
     if profile.sines is None:
         return
     size = profile.sines.share * full
-    shortest_s = 2.0 * pi * size / rate
+    shortest_s = TURN * size / rate
     if min(profile.sines.periods_s) < shortest_s:
         raise LimitError(
             Message(

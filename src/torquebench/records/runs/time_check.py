@@ -18,6 +18,7 @@ from torquebench.records.registry.schema import (
     run_ends,
     runs,
 )
+from torquebench.units import DAY, HOUR
 
 if TYPE_CHECKING:
     from torquebench.records.registry.registry import Registry
@@ -291,7 +292,7 @@ def _duration(seconds: float) -> str:
     if seconds < 600.0:
         return Message("{seconds:.0f} s", seconds)
     return (
-        Message("{seconds:.1f} h", seconds / 3600.0)
+        Message("{seconds:.1f} h", seconds / HOUR)
         if seconds < 172800.0
-        else Message("{count:.1f} days", seconds / 86400.0)
+        else Message("{count:.1f} days", seconds / DAY)
     )

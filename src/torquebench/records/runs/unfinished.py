@@ -21,6 +21,7 @@ from torquebench.records.registry.entries import RunSummary
 from torquebench.records.runs.folder import RunFolder
 from torquebench.records.runs.lock import is_held
 from torquebench.records.runs.states import INTERRUPTED, RunStateRecords
+from torquebench.units import HOUR
 
 __all__ = [
     "REGISTERS",
@@ -195,7 +196,7 @@ def can_go_on(folder: RunFolder, now: datetime) -> bool:
         return False
     last_s = float(start["time"]) if last_s is None else last_s
     clause = start.get("profile", {}).get("settings", {}).get("interruption") or {}
-    passed_h = (now.timestamp() - last_s) / 3600.0
+    passed_h = (now.timestamp() - last_s) / HOUR
     return clause.get("resume") != "never" and passed_h <= clause.get("longest_h", LONGEST_H)
 
 

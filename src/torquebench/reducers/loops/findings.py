@@ -10,6 +10,7 @@ from torquebench.message import Message
 from torquebench.reducers.loops.results import LoopFeatures
 from torquebench.reducers.loops.rules import LoopSettings
 from torquebench.reducers.quantities import Finding
+from torquebench.units import ARCMIN, DEG_PER_RAD
 
 __all__ = ["check_closure", "check_columns", "loop_findings"]
 
@@ -48,10 +49,10 @@ def check_columns(torque: Floats, angle: Floats, rated_torque_nm: float) -> None
         )
     if angle_range > WIDEST_TWIST_RAD and torque_range < 2.5 * rated_torque_nm:
         raise InputError(
-            Message("an angle that moves by {degrees:.4g}°", np.degrees(angle_range)),
+            Message("an angle that moves by {degrees:.4g}°", angle_range * DEG_PER_RAD),
             Message(
                 "a twist of at most {degrees:.3g}° with the input locked",
-                np.degrees(WIDEST_TWIST_RAD),
+                WIDEST_TWIST_RAD * DEG_PER_RAD,
             ),
             "check the angle's unit, that the input is locked, and label the output positions",
         )
@@ -101,7 +102,7 @@ def check_closure(loops: list[LoopFeatures], settings: LoopSettings) -> None:
                     "{degrees:.3g} arcmin off its start ({closure_rad:.3g} % of its width)",
                     each.loop,
                     each.position,
-                    np.degrees(each.closure_rad) * 60,
+                    each.closure_rad / ARCMIN,
                     100 * each.closure_rad / width,
                 ),
                 Message("at most {closure_share:g} % of the width", 100 * settings.closure_share),

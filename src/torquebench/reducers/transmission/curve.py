@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.reducers.transmission.segments import TURN, Run
-from torquebench.units import ARCSEC
+from torquebench.reducers.transmission.segments import Run
+from torquebench.units import ARCSEC, TURN
 
 __all__ = ["Revolution", "mean_revolution"]
 

@@ -21,7 +21,6 @@ from torquebench.reducers.quantities import (
 )
 from torquebench.reducers.transmission.curve import Revolution, mean_revolution
 from torquebench.reducers.transmission.segments import (
-    TURN,
     Run,
     check_ratio,
     check_sampling,
@@ -29,7 +28,7 @@ from torquebench.reducers.transmission.segments import (
     runs_of,
 )
 from torquebench.uncertainty import Budget, Shared
-from torquebench.units import ARCSEC
+from torquebench.units import ARCSEC, MINUTE, TURN
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -303,7 +302,7 @@ def _direction(
     speed = float("nan")
     if time is not None:
         seconds = float(abs(time[run.rows][-1] - time[run.rows][0]))
-        speed = float(np.ptp(run.angle_rad)) / TURN / seconds * 60.0 if seconds > 0 else speed
+        speed = float(np.ptp(run.angle_rad)) / TURN / seconds * MINUTE if seconds > 0 else speed
     return DirectionError(
         direction=run.direction,
         revolutions=found.revolutions,

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.loops.branches import turning_points
-from torquebench.units import ARCSEC
+from torquebench.units import ARCSEC, DEG_PER_RAD, DEG_PER_TURN, TURN
 
 __all__ = ["Run", "check_ratio", "check_sampling", "check_slip", "runs_of"]
 
 Floats = NDArray[np.float64]
-TURN = 2.0 * np.pi
 SAMPLES_PER_PERIOD = 10.0
 RATIO_TOLERANCE = 1e-3
 """Relative deviation of the ratio that is reported before any other check."""
@@ -202,7 +201,7 @@ def check_slip(run: Run, ratio: float) -> None:
                 "the transmission error jumps by {jump:.3g} arcsec at {degrees:.4g}° of "
                 "the output and doesn't come back",
                 jump / ARCSEC,
-                np.degrees(place) % 360.0,
+                place * DEG_PER_RAD % DEG_PER_TURN,
             ),
             "an error that repeats with the revolution",
             "an encoder or its coupling slips: fasten it and measure again",

@@ -35,6 +35,7 @@ from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
+from torquebench.units import MS_PER_S
 
 __all__ = ["PLUGIN", "ModbusDrive"]
 
@@ -67,7 +68,7 @@ class ModbusDrive:
         self._switching_s = switching_s
         self._link = link
         self._side = side
-        self._watchdog_ms = round(watchdog_s * 1e3)
+        self._watchdog_ms = round(watchdog_s * MS_PER_S)
         self._fed = 0
         words = link.input_registers(DriveReport.MAXIMUM_TORQUE, 4)
         self._maximum = register_map.float_of(words[:2]), register_map.float_of(words[2:])
@@ -149,7 +150,7 @@ class ModbusDrive:
         status = words[DriveReport.STATUS]
         fault = ""
         if status & DriveStatus.WATCHDOG:
-            fault = Message("watchdog not fed for {watchdog_ms:g} s", self._watchdog_ms / 1000.0)
+            fault = Message("watchdog not fed for {watchdog_ms:g} s", self._watchdog_ms / MS_PER_S)
         elif status & DriveStatus.FAULT:
             fault = Message("fault code {words}", words[DriveReport.FAULT])
         torque = register_map.float_of(words[DriveReport.TORQUE : DriveReport.TORQUE + 2])

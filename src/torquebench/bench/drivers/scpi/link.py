@@ -15,6 +15,7 @@ from torquebench.bench.drivers.links import Link, TimeOut, WireError, split_addr
 from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
 from torquebench.message import Message
+from torquebench.units import MS_PER_S
 
 __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 
@@ -97,7 +98,7 @@ class _VisaConnection:
             )
         except (self._errors, ValueError) as error:
             raise WireError(str(error)) from error
-        self._resource.timeout = timeout_s * 1e3
+        self._resource.timeout = timeout_s * MS_PER_S
 
     def send(self, line: str) -> None:
         try:
@@ -107,7 +108,7 @@ class _VisaConnection:
 
     def receive(self, timeout_s: float) -> str:
         try:
-            self._resource.timeout = timeout_s * 1e3
+            self._resource.timeout = timeout_s * MS_PER_S
             return str(self._resource.read()).strip()
         except (self._errors, UnicodeDecodeError) as error:
             raise WireError(str(error)) from error

@@ -50,6 +50,7 @@ from torquebench.twin import (
     TwinParameters,
     draw_reducer,
 )
+from torquebench.units import KHZ
 from torquebench.validation import validated
 
 __all__ = ["SimulatedBench", "SimulatedDrive", "SimulatedOptions", "open_simulated"]
@@ -209,7 +210,7 @@ class SimulatedBench:
             else:
                 key, transducer = f"calibrator.{side}", self.description.calibrator.transducer(side)
             plate = self._twin.nameplate(channel)
-            own = (plate.nominal_torque_nm, plate.nominal_zero_hz / 1e3)
+            own = (plate.nominal_torque_nm, plate.nominal_zero_hz / KHZ)
             if (transducer.nominal_torque_nm, transducer.option_khz) != own:
                 raise InputError(
                     Message(

@@ -36,12 +36,13 @@ from torquebench.reducers import (
     TorqueUncertainty,
     evaluate_breakaway,
 )
+from torquebench.units import DEGREE
 
 __all__ = ["BACK_DRIVING", "STARTING"]
 
 FloatArray = NDArray[np.float64]
 
-PRESLIDING_RAD: dict[Side, float] = {"input": np.radians(0.5), "output": np.radians(0.05)}
+PRESLIDING_RAD: dict[Side, float] = {"input": 0.5 * DEGREE, "output": 0.05 * DEGREE}
 """Movement of elastic contacts, backlash and wind-up before a side is treated as turning."""
 TAKEN_AWAY = 0.85
 """Share of a ramp's largest torque below which the drive has released the torque."""

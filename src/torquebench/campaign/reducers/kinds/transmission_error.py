@@ -20,7 +20,7 @@ from torquebench.reducers import (
     TransmissionErrorResult,
     evaluate_transmission_error,
 )
-from torquebench.units import ARCSEC
+from torquebench.units import ARCSEC, DEG_PER_RAD, TURN
 
 __all__ = ["WORK"]
 
@@ -77,7 +77,7 @@ def _over_revolution(result: TransmissionErrorResult) -> str:
         for number, (upper, each) in enumerate(zip(axes, result.directions, strict=False)):
             colour = COLOURS[number]
             label = f"{each.direction}, {each.peak_to_peak.value:.1f} arcsec peak to peak"
-            upper.plot(np.degrees(each.angle_rad), each.error_arcsec, color=colour, lw=0.7)
+            upper.plot(each.angle_rad * DEG_PER_RAD, each.error_arcsec, color=colour, lw=0.7)
             upper.set_title(label, loc="left", fontsize=9, color=colour)
             upper.set_xlim(0.0, 360.0)
             upper.set_xticks(np.arange(0.0, 361.0, 45.0))
@@ -121,9 +121,9 @@ def _polar(result: TransmissionErrorResult) -> str:
         worst = max(float(np.max(np.abs(each.error_arcsec))) for each in result.directions)
         for number, each in enumerate(result.directions):
             closed = np.append(each.error_arcsec, each.error_arcsec[:1])
-            angle = np.append(each.angle_rad, 2.0 * np.pi)
+            angle = np.append(each.angle_rad, TURN)
             axes.plot(angle, closed, color=COLOURS[number], lw=0.7, label=each.direction)
-        axes.plot(np.linspace(0, 2 * np.pi, 361), np.zeros(361), color="#3C4148", lw=0.8)
+        axes.plot(np.linspace(0, TURN, 361), np.zeros(361), color="#3C4148", lw=0.8)
         axes.set_ylim(-2.2 * worst, 1.15 * worst)
         axes.set_rlabel_position(22.5)  # type: ignore[attr-defined]  # polar axes only
         step = float(f"{worst / 2.0:.0e}") or 1.0

@@ -13,6 +13,7 @@ from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
 from torquebench.panel.text import Text
+from torquebench.units import HOUR, MINUTE
 
 __all__ = ["JobControls", "JobPanel", "duration_words", "problem_note", "stage_words"]
 
@@ -39,8 +40,8 @@ def duration_words(seconds: float) -> str:
     if whole < 60:
         return f"{whole} s"
     if whole < 3600:
-        return f"{whole // 60} min {whole % 60} s"
-    return f"{whole // 3600} h {whole % 3600 // 60} min"
+        return f"{whole // MINUTE} min {whole % MINUTE} s"
+    return f"{whole // HOUR} h {whole % HOUR // MINUTE} min"
 
 
 def problem_note(

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, allows
 from torquebench.panel.service.problems import LeaseError
+from torquebench.units import MINUTE
 
 __all__ = ["IDLE_S", "CommandLease", "LeaseState"]
 
@@ -143,7 +144,7 @@ class CommandLease:
                             "wait until command is given up{idle_s}",
                             ", or take it over"
                             if strong
-                            else Message(" or {idle_s:g} min idle", IDLE_S / 60),
+                            else Message(" or {idle_s:g} min idle", IDLE_S / MINUTE),
                         ),
                     )
             now = self._now()

@@ -11,6 +11,7 @@ from sqlalchemy import delete, func, insert, select
 from torquebench.message import Message
 from torquebench.panel.service.problems import LockedOutError
 from torquebench.panel.service.store import PanelStore, failures
+from torquebench.units import MINUTE
 
 __all__ = ["Attempt", "LoginThrottle"]
 
@@ -76,7 +77,7 @@ class LoginThrottle:
                         Message(
                             "{limit} within {minutes:g} minutes, then with increasing delays",
                             limit,
-                            WINDOW_S / 60,
+                            WINDOW_S / MINUTE,
                         ),
                         Message("wait {seconds:.0f} s, or ask an administrator", max(1.0, wait_s)),
                         wait_s=max(1.0, wait_s),

@@ -17,6 +17,7 @@ from torquebench.errors import RecordError
 from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.problems import NotSignedInError
 from torquebench.panel.service.store import PanelStore, sessions, users
+from torquebench.units import HOUR
 
 __all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"]
 
@@ -24,7 +25,7 @@ Later: TypeAlias = Callable[[Callable[[], None]], object]
 
 IDLE_S = 3600.0
 """An idle session ends after this time, s."""
-LONGEST_S = 12 * 3600.0
+LONGEST_S = 12 * HOUR
 """A session ends after this time in any case, s: one shift."""
 TOUCH_S = 60.0
 """Interval at which the time of the last action is stored, s."""

@@ -42,7 +42,7 @@ from torquebench.procedures import friction_sweep, rehearse
 from torquebench.reducers import HysteresisResult
 from torquebench.reports.page_pdf import page_pdf
 from torquebench.reports.reducers.report import reducer_page
-from torquebench.units import ARCMIN
+from torquebench.units import ARCMIN, MINUTE
 
 __all__ = ["REDUCER_KINDS", "ReducerTestRequest", "StandardReducerRequest"]
 
@@ -169,11 +169,11 @@ def preview_test(place: Workplace, request: ReducerTestRequest) -> JobPreview:
     if repeats_s > 0.0:
         remarks.append(
             Message(
-                "Repeats until means are known may take {minutes:.0f} min more.", repeats_s / 60
+                "Repeats until means are known may take {minutes:.0f} min more.", repeats_s / MINUTE
             )
         )
     if warm_up_s > 0.0:
-        remarks.append(Message("Warming up may take {minutes:.0f} min more.", warm_up_s / 60))
+        remarks.append(Message("Warming up may take {minutes:.0f} min more.", warm_up_s / MINUTE))
     return JobPreview(
         kind="reducer-test",
         title=_title(request),
