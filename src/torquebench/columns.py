@@ -121,7 +121,7 @@ COLUMNS: Mapping[str, Column] = {
         Column("nominal_nm", "target torque"),
         Column("period_s", "period of the step torque"),
         Column("position_deg", "mounting position", "of the transducer about its axis"),
-        Column("raw_nm", "raw torque"),
+        Column("raw_nm", "raw torque", "relative to the zero in use"),
         Column("reading_drift_nm_per_s", "change of the torque", "slope over the window"),
         Column("reading_nm", "raw torque", "by the calibrated chain, zero subtracted"),
         Column("reading_standard_error_nm", "standard error of the mean"),

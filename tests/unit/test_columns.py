@@ -4,6 +4,7 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import pyarrow.parquet as pq
 import pytest
 from tests.unit.station.test_run_journal import PROBES, block, channel, kept, times
 
@@ -46,12 +47,15 @@ def test_every_written_column_is_known(table: str) -> None:
     assert [column.name for column in columns if not (column.unit and column.description)] == []
 
 
-def test_every_raw_sample_is_known(tmp_path: Path) -> None:
+def test_every_raw_sample_states_unit_and_description(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
     RunJournal(writer, PROBES).write(kept(block(0, [channel("input_torque", times(0), 60e3)])))
-    columns = [column_of(name, samples=True) for name in writer.seal().raw().columns]
-    assert len(columns) > 20
-    assert [column.name for column in columns if not (column.unit and column.description)] == []
+    schema = pq.read_schema(writer.seal().path / "raw.parquet")
+    assert len(schema.names) > 20
+    for field in schema:
+        assert field.metadata[b"unit"], field.name
+        assert field.metadata[b"description"], field.name
+    assert schema.field("output_speed_rad_s").metadata[b"unit"] == b"rad/s"
 
 
 @pytest.mark.parametrize("column", COLUMNS.values(), ids=lambda column: column.name)

@@ -119,29 +119,13 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     """Mean torque of one side over a settled window, with its standard error and drift.
 
     `prepare(SteadySettings(...))` sets the settings, `trigger()` waits in bench time and evaluates,
-    `read()` returns the fields (data key by `key(field)`):
+    `read()` returns fields of `STEADY_FIELDS`, which `torquebench.columns` describes (data key by
+    `key(field)`):
 
-    ===========================  ======  =====================================================
-    `reading_nm`                 N·m     DC component of the transducer's reading, raw
-    `reading_standard_error_nm`  N·m     standard error of that mean
-    `reading_drift_nm_per_s`     N·m/s   slope over the window
-    `zero_nm`                    N·m     zero that the reading counts from, by the nominal zero
-    `frequency_hz`               Hz      mean frequency of the transducer
-    `settled`                    bool    drift within its own standard error
-    `samples`                            windows of the counter that the mean rests on
-    `commanded_nm`               N·m     set point of this side's drive
-    `speed_rpm`                  rpm     mean speed of this side over the window
-    `temperature_c`              °C      of this side's transducer
-    `time_s`                     s       bench time of the middle of the window
-    `torque_nm`                  N·m     compensated torque, with an active model only
-    `torque_uncertainty_nm`      N·m     its standard uncertainty by the whole chain, likewise
-    `standard_nm`                N·m     torque that the standard states, with `reference` only
-    `standard_uncertainty_nm`    N·m     standard error of that mean, likewise
-    `standard_drift_nm_per_s`    N·m/s   its slope, likewise
-    `standard_frequency_hz`      Hz      mean frequency of its transducer, likewise
-    `standard_temperature_c`     °C      of the standard, if it has a probe, likewise
-    `true_torque_nm`             N·m     its true mean over what was settled, simulated bench only
-    ===========================  ======  =====================================================
+    - always reading, zero, frequency, set point, speed, temperature and bench time;
+    - torque and its standard uncertainty by the whole chain, with an active model;
+    - the standard's torque, frequency and temperature, with `reference`;
+    - the true torque over what was settled, on a simulated bench.
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses. The
     compensated torque is the steady value of the stream's torque, not a compensated reading;

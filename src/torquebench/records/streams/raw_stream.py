@@ -10,6 +10,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 from numpy.typing import ArrayLike, NDArray
 
+from torquebench.columns import column_of
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.streams.arrow_stream import (
@@ -24,7 +25,10 @@ __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
 
 
 class RawStream(ArrowStream):
-    """Appends columns of samples. Columns and types are those of the first call."""
+    """Appends columns of samples, each with its unit and description.
+
+    Columns and types are those of the first call.
+    """
 
     CONTENT, CAPACITY, COMPRESSION = "samples", 20_000, "lz4"
 
@@ -56,7 +60,7 @@ class RawStream(ArrowStream):
         with self._appending():
             batch = self._batch(columns)
             if self._schema is None:
-                self._schema = batch.schema
+                self._schema = _with_units(batch.schema)
             elif batch.schema != self._schema:
                 raise RecordError(
                     Message(
@@ -68,7 +72,7 @@ class RawStream(ArrowStream):
                         described_schema(self._schema),
                     ),
                 )
-            self._pending.append(batch)
+            self._pending.append(pa.RecordBatch.from_arrays(batch.columns, schema=self._schema))
             self._pending_size += batch.num_rows
             self._rows += batch.num_rows
 
@@ -92,6 +96,12 @@ class RawStream(ArrowStream):
             name: np.full(n, array) if array.ndim == 0 else array for name, array in arrays.items()
         }
         return pa.RecordBatch.from_pydict({name: _arrow(array) for name, array in full.items()})
+
+
+def _with_units(schema: Any) -> Any:
+    return pa.schema(
+        [field.with_metadata(column_of(field.name, samples=True).attributes) for field in schema]
+    )
 
 
 def _arrow(array: NDArray[Any]) -> Any:
