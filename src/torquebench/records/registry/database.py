@@ -193,14 +193,18 @@ class Database:
                 WAY_BACK,
             )
         waits_s = longest_s if given else 0.0
-        address = given or URL.create("sqlite", database=str(file))
-        try:
-            return _retried(lambda: cls(address, data_dir), waits_s)
-        except UnavailableError as error:
-            if not waits_s:
-                raise
-            found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
-            raise UnavailableError(found, error.allowed, error.remedy) from error
+        deadline = time.monotonic() + waits_s
+        while True:
+            try:
+                return cls(given or URL.create("sqlite", database=str(file)), data_dir)
+            except UnavailableError as error:
+                if time.monotonic() < deadline:
+                    time.sleep(RETRY_S)
+                    continue
+                if not waits_s:
+                    raise
+                found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
+                raise UnavailableError(found, error.allowed, error.remedy) from error
 
     def __enter__(self) -> Self:
         return self
@@ -316,7 +320,17 @@ class Database:
         UnavailableError
             The server is still unavailable.
         """
-        return _retried(action, 0.0 if self._sqlite else longest_s, told)
+        deadline = time.monotonic() + longest_s
+        while True:
+            try:
+                return action()
+            except UnavailableError as error:
+                if self._sqlite or time.monotonic() >= deadline:
+                    raise
+                if told is not None:
+                    told(error.found)
+                    told = None
+                time.sleep(RETRY_S)
 
     def head(self) -> ChainHead:
         """Return the end of the chain, which covers every record so far."""
@@ -329,22 +343,6 @@ class Database:
         resolved = path.resolve()
         inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
-
-
-def _retried(
-    action: Callable[[], Result], longest_s: float, told: Callable[[str], None] | None = None
-) -> Result:
-    deadline = time.monotonic() + longest_s
-    while True:
-        try:
-            return action()
-        except UnavailableError as error:
-            if time.monotonic() >= deadline:
-                raise
-            if told is not None:
-                told(error.found)
-                told = None
-            time.sleep(RETRY_S)
 
 
 @contextmanager
