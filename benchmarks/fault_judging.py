@@ -17,7 +17,8 @@ from benchmarks.fault_procedures import REDUCER
 from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
-from torquebench.campaign.reducers.results import ReducerTestQuantity, ReducerTestRecord
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
+from torquebench.campaign.reducers.results import ReducerTestRecord
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.procedures.reducers.turning import TransmissionRecording
 from torquebench.records import RunFolder

@@ -30,7 +30,7 @@ from benchmarks.phase_faults import PHASE_FAULTS, PHASE_KINDS, PHASES
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
-from torquebench.campaign.reducers.results import ReducerTestQuantity
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.errors import BenchError
 
 SAMPLE = (

@@ -15,6 +15,7 @@ from torquebench.calibration import (
     Profile,
     StaticEvaluation,
 )
+from torquebench.campaign.reducers.quantities import result_quantities
 from torquebench.figures import (
     COLOURS,
     Curve,
@@ -32,8 +33,7 @@ from torquebench.reducers import (
     ReducerResult,
 )
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
-from torquebench.reports.reducers.report import tables_of
-from torquebench.uncertainty import stated
+from torquebench.reports.reducers.report import judged_table, tables_of
 from torquebench.units import ARCMIN
 
 __all__ = [
@@ -82,30 +82,13 @@ def evaluation_page(
         rating = f"ratio {reducer.ratio:g}, rated {reducer.rated_torque_nm:g} N·m"
         facts.append(("Reducer", f"{reducer.name}: {rating}"))
     facts += [(f"Finding: {each.name}", each.sentence) for each in getattr(result, "findings", ())]
-    blocks: list[Facts | Table] = [Facts(facts)]
-    if judged:
-        rows = [
-            (
-                each.title,
-                *stated(each.estimate.value, each.estimate.expanded_uncertainty()),
-                each.limit,
-                each.decision.verdict.label,
-            )
-            for each in judged
-        ]
-        caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
-        blocks.append(Table(("quantity", "value", "U", "limit", "verdict"), rows, caption))
-    quantities = [
-        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(),
-         each.estimate.unit, each.rule)
-        for each in result.quantities()
-    ]  # fmt: skip
+    quantities = result_quantities(result, judged)
     drawn = (Figure(*each) for each in figures)
     return Page(
         title=f"Evaluation: {test}",
         subtitle=source,
         sections=[
-            Section("Summary", "", blocks),
+            Section("Summary", "", (Facts(facts), *judged_table(quantities))),
             Section("Result", "", (*drawn, *tables_of(result, quantities))),
         ],
     )

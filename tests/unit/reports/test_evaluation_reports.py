@@ -9,6 +9,7 @@ from rich.console import Console
 
 from torquebench.calibration import summarise_errors
 from torquebench.campaign.reducers.evaluations import EVALUATIONS
+from torquebench.campaign.reducers.quantities import result_quantities
 from torquebench.cli.reducers.evaluating import print_by_speed
 from torquebench.cli.tables import error_blocks, friction_blocks
 from torquebench.procedures import FrictionSweep
@@ -24,7 +25,7 @@ from torquebench.reducers import (
 from torquebench.reports.evaluation_report import evaluation_page, open_loop_page
 from torquebench.reports.page import Page, Section, Table, render_page
 from torquebench.reports.page_pdf import write_report
-from torquebench.reports.reducers.report import Row, tables_of
+from torquebench.reports.reducers.report import tables_of
 
 SETTINGS = LoopSettings(rated_torque_nm=400.0)
 
@@ -76,11 +77,7 @@ def test_an_efficiency_map_is_a_map_and_no_list_of_a_hundred_rows() -> None:
     load, speed, more = (np.array(column) for column in zip(*grid, strict=True))
     result = evaluate_efficiency(load * more / 75.0, load, speed, 100.0)
     assert len(result.quantities()) == 75
-    quantities = [
-        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(), "%", "")
-        for each in result.quantities()
-    ]
-    (table,) = tables_of(result, quantities)
+    (table,) = tables_of(result, result_quantities(result, ()))
     assert table.header == ("N·m", "150 rpm", "300 rpm", "600 rpm", "900 rpm", "1200 rpm", "U, %")
     assert [row[0] for row in table.rows] == ["80", "100", "200", "300", "400"]
     values = [float(cell) for row in table.rows for cell in row[1:-1]]
@@ -101,19 +98,11 @@ def no_load(repeats: int, speeds: tuple[float, ...], ways: tuple[float, ...]) ->
     return evaluate_no_load(speed, torque, repeat=repeat, branch=branch)
 
 
-def quantities_of(result: NoLoadResult) -> list[Row]:
-    return [
-        (each.key, each.title, each.estimate.value, each.estimate.expanded_uncertainty(),
-         each.estimate.unit, each.rule)
-        for each in result.quantities()
-    ]  # fmt: skip
-
-
 def test_no_load_torque_is_a_table_by_speed_with_a_column_a_direction() -> None:
     speeds = (20.0, 50.0, 100.0, 300.0, 500.0, 700.0, 900.0, 1200.0)
     result = no_load(3, speeds, (1.0, -1.0))
     assert len(result.quantities()) > 3 * len(speeds)
-    by_speed, rest = tables_of(result, quantities_of(result))
+    by_speed, rest = tables_of(result, result_quantities(result, ()))
     assert by_speed.header == (
         *("rpm", "clockwise, N·m", "range of repeats, N·m", "counter-clockwise, N·m"),
         *("range of repeats, N·m", "mean of both, N·m"),
@@ -150,7 +139,7 @@ def test_the_terminals_table_of_no_load_torque_fits_into_80_columns(
 
 def test_one_direction_and_one_repeat_have_no_empty_columns() -> None:
     result = no_load(1, (100.0, 300.0, 500.0, 700.0, 900.0), (-1.0,))
-    by_speed, _ = tables_of(result, quantities_of(result))
+    by_speed, _ = tables_of(result, result_quantities(result, ()))
     assert by_speed.header == ("rpm", "counter-clockwise, N·m")
     assert [row[0] for row in by_speed.rows] == ["100", "300", "500", "700", "900"]
 
@@ -158,7 +147,9 @@ def test_one_direction_and_one_repeat_have_no_empty_columns() -> None:
 def test_speeds_of_one_direction_only_keep_their_row() -> None:
     speed = np.array([100.0, 300.0, 500.0, 700.0, -101.0, -400.0, -500.0, -700.0])
     torque = np.sign(speed) * (0.1 + 1e-4 * np.abs(speed)) + 1e-3 * np.cos(np.arange(8.0) ** 2)
-    by_speed, _ = tables_of(result := evaluate_no_load(speed, torque), quantities_of(result))
+    by_speed, _ = tables_of(
+        result := evaluate_no_load(speed, torque), result_quantities(result, ())
+    )
     empty = {row[0]: [cell == "–" for cell in row[1:3]] for row in by_speed.rows}
     assert empty == {
         **{"100": [False, False], "300": [False, True], "400": [True, False]},

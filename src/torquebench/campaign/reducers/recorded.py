@@ -9,15 +9,15 @@ from typing import Any, Self
 from torquebench.bench.description import BenchDescription
 from torquebench.campaign.reducers.catalogue import TESTS, TestName
 from torquebench.campaign.reducers.preparation import Known
-from torquebench.campaign.reducers.results import ReducerTestQuantity
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity, result_quantities
 from torquebench.campaign.reducers.sampling import PartlySampled
 from torquebench.campaign.reducers.uncertainty import Bench
 from torquebench.campaign.reducers.work import Evaluated
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import from_plain, recording_content, recording_file
-from torquebench.reducers import QuantityVerdict, ReducerDescription, ReducerResult, verdicts
-from torquebench.uncertainty import Budget, Verdict
+from torquebench.reducers import ReducerDescription, verdicts
+from torquebench.uncertainty import Budget
 
 __all__ = ["EvaluatedTest", "RecordedTest"]
 
@@ -125,38 +125,5 @@ class RecordedTest:
         judged = verdicts(whole, self.reducer)
         budgets = {each.key: each.estimate for each in whole.quantities()}
         budgets |= {each.key: each.estimate for each in judged}
-        quantities = _quantities(whole, judged, conditional=self.short)
+        quantities = result_quantities(whole, judged, conditional=self.short)
         return EvaluatedTest(bench, found, quantities, budgets)
-
-
-def _quantities(
-    result: ReducerResult, judged: tuple[QuantityVerdict, ...], *, conditional: bool
-) -> tuple[ReducerTestQuantity, ...]:
-    limits = {each.key: each for each in judged}
-    found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
-    # A limit between measured points, such as an efficiency, isn't in the list of quantities.
-    known = {key for key, _, _, _ in found}
-    found += [
-        (each.key, each.title, each.estimate, "interpolated")
-        for each in judged
-        if each.key not in known
-    ]
-    rows = []
-    for key, title, estimate, rule in found:
-        held = limits.get(key)
-        verdict = Verdict.NONE if held is None else held.decision.verdict
-        if conditional and verdict is Verdict.PASS:
-            verdict = Verdict.CONDITIONAL_PASS
-        rows.append(
-            ReducerTestQuantity(
-                key=key,
-                title=title,
-                value=estimate.value,
-                expanded_uncertainty=estimate.expanded_uncertainty(),
-                unit=estimate.unit,
-                limit="" if held is None else held.limit,
-                verdict=verdict,
-                rule=rule,
-            )
-        )
-    return tuple(rows)

@@ -9,6 +9,7 @@ from math import inf, isfinite
 from typing import Any
 
 from torquebench.campaign.reducers.catalogue import TestName
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.reducers import Finding
 from torquebench.station import RunRecord
 from torquebench.uncertainty import Budget, BudgetLine, Distribution, Shared, Verdict
@@ -17,7 +18,6 @@ __all__ = [
     "SHORT_TEST",
     "ReducerTestFailure",
     "ReducerTestOutcome",
-    "ReducerTestQuantity",
     "ReducerTestRecord",
     "ReducerTestRehearsal",
     "budget_from_plain",
@@ -26,38 +26,6 @@ __all__ = [
 
 
 SHORT_TEST = "short test: a first impression, not for comparison with a data sheet"
-
-
-@dataclass(frozen=True)
-class ReducerTestQuantity:
-    """One result of a reducer test with uncertainty, limit and verdict.
-
-    Attributes
-    ----------
-    key : str
-        Name for programs, unique within its test, such as ``"backlash"``.
-    title : str
-        Name for people.
-    value, expanded_uncertainty : float
-        Estimate and its expanded uncertainty (95.45 % coverage), in `unit`.
-    unit : str
-        Of both, and of the limit.
-    limit : str
-        The data sheet's limit, in words with its unit; empty without a limit.
-    verdict : str
-        Guard-banded verdict against that limit; empty without one.
-    rule : str
-        The definition used, if makers differ.
-    """
-
-    key: str
-    title: str
-    value: float
-    expanded_uncertainty: float
-    unit: str
-    limit: str = ""
-    verdict: Verdict = Verdict.NONE
-    rule: str = ""
 
 
 @dataclass(frozen=True)

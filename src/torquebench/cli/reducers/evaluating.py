@@ -13,9 +13,9 @@ from torquebench.cli.terminal.console import answer, narrow_table, out, say
 from torquebench.units import MINUTE
 
 if TYPE_CHECKING:
+    from torquebench.campaign.reducers.quantities import ReducerTestQuantity
     from torquebench.campaign.reducers.results import (
         ReducerTestOutcome,
-        ReducerTestQuantity,
         ReducerTestRecord,
         ReducerTestRehearsal,
     )
@@ -71,12 +71,7 @@ def print_record(record: ReducerTestRecord) -> None:
 
 
 def _print_outcome(outcome: ReducerTestOutcome) -> None:
-    quantities = outcome.quantities
-    stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
-    shown = print_by_speed(outcome.title, outcome.result, stated_of)
-    quantities = tuple(each for each in quantities if each.verdict or each.key not in shown)
-    if quantities:
-        _print_quantities(outcome.title, quantities)
+    print_quantities(outcome.title, outcome.result, outcome.quantities)
     for finding in outcome.findings:
         style = "red" if finding.severe else "yellow"
         say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
@@ -107,7 +102,7 @@ def print_by_speed(
     else:
         return set()
     for header, rows, caption in tables:
-        table = narrow_table(escape(title), caption=caption)
+        table = narrow_table(title, caption=caption)
         for name in header:
             heading = name.replace(" rpm", "\nrpm").replace(", N·m", "\nN·m")
             heading = heading.replace(" of ", " of\n").replace("-clock", "-\nclock")
@@ -118,25 +113,47 @@ def print_by_speed(
     return shown
 
 
-def _print_quantities(title: str, quantities: Sequence[ReducerTestQuantity]) -> None:
+def print_quantities(
+    title: str,
+    result: Any,
+    quantities: Sequence[ReducerTestQuantity],
+    factors: Mapping[str, float] | None = None,
+) -> None:
+    """Print the quantities of a result: by speed where they are, the others as a list.
+
+    Parameters
+    ----------
+    title : str
+    result : ReducerResult
+    quantities : sequence of ReducerTestQuantity
+    factors : mapping of str to float, optional
+        Coverage factor of each, by its key.
+    """
     from torquebench.uncertainty import stated
 
-    table = narrow_table(
-        title,
-        columns=("", ">|value", ">|U", "|unit"),
-        caption="U: expanded uncertainty, 95.45 % coverage",
-    )
+    title = escape(title)
+    stated_of = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
+    shown = print_by_speed(title, result, stated_of)
+    quantities = [each for each in quantities if each.verdict or each.key not in shown]
+    if not quantities:
+        return
+    columns = ["", ">|value", ">|U", *([">|k"] if factors else []), "|unit"]
     judged = any(each.verdict for each in quantities)
-    if judged:
-        table.add_column("limit", no_wrap=True)
-        table.add_column("verdict", no_wrap=True)
+    columns += ["|limit", "|verdict"] * judged
+    caption = "U: expanded uncertainty, 95.45 % coverage" + "; guard band w = U" * judged
+    table = narrow_table(title, columns=columns, caption=caption)
     for each in quantities:
         if each.key.startswith("order_") and each.value < each.expanded_uncertainty:
             continue  # an order within its uncertainty says nothing
-        cells = [*stated(each.value, each.expanded_uncertainty), each.unit]
+        cells = [*stated(each.value, each.expanded_uncertainty)]
+        if factors:
+            cells.append(f"{factors[each.key]:.2f}")
+        cells.append(each.unit)
         if judged and each.verdict:
             style = "red" if each.verdict.failed else "green"
             words = f"[{style}]{each.verdict.label}[/{style}]"
             cells += [each.limit.removesuffix(f" {each.unit}"), words]
         table.add_row(escape(each.title), *cells)
+        if each.rule:
+            table.add_row(f"[dim]  {escape(each.rule)}[/dim]")
     out().print(table)

@@ -12,7 +12,7 @@ from rich.markup import escape
 from torquebench.cli.answers import EVALUATED_QUANTITY
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import check_kept, check_output_folder
-from torquebench.cli.terminal.console import answer, narrow_table, out, say_file, stderr_console
+from torquebench.cli.terminal.console import answer, say_file, stderr_console
 from torquebench.units import DEG_PER_RAD
 
 if TYPE_CHECKING:
@@ -40,15 +40,12 @@ def present(
     findings: tuple[Finding, ...] = getattr(result, "findings", ())
     if output is not None:
         _write(test, data, result, quantities, judged, findings, output, settings)
-    from torquebench.cli.reducers.evaluating import print_by_speed
+    from torquebench.campaign.reducers.quantities import result_quantities
+    from torquebench.cli.reducers.evaluating import print_quantities
 
-    found = {
-        each.key: (each.estimate.value, each.estimate.expanded_uncertainty()) for each in quantities
-    }
-    shown = print_by_speed(f"{test}: {data.name}", result, found)
-    if rest := [each for each in quantities if each.key not in shown]:
-        _print_quantities(f"{test}: {data.name}", rest)
-    _print_verdicts(judged)
+    factors = {each.key: each.estimate.coverage_factor() for each in (*quantities, *judged)}
+    rows = result_quantities(result, judged)
+    print_quantities(f"{test}: {data.name}", result, rows, factors)
     for finding in findings:
         style = "red" if finding.severe else "yellow"
         stderr_console().print(
@@ -75,36 +72,6 @@ def _plain_quantities(
         each.key: {"limit": each.limit, "verdict": each.decision.verdict} for each in judged
     }
     return [EVALUATED_QUANTITY.of(each, **verdicts.get(each.key, {})) for each in quantities]
-
-
-def _print_quantities(title: str, quantities: Sequence[ResultQuantity]) -> None:
-    from torquebench.uncertainty import stated
-
-    table = narrow_table(
-        escape(title),
-        columns=("", ">|value", ">|U", ">|k", "|unit"),
-        caption="U: expanded uncertainty, 95.45 % coverage",
-    )
-    for each in quantities:
-        value, expanded = stated(each.estimate.value, each.estimate.expanded_uncertainty())
-        factor = f"{each.estimate.coverage_factor():.2f}"
-        table.add_row(escape(each.title), value, expanded, factor, each.estimate.unit)
-        if each.rule:
-            table.add_row(f"[dim]  {escape(each.rule)}[/dim]")
-    out().print(table)
-
-
-def _print_verdicts(judged: Sequence[QuantityVerdict]) -> None:
-    if not judged:
-        return
-    table = narrow_table(
-        "against the data sheet, guard band = U", columns=("", "|limit", "|verdict")
-    )
-    for each in judged:
-        verdict = each.decision.verdict
-        style = "red" if verdict.failed else "green"
-        table.add_row(escape(each.title), each.limit, f"[{style}]{verdict.label}[/{style}]")
-    out().print(table)
 
 
 def _write(

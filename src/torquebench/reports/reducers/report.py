@@ -9,6 +9,7 @@ import numpy as np
 
 from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.campaign.reducers.results import (
     SHORT_TEST,
     ReducerTestFailure,
@@ -19,7 +20,14 @@ from torquebench.reducers import EfficiencyMap, NoLoadPoint, NoLoadResult
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
-__all__ = ["NO_LOAD_POINT", "efficiency_tables", "no_load_table", "reducer_page", "tables_of"]
+__all__ = [
+    "NO_LOAD_POINT",
+    "efficiency_tables",
+    "judged_table",
+    "no_load_table",
+    "reducer_page",
+    "tables_of",
+]
 
 
 def reducer_page(record: ReducerTestRecord) -> Page:
@@ -69,22 +77,25 @@ def _summary(record: ReducerTestRecord) -> Section:
             ("Verdict", _verdict(record)),
         )
     )
-    judged = [
+    quantities = [each for outcome in record.outcomes for each in outcome.quantities]
+    return Section("Summary", "", (facts, *judged_table(quantities)))
+
+
+def judged_table(quantities: Sequence[ReducerTestQuantity]) -> tuple[Table, ...]:
+    """Return the quantities with a limit in the data sheet; no table if none has one."""
+    rows = [
         (
             each.title,
             *stated(each.value, each.expanded_uncertainty),
             each.limit,
             each.verdict.label,
         )
-        for outcome in record.outcomes
-        for each in outcome.quantities
+        for each in quantities
         if each.verdict
     ]
-    blocks: list[Facts | Table] = [facts]
-    if judged:
-        caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
-        blocks.append(Table(("quantity", "value", "U", "limit", "verdict"), judged, caption))
-    return Section("Summary", "", blocks)
+    caption = "Against the data sheet, with a guard band of U (95.45 % coverage)."
+    header = ("quantity", "value", "U", "limit", "verdict")
+    return (Table(header, rows, caption),) if rows else ()
 
 
 def _verdict(record: ReducerTestRecord) -> str:
@@ -105,10 +116,6 @@ def _failure(failure: ReducerTestFailure) -> Section:
 
 
 def _section(outcome: ReducerTestOutcome) -> Section:
-    quantities = [
-        (each.key, each.title, each.value, each.expanded_uncertainty, each.unit, each.rule)
-        for each in outcome.quantities
-    ]
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
     findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
     facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
@@ -116,43 +123,40 @@ def _section(outcome: ReducerTestOutcome) -> Section:
     return Section(
         outcome.title,
         "",
-        (*drawn, *tables_of(outcome.result, quantities), facts),
+        (*drawn, *tables_of(outcome.result, outcome.quantities), facts),
     )
 
 
 NO_LOAD_POINT = "no_load_"
 """Beginning of the keys of no-load torques at a speed."""
-Row = tuple[str, str, float, float, str, str]
-"""Key, title, value, U, unit and rule of a quantity."""
 
 
-def tables_of(result: Any, quantities: Sequence[Row]) -> tuple[Table, ...]:
+def tables_of(result: Any, quantities: Sequence[ReducerTestQuantity]) -> tuple[Table, ...]:
     """Return the quantities of a result: efficiency and no-load torque by speed, others as a list.
 
     Parameters
     ----------
     result : ReducerResult
-    quantities : sequence of Row
+    quantities : sequence of ReducerTestQuantity
         With the uncertainties that are to be stated.
     """
+    expanded = {each.key: (each.value, each.expanded_uncertainty) for each in quantities}
     if isinstance(result, EfficiencyMap):
-        expanded = {key: (value, whole) for key, _, value, whole, _, _ in quantities}
         return tuple(
             Table(header, rows, caption)
             for header, rows, caption in efficiency_tables(result, expanded)
         )
     if isinstance(result, NoLoadResult):
-        expanded = {key: (value, whole) for key, _, value, whole, _, _ in quantities}
-        rest = [each for each in quantities if not each[0].startswith(NO_LOAD_POINT)]
+        rest = [each for each in quantities if not each.key.startswith(NO_LOAD_POINT)]
         return (Table(*no_load_table(result, expanded)), *((_list(rest),) if rest else ()))
     return (_list(quantities),)
 
 
-def _list(quantities: Sequence[Row]) -> Table:
+def _list(quantities: Sequence[ReducerTestQuantity]) -> Table:
     rows = [
-        (title, *stated(value, whole), unit, rule)
-        for key, title, value, whole, unit, rule in quantities
-        if not (key.startswith("order_") and value < whole)
+        (each.title, *stated(each.value, each.expanded_uncertainty), each.unit, each.rule)
+        for each in quantities
+        if not (each.key.startswith("order_") and each.value < each.expanded_uncertainty)
     ]
     header: tuple[str, ...] = ("quantity", "value", "U", "unit", "rule")
     cells: list[tuple[str, ...]] = list(rows)

@@ -12,7 +12,7 @@ from torquebench.bench.roles import Side
 from torquebench.calibration import ErrorSummary
 from torquebench.calibration.plausibility import Contradiction
 from torquebench.calibration.verification import ModelVerification
-from torquebench.campaign.reducers.results import ReducerTestQuantity
+from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.compensation.repeats import NoiseFloor
 from torquebench.compensation.selection import ModelScore
 from torquebench.reducers.standard_reducer import FrictionCheckPoint

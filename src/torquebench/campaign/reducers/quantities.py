@@ -1,0 +1,92 @@
+"""Quantities of a reducer test with limits and verdicts: values only, for tables and reports."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from torquebench.uncertainty import Verdict
+
+if TYPE_CHECKING:
+    from torquebench.reducers import FrictionResult, QuantityVerdict, ReducerResult
+
+__all__ = ["ReducerTestQuantity", "result_quantities"]
+
+
+@dataclass(frozen=True)
+class ReducerTestQuantity:
+    """One result of a reducer test with uncertainty, limit and verdict.
+
+    Attributes
+    ----------
+    key : str
+        Name for programs, unique within its test, such as ``"backlash"``.
+    title : str
+        Name for people.
+    value, expanded_uncertainty : float
+        Estimate and its expanded uncertainty (95.45 % coverage), in `unit`.
+    unit : str
+        Of both, and of the limit.
+    limit : str
+        The data sheet's limit, in words with its unit; empty without a limit.
+    verdict : str
+        Guard-banded verdict against that limit; empty without one.
+    rule : str
+        The definition used, if makers differ.
+    """
+
+    key: str
+    title: str
+    value: float
+    expanded_uncertainty: float
+    unit: str
+    limit: str = ""
+    verdict: Verdict = Verdict.NONE
+    rule: str = ""
+
+
+def result_quantities(
+    result: ReducerResult | FrictionResult,
+    judged: Sequence[QuantityVerdict],
+    *,
+    conditional: bool = False,
+) -> tuple[ReducerTestQuantity, ...]:
+    """Return the quantities of a result with limits and verdicts.
+
+    Parameters
+    ----------
+    result : ReducerResult or FrictionResult
+    judged : sequence of QuantityVerdict
+        Quantities with a limit in the data sheet.
+    conditional : bool
+        Whether no limit is met unconditionally, as after a short test.
+    """
+    limits = {each.key: each for each in judged}
+    found = [(each.key, each.title, each.estimate, each.rule) for each in result.quantities()]
+    # A limit between measured points, such as an efficiency, isn't in the list of quantities.
+    known = {key for key, _, _, _ in found}
+    found += [
+        (each.key, each.title, each.estimate, "interpolated")
+        for each in judged
+        if each.key not in known
+    ]
+    rows = []
+    for key, title, estimate, rule in found:
+        held = limits.get(key)
+        verdict = Verdict.NONE if held is None else held.decision.verdict
+        if conditional and verdict is Verdict.PASS:
+            verdict = Verdict.CONDITIONAL_PASS
+        rows.append(
+            ReducerTestQuantity(
+                key=key,
+                title=title,
+                value=estimate.value,
+                expanded_uncertainty=estimate.expanded_uncertainty(),
+                unit=estimate.unit,
+                limit="" if held is None else held.limit,
+                verdict=verdict,
+                rule=rule,
+            )
+        )
+    return tuple(rows)
