@@ -28,7 +28,7 @@ from torquebench.compensation.columns import (
     feature_column,
     features,
 )
-from torquebench.compensation.estimator import Between, Estimator, Limit, OneOf, clone
+from torquebench.compensation.estimator import Between, Estimator, OneOf, clone, parameter
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -68,8 +68,8 @@ class CompensationModel(Estimator, ABC):
     ``fit(X, y)`` takes readings (and further columns) and the standard's torque, ``predict(X)``
     gives the compensated torque and, on demand, its standard uncertainty.
 
-    A subclass repeats the three parameters below in its constructor, may override the minimum
-    numbers of points and implements `_fit` and `_predict`. They get checked float64 arrays in N·m,
+    A subclass declares further parameters by `parameter`, may override the minimum numbers of
+    points and implements `_fit` and `_predict`. They get checked float64 arrays in N·m,
     sorted by reading (so that a fit doesn't depend on the order of the rows), and scale inside.
     `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
     and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
@@ -113,9 +113,9 @@ class CompensationModel(Estimator, ABC):
     adds both.
     """
 
-    range_nm: float | None
-    range_margin: float
-    outliers: str
+    range_nm: float | None = parameter(None, None, Between(Real, 0, open_low=True))
+    range_margin: float = parameter(0.02, Between(Real, 0, 1, open_high=True))
+    outliers: str = parameter("downweight", OneOf(frozenset({"downweight", "refuse", "keep"})))
 
     kind: str = ""
     """Name in `MODELS`; set by `register`."""
@@ -400,13 +400,6 @@ class CompensationModel(Estimator, ABC):
         return model
 
     # ---- checks ---------------------------------------------------------------------------
-
-    # A subclass adds its own: {**CompensationModel.limits, "degree": [...]}.
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        "range_nm": (None, Between(Real, 0, open_low=True)),
-        "range_margin": (Between(Real, 0, 1, open_high=True),),
-        "outliers": (OneOf(frozenset({"downweight", "refuse", "keep"})),),
-    }
 
     def _validated(self, X: ArrayLike, y: ArrayLike) -> tuple[FloatArray, FloatArray]:
         try:

@@ -11,7 +11,7 @@ import numpy as np
 from scipy.linalg import lapack
 
 from torquebench.compensation.base import CompensationModel, FloatArray
-from torquebench.compensation.estimator import Between, Limit, OneOf
+from torquebench.compensation.estimator import Between, OneOf, parameter
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
     GROUPS,
@@ -278,43 +278,19 @@ class BayesianNetworkModel(CompensationModel):
     array([1004.])
     """
 
+    ensemble: int = parameter(3, Between(Integral, 1, 100))
+    start: str = parameter("nguyen-widrow", OneOf(frozenset({"nguyen-widrow", "small-uniform"})))
+    hidden: int = parameter(50, Between(Integral, 1, 1000))
+    iterations: int = parameter(20, Between(Integral, 1))
+    tolerance: float = parameter(1e-3, Between(Real, 0, 1, open_high=True))
+    random_state: int = parameter(0, Between(Integral, 0))
+
     complexity: ClassVar[int] = 30
     maximum_points: int | None = 600
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "ensemble": (Between(Integral, 1, 100),),
-        "start": (OneOf(frozenset({"nguyen-widrow", "small-uniform"})),),
-        "hidden": (Between(Integral, 1, 1000),),
-        "iterations": (Between(Integral, 1),),
-        "tolerance": (Between(Real, 0, 1, open_high=True),),
-        "random_state": (Between(Integral, 0),),
-    }
 
     members_: list[NetworkMember]
     input_scaling_: SpanScaling
     output_scaling_: SpanScaling
-
-    def __init__(
-        self,
-        ensemble: int = 3,
-        start: str = "nguyen-widrow",
-        hidden: int = 50,
-        iterations: int = 20,
-        tolerance: float = 1e-3,
-        random_state: int = 0,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.ensemble = ensemble
-        self.start = start
-        self.hidden = hidden
-        self.iterations = iterations
-        self.tolerance = tolerance
-        self.random_state = random_state
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
 
     def _minimum_points(self) -> int:
         return 5

@@ -9,9 +9,10 @@ from __future__ import annotations
 import copy
 import functools
 import inspect
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, ClassVar, Self, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeGuard, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +21,7 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "clone"]
+__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "clone", "parameter"]
 
 
 Kind = TypeVar("Kind", bound="Estimator")
@@ -90,10 +91,31 @@ Limit = Between | OneOf | Truth | None
 """Type of a parameter's value; None allows None."""
 
 
+class Parameter(NamedTuple):
+    """An argument of a constructor: its default, and the values that it may have."""
+
+    default: object
+    allowed: tuple[Limit, ...]
+
+
+def parameter(default: object, *allowed: Limit) -> Any:
+    """Declare an argument of an estimator's constructor.
+
+    Examples
+    --------
+    >>> class Model(Estimator):
+    ...     degree: int = parameter(2, Between(Integral, 1, 30))
+    >>> Model(degree=3).get_params(), Model()
+    ({'degree': 3}, Model())
+    """
+    return Parameter(default, allowed)
+
+
 class Estimator:
     """Parameters, limits of parameters and checks of data as scikit-learn's base class has them.
 
-    A constructor stores each of its arguments under its own name and does nothing else.
+    A class declares its parameters by `parameter`. Its constructor stores each of them under its
+    own name and does nothing else.
     """
 
     if TYPE_CHECKING:
@@ -101,8 +123,17 @@ class Estimator:
         def __init__(self, **parameters: Any) -> None: ...
 
     n_features_in_: int
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {}
-    """Allowed values of each parameter, if restricted."""
+    declared: ClassVar[dict[str, Parameter]] = {}
+    """The class's own parameters, then those of its base."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        own = {name: each for name, each in vars(cls).items() if isinstance(each, Parameter)}
+        for name, each in own.items():
+            setattr(cls, name, each.default)
+        if own:
+            cls.declared = own | {n: each for n, each in cls.declared.items() if n not in own}
+            cls.__init__ = _constructor(cls.declared)  # type: ignore[method-assign]
 
     @classmethod
     @functools.cache
@@ -187,7 +218,8 @@ class Estimator:
     def check_parameters(self) -> None:
         """Refuse parameters outside their limits."""
         for name in self.parameter_names():
-            value, allowed = getattr(self, name), self.limits.get(name, ())
+            value = getattr(self, name)
+            allowed = self.declared[name].allowed if name in self.declared else ()
             if not allowed or any(
                 value is None if limit is None else limit.allows(value) for limit in allowed
             ):
@@ -224,6 +256,27 @@ class Estimator:
         from sklearn.utils.validation import validate_data
 
         return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
+
+
+def _constructor(declared: Mapping[str, Parameter]) -> Callable[..., None]:
+    """Return a constructor with these arguments, as scikit-learn reads them from its signature."""
+    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
+    signature = inspect.Signature(
+        [
+            inspect.Parameter("self", kind),
+            *(inspect.Parameter(n, kind, default=each.default) for n, each in declared.items()),
+        ]
+    )
+
+    def construct(*arguments: Any, **named: Any) -> None:
+        given = signature.bind(*arguments, **named)
+        given.apply_defaults()
+        model = given.arguments.pop("self")
+        vars(model).update(given.arguments)
+
+    construct.__signature__ = signature  # type: ignore[attr-defined]
+    construct.__name__ = "__init__"
+    return construct
 
 
 def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:

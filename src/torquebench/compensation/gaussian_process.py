@@ -132,16 +132,6 @@ class GaussianProcessModel(CompensationModel):
     train_weights_: FloatArray
     target_scale_: float
 
-    def __init__(
-        self,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
-
     def _minimum_points(self) -> int:
         return 6
 

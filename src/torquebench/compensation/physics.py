@@ -156,26 +156,10 @@ class PhysicsModel(CompensationModel):
     covariances_: FloatArray
     evidence_: FloatArray
 
-    def __init__(
-        self,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
-
     def _minimum_points(self) -> int:
         return 8
 
-    def _fit(
-        self,
-        X: FloatArray,
-        y: FloatArray,
-        weights: FloatArray,
-        progress: Progress,  # noqa: ARG002 - over at once
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
         points = chain_points(X, self.full_scale_nm_)
         target = (y - X[:, 0]) / self.full_scale_nm_
         drift = -path_clocks(points.u, points.branch, feature_column(X, "series")).T

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation.base import CompensationModel, FloatArray
-from torquebench.compensation.estimator import Between, Limit, Truth
+from torquebench.compensation.estimator import Between, Truth, parameter
 from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
 from torquebench.errors import InputError
@@ -189,32 +189,14 @@ class PolynomialModel(CompensationModel):
     array([1004.])
     """
 
+    degree: int = parameter(2, Between(Integral, 1, 30))
+    per_direction: bool = parameter(False, Truth())
+    through_zero: bool = parameter(False, Truth())
+
     complexity: ClassVar[int] = 10
     maximum_points: int | None = None
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "degree": (Between(Integral, 1, 30),),
-        "per_direction": (Truth(),),
-        "through_zero": (Truth(),),
-    }
 
     polynomials_: list[OrthogonalPolynomial]
-
-    def __init__(
-        self,
-        degree: int = 2,
-        per_direction: bool = False,
-        through_zero: bool = False,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.degree = degree
-        self.per_direction = per_direction
-        self.through_zero = through_zero
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
 
     def _minimum_points(self) -> int:
         return self.degree + (1 if self.through_zero else 2)
@@ -222,13 +204,7 @@ class PolynomialModel(CompensationModel):
     def _minimum_distinct(self) -> int:
         return self.degree + (0 if self.through_zero else 1)
 
-    def _fit(
-        self,
-        X: FloatArray,
-        y: FloatArray,
-        weights: FloatArray,
-        progress: Progress,  # noqa: ARG002 - over at once
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
         reading = X[:, 0]
         sides = [np.ones(reading.size, dtype=bool)]
         if self.per_direction:

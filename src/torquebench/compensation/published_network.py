@@ -9,7 +9,7 @@ from typing import ClassVar
 import numpy as np
 
 from torquebench.compensation.base import CompensationModel, FloatArray
-from torquebench.compensation.estimator import Between, Limit, OneOf
+from torquebench.compensation.estimator import Between, OneOf, parameter
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import (
     NetworkParameters,
@@ -161,48 +161,22 @@ class PublishedNetworkModel(CompensationModel):
     True
     """
 
+    mapping: str = parameter("residual", OneOf(frozenset({"residual", "direct"})))
+    start: str = parameter("nguyen-widrow", OneOf(frozenset({"nguyen-widrow", "small-uniform"})))
+    learning_rate: float = parameter(0.01, Between(Real, 0, open_low=True))
+    epochs: int = parameter(50_000, Between(Integral, 1))
+    target_error_nm: float | None = parameter(None, None, Between(Real, 0, open_low=True))
+    hidden: int = parameter(50, Between(Integral, 1, 1000))
+    random_state: int = parameter(0, Between(Integral, 0))
+
     complexity: ClassVar[int] = 30
     maximum_points: int | None = 600
     doubtful: ClassVar[bool] = True
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "mapping": (OneOf(frozenset({"residual", "direct"})),),
-        "start": (OneOf(frozenset({"nguyen-widrow", "small-uniform"})),),
-        "learning_rate": (Between(Real, 0, open_low=True),),
-        "epochs": (Between(Integral, 1),),
-        "target_error_nm": (None, Between(Real, 0, open_low=True)),
-        "hidden": (Between(Integral, 1, 1000),),
-        "random_state": (Between(Integral, 0),),
-    }
 
     parameters_: NetworkParameters
     input_scaling_: SpanScaling
     output_scaling_: SpanScaling
     training_curve_: FloatArray
-
-    def __init__(
-        self,
-        mapping: str = "residual",
-        start: str = "nguyen-widrow",
-        learning_rate: float = 0.01,
-        epochs: int = 50_000,
-        target_error_nm: float | None = None,
-        hidden: int = 50,
-        random_state: int = 0,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.mapping = mapping
-        self.start = start
-        self.learning_rate = learning_rate
-        self.epochs = epochs
-        self.target_error_nm = target_error_nm
-        self.hidden = hidden
-        self.random_state = random_state
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
         reading = X[:, 0]

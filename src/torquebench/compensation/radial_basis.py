@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from torquebench.compensation.base import CompensationModel, FloatArray
-from torquebench.compensation.estimator import Between, Limit
+from torquebench.compensation.estimator import Between, parameter
 from torquebench.compensation.kinds import register
 from torquebench.compensation.network import SpanScaling
 from torquebench.compensation.state import storable
@@ -164,39 +164,17 @@ class RadialBasisModel(CompensationModel):
     array([1004.])
     """
 
+    neurons: int = parameter(12, Between(Integral, 1, 200))
+    particles: int = parameter(30, Between(Integral, 2, 1000))
+    swarm_steps: int = parameter(80, Between(Integral, 1))
+    iterations: int = parameter(20, Between(Integral, 0))
+    random_state: int = parameter(0, Between(Integral, 0))
+
     complexity: ClassVar[int] = 35
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "neurons": (Between(Integral, 1, 200),),
-        "particles": (Between(Integral, 2, 1000),),
-        "swarm_steps": (Between(Integral, 1),),
-        "iterations": (Between(Integral, 0),),
-        "random_state": (Between(Integral, 0),),
-    }
 
     network_: RadialBasis
     input_scaling_: SpanScaling
     output_scaling_: SpanScaling
-
-    def __init__(
-        self,
-        neurons: int = 12,
-        particles: int = 30,
-        swarm_steps: int = 80,
-        iterations: int = 20,
-        random_state: int = 0,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.neurons = neurons
-        self.particles = particles
-        self.swarm_steps = swarm_steps
-        self.iterations = iterations
-        self.random_state = random_state
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
 
     def _minimum_points(self) -> int:
         return 8

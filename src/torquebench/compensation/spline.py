@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import cho_factor, cho_solve
 
 from torquebench.compensation.base import CompensationModel, FloatArray
-from torquebench.compensation.estimator import Limit, OneOf
+from torquebench.compensation.estimator import OneOf, parameter
 from torquebench.compensation.kinds import register
 from torquebench.progress import Progress
 
@@ -79,39 +79,19 @@ class SplineModel(CompensationModel):
     array([1004.])
     """
 
+    criterion: str = parameter("reml", OneOf(frozenset({"reml", "gcv"})))
+
     complexity: ClassVar[int] = 20
     maximum_points: int | None = 600
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "criterion": (OneOf(frozenset({"reml", "gcv"})),),
-    }
 
     knots_: FloatArray
     knot_weights_: FloatArray
     fitted_: FloatArray
 
-    def __init__(
-        self,
-        criterion: str = "reml",
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-    ) -> None:
-        self.criterion = criterion
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
-
     def _minimum_points(self) -> int:
         return 5
 
-    def _fit(
-        self,
-        X: FloatArray,
-        y: FloatArray,
-        weights: FloatArray,
-        progress: Progress,  # noqa: ARG002 - over at once
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
         reading, additional = X[:, 0], y - X[:, 0]
         self.span_nm_ = float(np.ptp(reading))
         step = np.diff(reading) > _MERGED_SHARE_OF_SPAN * self.span_nm_

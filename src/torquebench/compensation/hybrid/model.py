@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
-from torquebench.compensation.estimator import Between, Limit
+from torquebench.compensation.estimator import Between, parameter
 from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
 from torquebench.compensation.hybrid.effects import (
     KINDS,
@@ -89,6 +89,8 @@ class HybridModel(CompensationModel):
     True
     """
 
+    maximum_points: int = parameter(800, Between(Integral, 8))
+
     complexity: ClassVar[int] = 40
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
@@ -100,33 +102,10 @@ class HybridModel(CompensationModel):
     present_: dict[str, float]
     uncertainty_: CurveUncertainty
 
-    limits: ClassVar[dict[str, tuple[Limit, ...]]] = {
-        **CompensationModel.limits,
-        "maximum_points": (Between(Integral, 8),),
-    }
-
-    def __init__(
-        self,
-        range_nm: float | None = None,
-        range_margin: float = 0.02,
-        outliers: str = "downweight",
-        maximum_points: int = 800,
-    ) -> None:
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
-        self.maximum_points = maximum_points
-
     def _minimum_points(self) -> int:
         return 8
 
-    def _fit(
-        self,
-        X: FloatArray,
-        y: FloatArray,
-        weights: FloatArray,
-        progress: Progress,  # noqa: ARG002 - over at once
-    ) -> None:
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         target = (y - X[:, 0]) / self.full_scale_nm_
         series = feature_column(X, "series")
