@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import functools
 from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from numbers import Real
-from typing import Any, ClassVar, Literal, Self, overload
+from typing import Any, ClassVar, Literal, Self, TypeVar, overload
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -59,6 +60,7 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
+_Result = TypeVar("_Result")
 _ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
 
 
@@ -241,17 +243,11 @@ class CompensationModel(Estimator, ABC):
         InputError
             NaN, another number of columns, a reading outside the calibrated range.
         """
-        self._require_fit()
-        X_checked = self._validated_rows(by_names(X, self.n_features_in_))
-        self._refuse_outside_range(X_checked[:, 0])
-        torque, std = np.empty(X_checked.shape[0]), np.empty(X_checked.shape[0])
-        with single_blas_thread():
-            for start in range(0, torque.size, _ROWS_AT_ONCE):
-                rows = slice(start, start + _ROWS_AT_ONCE)
-                torque[rows], of_rows = self._predict(X_checked[rows], return_std)
-                if of_rows is not None:
-                    std[rows] = of_rows
-        return (torque, std) if return_std else torque
+        blocks = self._in_blocks(X, lambda rows: self._predict(rows, return_std))
+        torque = np.concatenate([each[0] for each in blocks])
+        if not return_std:
+            return torque
+        return torque, np.concatenate([std for _, std in blocks if std is not None])
 
     def curve_uncertainty(self, X: ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the model's curve alone, as `predict` returns it.
@@ -270,15 +266,18 @@ class CompensationModel(Estimator, ABC):
         InputError
             As `predict`.
         """
+        return np.concatenate(self._in_blocks(X, self._curve_uncertainty))
+
+    def _in_blocks(self, X: ArrayLike, evaluate: Callable[[FloatArray], _Result]) -> list[_Result]:
+        """Evaluate checked rows in blocks."""
         self._require_fit()
-        X_checked = self._validated_rows(by_names(X, self.n_features_in_))
-        self._refuse_outside_range(X_checked[:, 0])
-        std = np.empty(X_checked.shape[0])
+        rows = self._validated_rows(by_names(X, self.n_features_in_))
+        self._refuse_outside_range(rows[:, 0])
         with single_blas_thread():
-            for start in range(0, std.size, _ROWS_AT_ONCE):
-                rows = slice(start, start + _ROWS_AT_ONCE)
-                std[rows] = self._curve_uncertainty(X_checked[rows])
-        return std
+            return [
+                evaluate(rows[start : start + _ROWS_AT_ONCE])
+                for start in range(0, len(rows), _ROWS_AT_ONCE)
+            ]
 
     def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
         """Return the standard uncertainty of `_predict` alone; overridden where that is quicker."""
