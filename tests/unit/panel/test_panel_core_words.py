@@ -21,6 +21,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import SignalFaultKind
 from torquebench.translations import has_words, templates, translated
+from torquebench.uncertainty import Verdict
 
 ROOT = Path(torquebench.__file__).parent
 HOLE = re.compile(r"\{(\w+)\}")
@@ -147,6 +148,7 @@ def test_every_translated_message_is_in_the_source() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     said |= {each for path in trees() for each in messages(path)}
+    said |= {verdict.label for verdict in Verdict}
     described = "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")

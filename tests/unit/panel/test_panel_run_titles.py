@@ -15,5 +15,5 @@ def test_a_reducer_test_is_named_by_its_catalogue(test):
 
 
 def test_other_runs_are_named_by_the_panel():
-    assert run_title(Text("en"), "zero") == "Zero"
+    assert run_title(Text("en"), "zero") == "Zeroing"
     assert run_title(Text("en"), "something") == "something"

@@ -1,6 +1,8 @@
 """Both languages say the same things with the same placeholders, and every key is used."""
 
 import re
+import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 from string import Formatter
 
@@ -9,8 +11,16 @@ import pytest
 import torquebench.panel
 from torquebench.bench.safety import AlarmKind
 from torquebench.panel.text import LANGUAGES, Text, choose_language, words
+from torquebench.translations import templates
 
 PANEL = Path(torquebench.panel.__file__).parent
+LABELS = PANEL.parent / "reports" / "certificate" / "labels.toml"
+HOMONYMS = {
+    "name",  # of a person, of a thing
+    "off",  # a switch of the page, a drive
+    "on",
+}
+"""English texts that mean two things."""
 KEY = re.compile(r"""\b(?:text|said|Text\(language\))\(\s*f?["']([a-z_]+\.[^"']+)["']""")
 
 
@@ -59,10 +69,10 @@ def test_every_literal_key_on_a_page_exists() -> None:
 
 
 def test_every_alarm_has_a_title_and_what_to_do() -> None:
+    chinese = Text("zh")
     for kind in AlarmKind:
-        key = kind.value.replace(" ", "_")
-        assert words("en")[f"alarm.{key}"]
-        assert words("en")[f"alarm.{key}_do"]
+        assert chinese.alarm(kind.value) != kind.value
+        assert words("en")[f"alarm.{kind.value.replace(' ', '_')}_do"]
 
 
 def test_no_group_of_texts_is_unused() -> None:
@@ -86,3 +96,27 @@ def test_the_chosen_language_wins_over_the_browsers() -> None:
 def test_placeholders_are_filled() -> None:
     for language in LANGUAGES:
         assert "Ana" in Text(language)("frame.in_command", who="Ana")
+
+
+def pairs_of(language: str) -> Iterator[tuple[str, str]]:
+    """Yield every English text with its translation, from all catalogues."""
+    labels = tomllib.loads(LABELS.read_text(encoding="utf-8"))
+    yield from ((label["en"], label[language]) for label in labels.values())
+    names = templates("en")
+    yield from (pair for pair in templates(language).items() if pair[0] not in names)
+    if language in LANGUAGES:
+        yield from ((english, words(language)[key]) for key, english in words("en").items())
+
+
+def same(text: str) -> str:
+    """Return a text as it is compared: a term may begin a sentence."""
+    return text.casefold().rstrip("。").removesuffix("." if " " in text else "")
+
+
+@pytest.mark.parametrize("language", ["de", "zh"])
+def test_one_english_text_has_one_translation(language: str) -> None:
+    translations: dict[str, set[str]] = {}
+    for english, translation in pairs_of(language):
+        translations.setdefault(same(english), set()).add(same(translation))
+    several = {english: said for english, said in translations.items() if len(said) > 1}
+    assert {english: said for english, said in several.items() if english not in HOMONYMS} == {}

@@ -77,8 +77,7 @@ class _AlarmsPage:
     def _card(self, alarm: AlarmView) -> None:
         text, key = self.text, _key(alarm)
         kind = "bad" if alarm.level == "critical" else "warn"
-        title = text.maybe(f"alarm.{key}", alarm.kind)
-        with note(text.core(alarm.found), kind, title=title), box("div", "stack"):
+        with note(text.core(alarm.found), kind, title=text.alarm(alarm.kind)), box("div", "stack"):
             with box("div", "line small"):
                 tag(text(f"alarms.{alarm.level}"), kind)
                 moment(alarm.raised, seconds=True)
@@ -98,7 +97,7 @@ class _AlarmsPage:
         rows = [
             (
                 alarm.raised,
-                text.maybe(f"alarm.{_key(alarm)}", alarm.kind),
+                text.alarm(alarm.kind),
                 text.core(alarm.found),
                 text("alarms.by", who=alarm.acknowledged_by)
                 if alarm.acknowledged_by

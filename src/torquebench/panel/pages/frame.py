@@ -99,7 +99,7 @@ class _Frame:
             with box("div", "person"):
                 actor = self.visitor.looker
                 words("div", actor.name)
-                words("div", text(f"role.{actor.role}"))
+                words("div", text.core(actor.role))
             with box("div", "optional"):
                 self._take = button(text("frame.take_command"), self._take_command, "quiet small")
                 self._give = button(text("frame.give_command"), self._give_command, "quiet small")
@@ -191,8 +191,7 @@ class _Frame:
         self._bench.set_text(text.core(snapshot.bench_name))
         self._simulated.set_text(text("frame.simulated") if snapshot.simulated else "")
         self._simulated.set_visibility(snapshot.simulated)
-        mounted = text.maybe(f"mounting.{snapshot.mounted}", snapshot.mounted)
-        self._mounted.set_text(text("frame.mounted", what=mounted))
+        self._mounted.set_text(text("frame.mounted", what=text.core(snapshot.mounted)))
         self._command.set_text(command_words(text, commands, snapshot.commanded_by))
         self._take.set_visibility(not commands)
         self._give.set_visibility(commands)
@@ -213,8 +212,8 @@ class _Frame:
         job = next((each for each in jobs if each.started_by == self.visitor.looker.label), None)
         news: dict[str, tuple[str, str]] = {}
         if alarm is not None:
-            title = text.maybe(f"alarm.{alarm.kind.replace(' ', '_')}", alarm.kind)
-            news["alarm"] = (alarm.alarm_id, f"{title}: {text.core(alarm.found)}")
+            said = f"{text.alarm(alarm.kind)}: {text.core(alarm.found)}"
+            news["alarm"] = (alarm.alarm_id, said)
         if job is not None:
             title = text.maybe(f"job.{job.kind}", job.title)
             state = text(f"job.state_{job.state}")

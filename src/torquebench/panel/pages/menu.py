@@ -28,7 +28,7 @@ class Menu:
         visitor, text = self._visitor, self._visitor.text
         actor = visitor.actor
         with ui.context.client.content, sheet(text("menu.title")) as dialog:
-            role = text(f"role.{actor.role}")
+            role = text.core(actor.role)
             words("p", text("menu.signed_in", who=actor.name, role=role))
             with box("div", "line"):
                 if visitor.commands:

@@ -60,7 +60,7 @@ class UsersView:
         rows = [
             (
                 user.name,
-                text(f"role.{user.role}"),
+                text.core(user.role),
                 text("users.active" if user.active else "users.inactive"),
                 user.created[:10],
             )
@@ -77,7 +77,7 @@ class UsersView:
             )
 
     def _roles(self) -> dict[str, str]:
-        return {role: self._text(f"role.{role}") for role in ROLES}
+        return {role: self._text.core(role) for role in ROLES}
 
     def _add(self) -> None:
         text, visitor = self._text, self._visitor

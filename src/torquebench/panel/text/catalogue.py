@@ -9,6 +9,7 @@ from importlib import resources
 from typing import Any, Literal, Protocol, get_args
 
 from torquebench.translations import translated
+from torquebench.uncertainty import Verdict
 
 __all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
 
@@ -116,6 +117,27 @@ class Text:
         '正在拟合模型'
         """
         return translated(said, self.language)
+
+    def verdict(self, value: str) -> str:
+        """Return a verdict in words, by its value; empty without one.
+
+        Examples
+        --------
+        >>> Text("en").verdict("conditionalPass")
+        'conditional pass'
+        """
+        return self.core(Verdict(value).label)
+
+    def alarm(self, kind: str) -> str:
+        """Return the title of a kind of alarm.
+
+        Examples
+        --------
+        >>> Text("en").alarm("torque limit"), Text("en").alarm("operator missing")
+        ('Torque limit', 'Nobody at the bench')
+        """
+        title = self.maybe(f"alarm.{kind.replace(' ', '_')}", kind)
+        return title[:1].upper() + title[1:]
 
     def sentence(self, said: str) -> str:
         """Return what the core says as a sentence.

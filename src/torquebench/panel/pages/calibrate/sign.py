@@ -37,7 +37,7 @@ class SignStep(StepView):
                 note(text("sign.unverified"), "warn")
             CertificatePreview(self._page, self._asked).build()
             if not visitor.has_role("metrologist"):
-                role = text(f"role.{visitor.looker.role}")
+                role = text.core(visitor.looker.role)
                 note(text("frame.not_allowed", role=role), "warn")
                 return
             measured_by = visitor.service.records.calibration(number).calibration.measured_by
@@ -90,7 +90,7 @@ class SignStep(StepView):
                 worst = found["result"]["against_standard"]
                 with box("li", "line"):
                     verdict = found["verdict"]
-                    tag(text(f"verdict.{verdict}"), verdict_kind(verdict), verdict_icon(verdict))
+                    tag(text.verdict(verdict), verdict_kind(verdict), verdict_icon(verdict))
                     words("span", titled(text, workflow.models[name]))
                     said = text(
                         "sign.worst",
@@ -165,7 +165,7 @@ class CertificateStep(StepView):
                 certificate_buttons(visitor, number, certificate.result.details["files"])
                 return
             if not visitor.has_role("metrologist"):
-                role = text(f"role.{visitor.looker.role}")
+                role = text.core(visitor.looker.role)
                 note(text("frame.not_allowed", role=role), "warn")
                 return
             self._form()

@@ -85,7 +85,7 @@ class VerifyStep(StepView):
                     number(single["worst_nm"]),
                     number(single["worst_percent_fs"]),
                     number(averaged["worst_nm"]) if averaged else "—",
-                    text.maybe(f"verdict.{model['verdict']}", model["verdict"]),
+                    text.verdict(model["verdict"]),
                 )
             )
         headings = (("model", False), ("worst", True), ("worst_percent", True),

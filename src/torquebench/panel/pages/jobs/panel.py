@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from torquebench.errors import TorquebenchError
+from torquebench.message import Message
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, tag, words
@@ -108,7 +109,7 @@ class JobControls:
 
     def _abort(self, number: str) -> None:
         visitor, text = self._visitor, self._text
-        reason = text("job.abort_reason", who=visitor.looker.name)
+        reason = Message("aborted on the panel by {who}", visitor.looker.name)
 
         def act(_: str) -> bool:
             return visitor.attempt(
@@ -219,7 +220,7 @@ class JobPanel:
                 problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
             elif job.result is not None:
                 kind = verdict_kind(job.result.verdict)
-                verdict = self._text.maybe(f"verdict.{job.result.verdict}", "")
+                verdict = self._text.verdict(job.result.verdict)
                 note(self._text.core(job.result.headline), kind, title=verdict)
 
     def _answer(self, number: int, done: bool) -> None:

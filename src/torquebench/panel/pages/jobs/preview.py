@@ -70,8 +70,7 @@ def _show(text: Text, preview: JobPreview) -> None:
     rows += _extremes(text, "torque", preview.largest_torque_nm, preview.limit_torque_nm, "N·m")
     rows += _extremes(text, "speed", preview.largest_speed_rpm, preview.limit_speed_rpm, "rpm")
     if preview.mounts:
-        what = ", ".join(text.maybe(f"mounting.{each.replace(' ', '_')}", each)
-                         for each in dict.fromkeys(preview.mounts))  # fmt: skip
+        what = ", ".join(text.core(mounted) for mounted in dict.fromkeys(preview.mounts))
         rows.append((text("preview.mounts"), what))
     pairs(rows)
     for doubt in preview.doubts:

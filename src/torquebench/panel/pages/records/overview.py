@@ -58,8 +58,7 @@ class _Runs:
             beginning: text(f"records.kind_{kind}") for kind, beginning in KINDS.items()
         }
         states = {"": text("records.any")} | {
-            state: text(f"records.status_{state}")
-            for state in ("completed", "aborted", "failed", "running")
+            state: text.core(state) for state in ("completed", "aborted", "failed", "running")
         }
         unfinished_notes(self._visitor)
         self._opened = box("div", "stack")
@@ -102,7 +101,7 @@ class _Runs:
                     run.started,
                     run_title(text, run.kind),
                     run.operator,
-                    text.maybe(f"records.status_{run.status}", run.status),
+                    text.core(run.status),
                     run.run_id,
                 )
                 for run in page.runs

@@ -130,7 +130,7 @@ class RunPanel:
         facts: list[tuple[str, str | datetime]] = [
             (text("records.kind"), run_title(text, run.kind)),
             (text("records.started"), run.started),
-            (text("records.status"), text.maybe(f"records.status_{run.status}", run.status)),
+            (text("records.status"), text.core(run.status)),
             (text("records.operator"), run.operator or "—"),
             (
                 text("records.profile"),

@@ -144,14 +144,14 @@ def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
         with panel(title), box("div", "stack"):
             if outcome["verdict"]:
                 with box("div", "line"):
-                    tag(text(f"verdict.{outcome['verdict']}"), verdict_kind(outcome["verdict"]))
+                    tag(text.verdict(outcome["verdict"]), verdict_kind(outcome["verdict"]))
             rows = [
                 (
                     text.core(quantity["title"]),
                     *with_uncertainty(quantity["value"], quantity["expanded_uncertainty"]),
                     quantity["unit"],
                     quantity["limit"] or "—",
-                    text.maybe(f"verdict.{quantity['verdict']}", "—"),
+                    text.verdict(quantity["verdict"]) or "—",
                 )
                 for quantity in outcome["quantities"]
             ]

@@ -160,7 +160,7 @@ class SettingEditor:
                 copy = self._on_copy
                 button(text("settings.copy"), lambda: copy(item), picture="content_copy")
         elif not self._editable:
-            role = text(f"role.{self._visitor.looker.role}")
+            role = text.core(self._visitor.looker.role)
             note(text("frame.not_allowed", role=role), "warn")
 
     def _groups(self) -> dict[str, list[str]]:

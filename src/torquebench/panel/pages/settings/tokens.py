@@ -31,7 +31,7 @@ class TokensView:
                 text("tokens.name"), hint=text("tokens.name_hint"), maxlength="64",
                 autocomplete="off",
             )  # fmt: skip
-            roles: dict[str, str] = {role: text(f"role.{role}") for role in ROLES}
+            roles: dict[str, str] = {role: text.core(role) for role in ROLES}
             self._role = Choice(text("users.role"), roles, "operator")
             with box("div", "line"):
                 button(text("tokens.add"), self._add, "primary", picture="key")
@@ -49,7 +49,7 @@ class TokensView:
             rows = [
                 (
                     each.name,
-                    text(f"role.{each.role}"),
+                    text.core(each.role),
                     datetime.fromisoformat(each.created),
                     each.created_by,
                 )

@@ -71,7 +71,7 @@ def run_zero(context: JobContext, request: ZeroRequest) -> JobResult:
     """Zero the modules and register it for the drift charts."""
     station, job = context.station, context.job
     sides = tuple(dict.fromkeys(request.sides))
-    job.start("Zero", len(sides))
+    job.start("Zeroing", len(sides))
     record = station.run(
         zero_modules(station.devices, sides),
         kind="zero",
@@ -192,7 +192,7 @@ def _check_title(request: CheckRequest) -> str:
 
 
 CHECK_KINDS: tuple[JobKind, ...] = (
-    JobKind("zero", lambda _asked: "Zero", ZeroRequest, run_zero, can_pause=False),
+    JobKind("zero", lambda _asked: "Zeroing", ZeroRequest, run_zero, can_pause=False),
     JobKind(
         "check",
         _check_title,
