@@ -37,7 +37,7 @@ from benchmarks.chain_shapes import FloatArray
 from benchmarks.compensation import show
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.description import default_bench
-from torquebench.bench.devices.ramp import RampTo
+from torquebench.bench.devices import RampTo
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import load_profile
 from torquebench.campaign.bench_chains import referenced
@@ -181,9 +181,9 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
             speed = generator.uniform(-1, 1) * top * RAD_S_PER_RPM
             rate = generator.uniform(0.1, 1.0) * steepest * RAD_S_PER_RPM
             torque = generator.uniform(-1, 1) * range_nm
-            yield from bps.abs_set(module.drive.speed_ramp, RampTo(speed, rate), group="leg")
+            yield from bps.abs_set(module.drive.speed, RampTo(speed, rate), group="leg")
             slope = generator.uniform(0.2, 1.0) * range_nm
-            yield from bps.abs_set(module.drive.torque_ramp, RampTo(torque, slope), group="leg")
+            yield from bps.abs_set(module.drive.torque, RampTo(torque, slope), group="leg")
             yield from bps.wait("leg")
             yield from bps.sleep(generator.uniform(0.2, 1.5))
             before = yield from temperature_c(devices, probe)

@@ -52,12 +52,13 @@ __all__ = [
     "standard_serial",
 ]
 
-ProcedureKind = Literal["calibration", "verification", "reducer_test"]
+ProcedureKind = Literal["calibration", "verification", "reducer_test", "empty_run"]
 
 _NEEDED: dict[ProcedureKind, Mounting] = {
     "calibration": "calibrator",
     "verification": "verification_standard",
     "reducer_test": "reducer",
+    "empty_run": "nothing",
 }
 _RAIL_WORDS: dict[RailPosition, str] = {
     "end": "at its end position",
@@ -413,7 +414,7 @@ def _check_accessible(state: BenchState, mounting: Mounting) -> None:
 
 
 def check_procedure(state: BenchState, kind: ProcedureKind) -> None:
-    """Require what the procedure needs in the clamp: calibrator, standard or reducer.
+    """Require what the procedure needs in the clamp: calibrator, standard, reducer or nothing.
 
     Procedures ask this first.
     """
@@ -425,9 +426,12 @@ def check_procedure(state: BenchState, kind: ProcedureKind) -> None:
                 "{kind} with {mounted} mounted", kind.replace("_", " "), mounted.replace("_", " ")
             ),
             needed.replace("_", " "),
-            Message("mount the {what}", needed.replace("_", " ")),
+            Message("mount the {what}", needed.replace("_", " "))
+            if needed != "nothing"
+            else "take it out",
         )
-    _check_clamped(state, kind.replace("_", " "))
+    if needed != "nothing":
+        _check_clamped(state, kind.replace("_", " "))
 
 
 def standard_serial(state: BenchState) -> str:

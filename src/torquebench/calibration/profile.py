@@ -576,17 +576,50 @@ class _Staircase:
         )
 
 
-def available_profiles() -> tuple[str, ...]:
-    """Return the names of the packaged profiles.
+def available_profiles(package: str = __package__) -> tuple[str, ...]:
+    """Return the names of the profiles in a package's folder "profiles".
 
     Examples
     --------
     >>> available_profiles()[:3]
     ('adaptive', 'check', 'rapid-in-situ')
     """
-    folder = resources.files(__package__) / "profiles"
+    folder = resources.files(package) / "profiles"
     names = (entry.name for entry in folder.iterdir() if entry.name.endswith(".toml"))
     return tuple(sorted(name.removesuffix(".toml") for name in names))
+
+
+def profile_text(name: str | Path, package: str = __package__) -> str:
+    """Return the TOML text of a packaged profile by its name, or of a file by its path.
+
+    Parameters
+    ----------
+    name : str or pathlib.Path
+        One of `available_profiles`, or a path that ends in ``.toml``.
+    package : str
+        The package that has the profiles.
+
+    Raises
+    ------
+    InputError
+        Where there is no such profile or file.
+    """
+    text = str(name)
+    if not text.endswith(".toml"):
+        if text not in available_profiles(package):
+            raise InputError(
+                Message("profile {text!r}", text),
+                ", ".join(available_profiles(package)),
+                "give one of these names, or the path of your own .toml file",
+            )
+        resource = resources.files(package) / "profiles" / f"{text}.toml"
+        return resource.read_text(encoding="utf-8")
+    try:
+        return Path(text).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(
+            Message("profile {text}: {error}", text, error), "a readable TOML file in UTF-8"
+        ) from error
 
 
 def load_profile(name: str | Path) -> Profile:
@@ -602,20 +635,7 @@ def load_profile(name: str | Path) -> Profile:
     InputError
         Where there is no such profile or file, or the file isn't a valid profile.
     """
-    text = str(name)
-    if not text.endswith(".toml"):
-        if text not in available_profiles():
-            raise InputError(
-                Message("profile {text!r}", text),
-                ", ".join(available_profiles()),
-                "give one of these names, or the path of your own .toml file",
-            )
-        resource = resources.files(__package__) / "profiles" / f"{text}.toml"
-        return Profile.from_toml(resource.read_text(encoding="utf-8"), f"{text}.toml")
-    try:
-        content = Path(text).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(
-            Message("profile {text}: {error}", text, error), "a readable TOML file in UTF-8"
-        ) from error
-    return Profile.from_toml(content, text)
+    origin = str(name)
+    if not origin.endswith(".toml"):
+        origin += ".toml"
+    return Profile.from_toml(profile_text(name), origin)

@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Placement, Profile, Step
@@ -17,10 +16,10 @@ from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
 from torquebench.procedures.guarding import loading_limits
 from torquebench.procedures.resuming import Resumption
-from torquebench.procedures.setup import Plan, Setup, measured_in
+from torquebench.procedures.setup import Plan, Setup, measured_in, start_metadata
 from torquebench.procedures.staircase import Row, load_staircase
 
-__all__ = ["StaircaseResult", "calibrate", "staircase_metadata", "verify"]
+__all__ = ["StaircaseResult", "calibrate", "verify"]
 
 
 @dataclass(frozen=True)
@@ -121,28 +120,6 @@ def calibration_of_rows(
     ).zeroed_each_series()
 
 
-def staircase_metadata(devices: BenchDevices, side: Side, profile: Profile) -> dict[str, Any]:
-    """Return the start document's entries about chain, profile and software."""
-    context = devices.context
-    transducer = context.description.module(side).transducer
-    return {
-        "side": side,
-        "range_nm": _range_nm(devices, side),
-        "transducer_serial": transducer.serial,
-        "counter_identity": context.drivers.counter.clock_identity,
-        "profile": {
-            "name": profile.name,
-            "title": profile.title,
-            "source": profile.source,
-            "verified": profile.verified,
-            "sha256": profile.sha256,
-            "settings": profile.model_dump(mode="json"),
-        },
-        "simulated": context.drivers.truth is not None,
-        "software_version": __version__,
-    }
-
-
 def calibrate(
     devices: BenchDevices, side: Side, profile: Profile, resumption: Resumption | None = None
 ) -> Plan[StaircaseResult]:
@@ -213,13 +190,18 @@ def _staircase(
     table: _Table,
 ) -> Plan[StaircaseResult]:
     range_nm = _range_nm(devices, setup.side)
-    metadata = {
-        **staircase_metadata(devices, setup.side, profile),
-        "plan_name": plan_name,
-        "num_points": sum(step.recorded for step in steps),
-    }
+    points = sum(step.recorded for step in steps)
     if profile.adaptive is not None:
-        metadata["num_points"] = profile.adaptive.points  # at most
+        points = profile.adaptive.points  # at most
+    known = {
+        "name": profile.name,
+        "title": profile.title,
+        "source": profile.source,
+        "verified": profile.verified,
+        "sha256": profile.sha256,
+        "settings": profile.model_dump(mode="json"),
+    }
+    metadata = start_metadata(devices, plan_name, points, setup.side, profile=known)
 
     def load() -> Plan[None]:
         if profile.adaptive is None:

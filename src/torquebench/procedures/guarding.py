@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Generator
+from dataclasses import replace
 from typing import Any, TypeVar
 
 import bluesky.preprocessors as bpp
@@ -13,7 +14,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.interlocks import check_speed_limit, check_torque_limit
 from torquebench.bench.safety.limits import StepLimits
 
-__all__ = ["StepLimits", "guarded", "loading_limits", "turning_limits"]
+__all__ = ["StepLimits", "guarded", "loading_limits", "torque_limits", "turning_limits"]
 
 Result = TypeVar("Result")
 
@@ -31,8 +32,8 @@ SPEED_MARGIN_RPM = 30.0
 """A drive's overshoot at the end of a ramp is proportional to its rate, not to its speed."""
 
 
-def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
-    """Return the limits needed for loading a clamped side up to a torque.
+def torque_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
+    """Return the limits needed for loading a side up to a torque.
 
     Parameters
     ----------
@@ -50,11 +51,18 @@ def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> Step
     module = devices.context.description.module(side)
     check_torque_limit(side, largest_nm, module.limits.torque_nm)
     return StepLimits(
-        side,
-        torque_nm=TORQUE_MARGIN * abs(largest_nm) + ZERO_MARGIN * module.range_nm,
+        side, torque_nm=TORQUE_MARGIN * abs(largest_nm) + ZERO_MARGIN * module.range_nm
+    )
+
+
+def loading_limits(devices: BenchDevices, side: Side, largest_nm: float) -> StepLimits:
+    """Return the limits needed for loading a clamped side; as `torque_limits`."""
+    drive = devices.context.description.module(side).drive
+    return replace(
+        torque_limits(devices, side, largest_nm),
         speed_rpm=STANDING_RPM,
         angle_deg=STANDING_DEG,
-        torque_rate_nm_per_s=RATE_MARGIN * module.drive.torque_rate_nm_per_s,
+        torque_rate_nm_per_s=RATE_MARGIN * drive.torque_rate_nm_per_s,
     )
 
 

@@ -16,7 +16,6 @@ from bluesky.utils import Msg
 
 from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
 from torquebench.bench.devices.drive import DriveAxis
-from torquebench.bench.devices.ramp import DriveRamp
 from torquebench.bench.interlocks import (
     check_clamp,
     check_enable,
@@ -220,13 +219,9 @@ class _Stage:
 
         bind(module.mode, "mode", self._change_mode)
         bind(drive.power, "power", self._switch)
-        axes: tuple[tuple[Quantity, DriveAxis, DriveRamp], ...] = (
-            ("torque", drive.torque, drive.torque_ramp),
-            ("speed", drive.speed, drive.speed_ramp),
-        )
-        for quantity, axis, ramp in axes:
+        axes: dict[Quantity, DriveAxis] = {"torque": drive.torque, "speed": drive.speed}
+        for quantity, axis in axes.items():
             bind(axis, quantity, partial(self._drive, quantity))
-            bind(ramp, quantity, partial(self._drive, quantity))
             self._readings[id(axis.setpoint)] = partial(state.set_points.get, quantity)
         self._readings[id(module.mode.mode)] = lambda: state.mode
         self._readings[id(drive.power.enabled)] = lambda: state.enabled
@@ -358,9 +353,9 @@ class _Stage:
         self.sides[side].enabled = value
 
     def _drive(self, quantity: Quantity, side: Side, value: float | RampTo) -> None:
-        target, rate = (value.target, value.rate) if isinstance(value, RampTo) else (value, inf)
-        check_set_point(self.books, side, quantity, target)
+        ramp = value if isinstance(value, RampTo) else RampTo(value, inf)
+        check_set_point(self.books, side, quantity, ramp.target)
         set_points = self.sides[side].set_points
-        rate = min(rate, self.description.module(side).drive.rate(quantity))
-        self.now_s += abs(target - set_points[quantity]) / rate
-        set_points[quantity] = target
+        rate = min(ramp.rate, self.description.module(side).drive.rate(quantity))
+        self.now_s += abs(ramp.target - set_points[quantity]) / rate
+        set_points[quantity] = ramp.target

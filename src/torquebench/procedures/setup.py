@@ -11,9 +11,10 @@ from bluesky.protocols import Movable
 from bluesky.utils import Msg
 from ophyd_async.core import AsyncStatus
 
+from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
-from torquebench.bench.interlocks import ProcedureKind, check_procedure, standard_serial
+from torquebench.bench.interlocks import ProcedureKind, check_procedure
 from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.messages import move, read, sleep
 
@@ -24,6 +25,7 @@ __all__ = [
     "measured_in",
     "other_side",
     "set_up",
+    "start_metadata",
     "unloaded_after",
 ]
 
@@ -43,13 +45,13 @@ class Setup:
 
     Parameters
     ----------
-    kind : {"calibration", "verification", "reducer_test"}
+    kind : {"calibration", "verification", "reducer_test", "empty_run"}
         Kind of procedure for the interlocks.
     side : {"input", "output"}
         The driven module.
-    mounting : {"calibrator", "verification_standard", "reducer"}
+    mounting : {"calibrator", "verification_standard", "reducer", "nothing"}
         Mounting between the flanges.
-    opposite : {"locked", "free"}
+    opposite : {"locked", "free", "driven"}
         Mode of the other module.
     """
 
@@ -72,6 +74,38 @@ class ProcedureGate(Movable[ProcedureKind]):
     async def set(self, value: ProcedureKind) -> None:
         """Raise InterlockError unless the mounted part fits the procedure."""
         check_procedure(self._state, value)
+
+
+def start_metadata(
+    devices: BenchDevices, plan_name: str, points: int, side: Side | None = None, **more: Any
+) -> dict[str, Any]:
+    """Return the entries of a run's start document.
+
+    Parameters
+    ----------
+    devices : BenchDevices
+    plan_name : str
+    points : int
+        Number of events that will be recorded.
+    side : {"input", "output"}, optional
+        The module that is measured, where it is one.
+    **more
+        Further entries.
+    """
+    description = devices.context.description
+    entries = {
+        "plan_name": plan_name,
+        "num_points": points,
+        "counter_identity": devices.context.drivers.counter.clock_identity,
+        "simulated": description.simulated,
+        "software_version": __version__,
+    }
+    if side is not None:
+        module = description.module(side)
+        entries["side"] = side
+        entries["range_nm"] = float(module.range_nm)
+        entries["transducer_serial"] = module.transducer.serial
+    return {**entries, **more}
 
 
 def other_side(side: Side) -> Side:
@@ -98,8 +132,9 @@ def set_up(devices: BenchDevices, setup: Setup) -> Plan[None]:
     if mounted != setup.mounting:
         yield from move(devices.clamp, False)
         yield from mount(devices, setup.mounting)
-    yield from rail_to_end(devices)
-    yield from move(devices.clamp, True)
+    if setup.mounting != "nothing":
+        yield from rail_to_end(devices)
+        yield from move(devices.clamp, True)
     yield from move(ProcedureGate(devices), setup.kind)
     yield from set_mode(devices, other_side(setup.side), setup.opposite)
     yield from set_mode(devices, setup.side, "driven")
@@ -210,8 +245,9 @@ def measured_in(
 
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
-        if setup.mounting != "reducer":
-            metadata["standard_serial"] = standard_serial(devices.context.state)
+        standard = devices.context.description.standard(setup.mounting)
+        if standard is not None:
+            metadata["standard_serial"] = standard.serial
         yield from bpp.run_wrapper(measuring, md=metadata)
 
     yield from guarded(lambda: unloaded_after(devices, in_bench), *limits)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 
 import bluesky.preprocessors as bpp
 
-from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.procedures.messages import checkpoint, move, prepare, sleep, take
@@ -17,6 +16,7 @@ from torquebench.procedures.setup import (
     power_off,
     power_on,
     set_mode,
+    start_metadata,
     unloaded_after,
 )
 
@@ -105,7 +105,7 @@ def zero_modules(
     dict of side to ZeroResult
     """
     found: dict[Side, ZeroResult] = {}
-    metadata = {"plan_name": "zero_modules", "sides": list(sides), "software_version": __version__}
+    metadata = start_metadata(devices, "zero_modules", len(sides), sides=list(sides))
 
     def measured() -> Plan[None]:
         for side in sides:

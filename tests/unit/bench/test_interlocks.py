@@ -160,6 +160,13 @@ def test_the_mounted_standard_is_known_by_its_serial(bench: LowBench) -> None:
     assert interlocks.standard_serial(bench.state) == "SIM-VER-1"
 
 
+def test_an_empty_run_needs_nothing_between_the_flanges(bench: LowBench) -> None:
+    bench.clock.wait(0.1)
+    interlocks.check_procedure(bench.state, "empty_run")
+    with pytest.raises(InterlockError, match="empty run with calibrator mounted"):
+        interlocks.check_procedure(ready(bench).state, "empty_run")
+
+
 def test_the_rail_moves_only_unloaded_and_unclamped(bench: LowBench) -> None:
     ready(bench).commands.output.enabled = False
     with pytest.raises(InterlockError, match="clamp closed"):

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from tests.watching import Watching
 
+from torquebench.calibration import available_profiles
 from torquebench.campaign.bench_chains import bench_effects
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.campaign.turning_runs import measure_turning, read_begun, rehearse_turning
@@ -14,7 +15,6 @@ from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.procedures.turning.empty import EmptyTable
 from torquebench.procedures.turning.profile import (
     TurningProfile,
-    available_profiles,
     load_turning_profile,
 )
 from torquebench.records import read_calibration_csv, read_empty_run
@@ -41,8 +41,9 @@ def columns(path: Path) -> np.ndarray:
 
 
 def test_every_profile_that_comes_with_the_package_can_be_rehearsed(station: Station) -> None:
-    assert "empty-run" in available_profiles()
-    for name in available_profiles():
+    names = available_profiles("torquebench.procedures.turning")
+    assert "empty-run" in names
+    for name in names:
         chosen = load_turning_profile(name)
         found = rehearse_turning(station, "input", chosen)
         assert found.duration_s > 60.0

@@ -6,6 +6,7 @@ from .drive import (
     DriveAxis as DriveAxis,
     DriveDevice as DriveDevice,
     DriveSwitch as DriveSwitch,
+    RampTo as RampTo,
 )
 from .fixture import (
     ClampDevice as ClampDevice,
@@ -15,10 +16,6 @@ from .fixture import (
 from .labels import (
     Point as Point,
     PointLabel as PointLabel,
-)
-from .ramp import (
-    DriveRamp as DriveRamp,
-    RampTo as RampTo,
 )
 from .recorder import (
     Recorder as Recorder,

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+
 from bluesky.protocols import Location
 from ophyd_async.core import (
     AsyncLocatable,
@@ -13,12 +16,41 @@ from ophyd_async.core import (
 )
 
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.devices.ramp import DriveRamp, go_to
-from torquebench.bench.interlocks import check_enable
+from torquebench.bench.interlocks import check_enable, check_set_point
 from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity
+from torquebench.errors import InputError
+from torquebench.message import Message
 
-__all__ = ["DriveAxis", "DriveDevice", "DriveSwitch"]
+__all__ = ["DriveAxis", "DriveDevice", "DriveSwitch", "RampTo"]
+
+
+@dataclass(frozen=True)
+class RampTo:
+    """A torque or speed and the rate at which it is approached.
+
+    The speed of a loop decides its shape, and a quick change of speed loads a transducer with the
+    shafts' inertia.
+
+    Parameters
+    ----------
+    target : float
+        Target, N·m or rad/s.
+    rate : float
+        Rate, N·m/s or rad/s².
+
+    Raises
+    ------
+    InputError
+        A rate of 0 or less.
+    """
+
+    target: float
+    rate: float
+
+    def __post_init__(self) -> None:
+        if not self.rate > 0.0:
+            raise InputError(Message("a ramp at a rate of {rate:g}", self.rate), "a rate above 0")
 
 
 class DriveAxis(StandardReadable, AsyncLocatable[float]):
@@ -34,17 +66,22 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         self._context = context
         self._side = side
         self._quantity = quantity
-        units = "N·m" if quantity == "torque" else "rad/s"
+        self._unit = "N·m" if quantity == "torque" else "rad/s"
         with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
-            self.setpoint, _ = soft_signal_r_and_setter(float, units=units, getter=self._present)
+            self.setpoint, _ = soft_signal_r_and_setter(
+                float, units=self._unit, getter=self._present
+            )
         super().__init__()
 
     def _present(self) -> float:
         return self._context.commands.side(self._side).value(self._quantity)
 
     @AsyncStatus.wrap
-    async def set(self, value: float) -> None:
+    async def set(self, value: float | RampTo) -> None:
         """Command the drive; done when its ramp has had its time.
+
+        The drive itself ramps, at its own rate or at a lower one of `RampTo`. A command is recorded
+        before and after the drive gets it, if it has power.
 
         Raises
         ------
@@ -52,8 +89,23 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
             Clamp open, side not driven, alarm latched, drive off.
         LimitError
             The value is beyond the limits of the bench description.
+        BenchError
+            The drive doesn't obey, which is an alarm.
         """
-        await go_to(self._context, self._side, self._quantity, value)
+        context, side, quantity = self._context, self._side, self._quantity
+        ramp = value if isinstance(value, RampTo) else RampTo(value, math.inf)
+        check_set_point(context.state, side, quantity, ramp.target)
+        commands, drive = context.commands.side(side), context.drivers.drives[side]
+        before = commands.value(quantity)
+        rate = min(ramp.rate, context.description.module(side).drive.rate(quantity))
+        commands.ask(quantity, ramp.target, rate, context.clock.now())
+        if commands.enabled:
+            tell = drive.command_torque if quantity == "torque" else drive.command_speed
+            order = Message("go to {target:g} {unit}", ramp.target, self._unit)
+            await context.tell_drive(side, order, tell, ramp.target, rate)
+        told_s = context.clock.present()  # the samples so far end before the ramp
+        commands.told(quantity, ramp.target, told_s)
+        await context.clock.sleep_until(told_s + abs(ramp.target - before) / rate)
 
     async def stop(self, success: bool = True) -> None:
         """Bring torque and speed to zero at the drive's own rates, without waiting for it."""
@@ -126,12 +178,10 @@ class DriveSwitch(StandardReadable):
 
 
 class DriveDevice(Device):
-    """The drive of one module: `torque` and `speed` axes, their ramps and the `power` switch."""
+    """The drive of one module: `torque` and `speed` axes and the `power` switch."""
 
     def __init__(self, context: BenchContext, side: Side) -> None:
         self.torque = DriveAxis(context, side, "torque")
         self.speed = DriveAxis(context, side, "speed")
-        self.torque_ramp = DriveRamp(context, side, "torque")
-        self.speed_ramp = DriveRamp(context, side, "speed")
         self.power = DriveSwitch(context, side)
         super().__init__()

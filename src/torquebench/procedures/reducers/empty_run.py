@@ -5,25 +5,22 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
-import bluesky.preprocessors as bpp
 import numpy as np
 
-from torquebench import __version__
-from torquebench.bench.devices import BenchDevices, SteadySettings
-from torquebench.bench.drivers.base import SIDES, Side
+from torquebench.bench.devices import BenchDevices
 from torquebench.message import Message
-from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
+from torquebench.procedures.guarding import turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
 from torquebench.procedures.reducers.setup import (
     GENTLE_RPM_PER_S,
     ReducerLimits,
     check_speeds,
+    over_turns,
     speed_ramp,
     stamp,
 )
-from torquebench.procedures.setup import REST_S, Plan, mount, power_off, set_mode, unloaded_after
-from torquebench.units import MINUTE
+from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, start_metadata
 
 __all__ = ["EmptyRunSettings", "empty_run"]
 
@@ -106,35 +103,16 @@ def empty_run(
     settings = settings or EmptyRunSettings()
     points = settings.points()
     table = RunningTable(devices, ("output", "input"))
-    metadata = {
-        "plan_name": "empty_run",
-        "settings": asdict(settings),
-        "num_points": len(points),
-        "simulated": devices.context.drivers.truth is not None,
-        "software_version": __version__,
-    }
-
-    def in_bench() -> Plan[None]:
-        yield from _with_nothing_mounted(devices)
-        yield from bpp.run_wrapper(_turned(devices, limits, settings, points, table), md=metadata)
-
+    metadata = start_metadata(devices, "empty_run", len(points), settings=asdict(settings))
     fastest = settings.speeds_rpm[-1]
-    speeds: dict[Side, float] = {"input": fastest, "output": fastest / abs(limits.ratio)}
-    yield from guarded(
-        lambda: unloaded_after(devices, in_bench),
-        *(turning_limits(devices, side, speeds[side]) for side in SIDES),
+    speeds = (
+        turning_limits(devices, "input", fastest),
+        turning_limits(devices, "output", fastest / abs(limits.ratio)),
     )
+    setup = Setup("empty_run", "input", "nothing", "driven")
+    turned = _turned(devices, limits, settings, points, table)
+    yield from measured_in(setup, devices, turned, metadata, *speeds)
     return table.recording()
-
-
-def _with_nothing_mounted(devices: BenchDevices) -> Plan[None]:
-    yield from power_off(devices)
-    mounted = yield from read(devices.mounting.mounted)
-    if mounted != "nothing":
-        yield from move(devices.clamp, False)
-        yield from mount(devices, "nothing")
-    for side in SIDES:
-        yield from set_mode(devices, side, "driven")
 
 
 def _turned(
@@ -162,9 +140,8 @@ def _turned(
         yield from stamp(devices, series=point.repeat, step=number, branch=1)
         present = point.speed_rpm
         yield from turn(present)
-        period_s = MINUTE / abs(point.speed_rpm)
-        window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
-        yield from table.take(point, SteadySettings(settings.settle_s, window_s, 0.0, period_s))
+        window = over_turns(point.speed_rpm, settings.settle_s, settings.window_s)
+        yield from table.take(point, window)
     yield from turn(0.0)
     yield from sleep(REST_S)
     yield from table.zero(settings.zero_s)
@@ -178,5 +155,5 @@ def _turn(
     towards: list[Any] = []
     for module, part in ((devices.input, 1.0), (devices.output, ratio)):
         ramp = speed_ramp(speed_rpm / part, rate_rpm_per_s / abs(part))
-        towards += [module.drive.speed_ramp, ramp]
+        towards += [module.drive.speed, ramp]
     yield from move(*towards)

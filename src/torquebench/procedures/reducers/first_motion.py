@@ -11,12 +11,13 @@ from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
 from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
-from torquebench.procedures.guarding import StepLimits, loading_limits
+from torquebench.procedures.guarding import torque_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
     angle_rad,
+    directions,
     run_metadata,
     stamp,
     temperature_c,
@@ -82,8 +83,7 @@ class BreakawaySettings:
                 ),
                 "at least one position and a ramp above 0 s",
             )
-        if not (self.clockwise or self.counter_clockwise):
-            raise InputError("no direction", "clockwise, counter-clockwise or both")
+        directions(self)
 
     def expected(self, side: Side, limits: ReducerLimits) -> float:
         """Torque at which motion is expected, N·m.
@@ -178,7 +178,7 @@ def breakaway(
     largest = settings.largest(side, limits)
     _check(limits, side, largest)
     finder = _Finder(devices, limits, side, settings)
-    count = settings.positions * (settings.clockwise + settings.counter_clockwise)
+    count = settings.positions * len(directions(settings))
     metadata = run_metadata(
         devices, f"breakaway_{side}", limits, count, settings=asdict(settings), side=side
     )
@@ -197,7 +197,7 @@ def breakaway(
         warm.append((yield from temperature_c(devices)))
         yield from progress(count, count, "done")
 
-    torque = StepLimits(side, torque_nm=loading_limits(devices, side, largest).torque_nm)
+    torque = torque_limits(devices, side, largest)
     yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, torque)
     compensated = devices.context.acquisition.compensation(side) is not None
     return BreakawayRecording(side, tuple(finder.found), compensated, float(np.mean(warm)))
@@ -226,7 +226,7 @@ class _Finder:
 
     def at(self, position_deg: float, index: int, total: int) -> Plan[None]:
         """Find the first motion in each direction at one position; ends with the drive off."""
-        signs = [1] * self.settings.clockwise + [-1] * self.settings.counter_clockwise
+        signs = directions(self.settings)
         for number, sign in enumerate(signs):
             done = index * len(signs) + number
             yield from progress(
@@ -287,7 +287,7 @@ class _Finder:
         steps = int(np.ceil(abs(target_nm) / (rate * STEP_S)))
         seen: deque[float] = deque(maxlen=LOOKS)
         for step in range(1, steps + 1):
-            yield from move(module.drive.torque_ramp, RampTo(target_nm * step / steps, rate))
+            yield from move(module.drive.torque, RampTo(target_nm * step / steps, rate))
             present = yield from angle_rad(devices, self.side)
             if start is None or present is None:  # a rehearsal covers the whole ramp
                 continue

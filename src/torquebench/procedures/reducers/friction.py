@@ -9,9 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
-from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
@@ -19,11 +17,12 @@ from torquebench.procedures.reducers.setup import (
     GENTLE_RPM_PER_S,
     REDUCER_SETUP,
     check_speeds,
+    directions,
+    over_turns,
     turn_at,
 )
-from torquebench.procedures.setup import Plan, measured_in
+from torquebench.procedures.setup import Plan, measured_in, start_metadata
 from torquebench.procedures.zeroing import zero
-from torquebench.units import MINUTE
 
 __all__ = ["FrictionPoint", "FrictionSettings", "FrictionSweep", "friction_sweep"]
 
@@ -64,8 +63,7 @@ class FrictionSettings:
 
     def __post_init__(self) -> None:
         check_speeds(self.speeds_rpm, self.repeats, self.rate_rpm_per_s)
-        if not (self.clockwise or self.counter_clockwise):
-            raise InputError("no direction", "clockwise, counter-clockwise or both")
+        directions(self)
 
     def points(self) -> Iterator[FrictionPoint]:
         """Return all points in the order in which they are driven.
@@ -83,8 +81,7 @@ class FrictionSettings:
         """Return the points of one repeat: each direction a series, speeds up and down."""
         path = [(speed, 1) for speed in self.speeds_rpm]
         path += [(speed, -1) for speed in self.speeds_rpm[-2::-1]]
-        signs = [1] * self.clockwise + [-1] * self.counter_clockwise
-        for series, sign in enumerate(signs, start=1):
+        for series, sign in enumerate(directions(self), start=1):
             for place, (speed, branch) in enumerate(path):
                 yield FrictionPoint(number, series, place, sign * speed, branch)
 
@@ -96,9 +93,7 @@ class FrictionSettings:
         >>> FrictionSettings().steady(-200.0).window_s
         0.6
         """
-        period_s = MINUTE / abs(speed_rpm)
-        window_s = round(period_s * float(np.ceil(self.window_s / period_s - 1e-9)), 9)
-        return SteadySettings(self.settle_s, window_s, self.limit_s, period_s)
+        return over_turns(speed_rpm, self.settle_s, self.window_s, self.limit_s)
 
 
 @dataclass(frozen=True)
@@ -175,19 +170,14 @@ def friction_sweep(
     settings = settings or FrictionSettings()
     points = list(settings.points())
     rows: list[Mapping[str, Any]] = []
-    transducer = devices.context.description.module("input").transducer
-    metadata = {
-        "plan_name": "friction_sweep",
-        "side": "input",
-        "transducer_serial": transducer.serial,
-        "counter_identity": devices.context.drivers.counter.clock_identity,
-        "speeds_rpm": list(settings.speeds_rpm),
-        "repeats": settings.repeats,
-        "num_points": len(points),
-        "simulated": devices.context.drivers.truth is not None,
-        "software_version": __version__,
-    }
-
+    metadata = start_metadata(
+        devices,
+        "friction_sweep",
+        len(points),
+        "input",
+        speeds_rpm=list(settings.speeds_rpm),
+        repeats=settings.repeats,
+    )
     limits = turning_limits(devices, "input", settings.speeds_rpm[-1])
     measuring = _sweep(devices, settings, points, rows)
     yield from measured_in(REDUCER_SETUP, devices, measuring, metadata, limits)

@@ -6,11 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from functools import partial
 from math import inf
-from typing import Any
 
 import numpy as np
 
-from torquebench import __version__
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices import BenchDevices, RampTo, SynchronousRecording
 from torquebench.bench.drivers.base import Side
@@ -37,6 +35,7 @@ from torquebench.procedures.setup import (
     power_on,
     set_mode,
     set_up,
+    start_metadata,
 )
 from torquebench.procedures.zeroing import measure_zero, zero
 from torquebench.reducers import FlangeInertia
@@ -333,7 +332,7 @@ class _LoopDriver:
 
     def _ramp(self, target_nm: float) -> Plan[None]:
         rate = 4.0 * self.torque_nm / self.settings.loop_s
-        yield from move(self.devices.output.drive.torque_ramp, RampTo(target_nm, rate))
+        yield from move(self.devices.output.drive.torque, RampTo(target_nm, rate))
 
 
 def _take(devices: BenchDevices, parts: list[SynchronousRecording]) -> Plan[None]:
@@ -403,13 +402,8 @@ def bench_twist(
     """
     settings = settings or BenchTwistSettings()
     found: dict[Side, SynchronousRecording] = {}
-    metadata: dict[str, Any] = {
-        "plan_name": "bench_twist",
-        "settings": asdict(settings),
-        "num_points": len(sides) * settings.cycles,
-        "simulated": devices.context.drivers.truth is not None,
-        "software_version": __version__,
-    }
+    points = len(sides) * settings.cycles
+    metadata = start_metadata(devices, "bench_twist", points, settings=asdict(settings))
 
     def side_of(side: Side) -> Plan[None]:
         range_nm = devices.context.description.module(side).range_nm
@@ -421,7 +415,7 @@ def bench_twist(
         yield from power_on(devices, side)
         parts: list[SynchronousRecording] = []
         rate = 4.0 * torque / settings.cycle_s
-        ramp = devices.module(side).drive.torque_ramp
+        ramp = devices.module(side).drive.torque
         for cycle in range(settings.cycles):
             yield from checkpoint()
             yield from stamp(devices, series=cycle, step=cycle, position_deg=0.0)

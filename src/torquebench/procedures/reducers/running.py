@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.devices import BenchDevices, SteadySettings
+from torquebench.bench.devices import BenchDevices
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.procedures.guarding import StepLimits, loading_limits, turning_limits
+from torquebench.procedures.guarding import torque_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.friction import FrictionSettings
 from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
@@ -20,6 +20,8 @@ from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
     WarmUp,
+    directions,
+    over_turns,
     run_metadata,
     stamp,
     turn_at,
@@ -28,7 +30,7 @@ from torquebench.procedures.reducers.setup import (
 )
 from torquebench.procedures.setup import REST_S, Plan, measured_in, power_off
 from torquebench.reducers.repeatability import errors_of_means
-from torquebench.units import MINUTE, RAD_S_PER_RPM
+from torquebench.units import RAD_S_PER_RPM
 
 __all__ = [
     "EfficiencySettings",
@@ -138,8 +140,7 @@ class EfficiencySettings:
                 )
         if self.repeats < 1:
             raise InputError(Message("{most} repeats", self.repeats), "at least 1")
-        if not (self.clockwise or self.counter_clockwise):
-            raise InputError("no direction", "clockwise, counter-clockwise or both")
+        directions(self)
         _check_target("target_points", self.target_points, "percentage points")
 
     def within(self, limits: ReducerLimits) -> EfficiencySettings:
@@ -314,8 +315,7 @@ def efficiency_map(
         devices, "input", _fastest(limits, settings.warm_up, settings.speeds_rpm)
     )
     largest_nm = max(settings.torque_shares) * limits.rated_torque_nm
-    torque_nm = loading_limits(devices, "output", largest_nm).torque_nm
-    torque = StepLimits("output", torque_nm=torque_nm)
+    torque = torque_limits(devices, "output", largest_nm)
     yield from measured_in(REDUCER_SETUP, devices, measured(), metadata, speed, torque)
     return table.recording()
 
@@ -324,11 +324,10 @@ def _grid(
     limits: ReducerLimits, settings: EfficiencySettings, shares: Sequence[float], repeat: int
 ) -> list[Asked]:
     """Points of a repeat: torques rise at each speed; the output brakes, so its torque opposes."""
-    directions = [1.0] * settings.clockwise + [-1.0] * settings.counter_clockwise
     turn = float(np.sign(limits.ratio))
     return [
         Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
-        for sign in directions
+        for sign in directions(settings)
         for speed in settings.speeds_rpm
         for share in shares
     ]
@@ -410,13 +409,7 @@ def _load_grid(
         yield from move(speed_axis, point.speed_rpm * RAD_S_PER_RPM)
         yield from move(torque_axis, point.torque_nm)
         yield from sleep(settings.settle_s)
-        yield from table.take(point, _steady(settings, point.speed_rpm))
-
-
-def _steady(settings: EfficiencySettings, speed_rpm: float) -> SteadySettings:
-    period_s = MINUTE / abs(speed_rpm)
-    window_s = round(period_s * float(np.ceil(settings.window_s / period_s - 1e-9)), 9)
-    return SteadySettings(0.0, window_s, 0.0, period_s)
+        yield from table.take(point, over_turns(point.speed_rpm, 0.0, settings.window_s))
 
 
 def _stop(devices: BenchDevices) -> Plan[None]:

@@ -6,19 +6,19 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from bluesky.utils import Msg
 from numpy.typing import NDArray
 
-from torquebench import __version__
-from torquebench.bench.devices import BenchDevices, Point, RampTo
+from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
-from torquebench.procedures.setup import REST_S, Plan, Setup, power_on
+from torquebench.procedures.setup import REST_S, Plan, Setup, power_on, start_metadata
+from torquebench.procedures.turns import turn_s, whole_turns_s
 from torquebench.units import DEG_PER_RAD, DEGREE, MINUTE, RAD_S_PER_RPM
 
 __all__ = [
@@ -28,6 +28,8 @@ __all__ = [
     "WarmUp",
     "check_followed",
     "check_speeds",
+    "directions",
+    "over_turns",
     "run_metadata",
     "speed_ramp",
     "temperature_c",
@@ -199,21 +201,19 @@ class WarmUp:
 
 
 def run_metadata(
-    devices: BenchDevices, plan_name: str, limits: ReducerLimits, points: int, **settings: object
+    devices: BenchDevices, plan_name: str, limits: ReducerLimits, points: int, **settings: Any
 ) -> dict[str, Any]:
     """Return the start document's entries of a reducer test."""
-    context = devices.context
-    return {
-        "plan_name": plan_name,
-        "transducers": {side: context.description.module(side).transducer.serial for side in SIDES},
-        "counter_identity": context.drivers.counter.clock_identity,
-        "ratio": limits.ratio,
-        "rated_torque_nm": limits.rated_torque_nm,
-        "num_points": points,
-        "simulated": context.drivers.truth is not None,
-        "software_version": __version__,
+    module = devices.context.description.module
+    return start_metadata(
+        devices,
+        plan_name,
+        points,
+        transducers={side: module(side).transducer.serial for side in SIDES},
+        ratio=limits.ratio,
+        rated_torque_nm=limits.rated_torque_nm,
         **settings,
-    }
+    )
 
 
 # -- temperature ----------------------------------------------------------------------------
@@ -419,6 +419,40 @@ def check_followed(
         )
 
 
+def over_turns(
+    speed_rpm: float, settle_s: float, shortest_s: float, limit_s: float = 0.0
+) -> SteadySettings:
+    """Return how a torque is averaged over whole turns of the input that last at least so long."""
+    window_s = whole_turns_s(shortest_s, speed_rpm)
+    return SteadySettings(settle_s, window_s, limit_s, turn_s(speed_rpm))
+
+
+class Directed(Protocol):
+    """Settings that say which directions are driven."""
+
+    @property
+    def clockwise(self) -> bool:
+        """Whether clockwise is."""
+
+    @property
+    def counter_clockwise(self) -> bool:
+        """Whether counter-clockwise is."""
+
+
+def directions(settings: Directed) -> tuple[int, ...]:
+    """Return the directions that are driven, +1 clockwise.
+
+    Raises
+    ------
+    InputError
+        There is none.
+    """
+    signs = (1,) * settings.clockwise + (-1,) * settings.counter_clockwise
+    if not signs:
+        raise InputError("no direction", "clockwise, counter-clockwise or both")
+    return signs
+
+
 def stamp(devices: BenchDevices, **fields: Any) -> Plan[None]:
     """Mark the following events with a point."""
     yield from move(devices.point, Point(**fields))
@@ -428,7 +462,7 @@ def turn_at(
     devices: BenchDevices, side: Side, speed_rpm: float, rate_rpm_per_s: float
 ) -> Plan[None]:
     """Bring a shaft to a speed in 1/min at a rate in (1/min)/s, or at the drive's where slower."""
-    yield from move(devices.module(side).drive.speed_ramp, speed_ramp(speed_rpm, rate_rpm_per_s))
+    yield from move(devices.module(side).drive.speed, speed_ramp(speed_rpm, rate_rpm_per_s))
 
 
 def speed_ramp(speed_rpm: float, rate_rpm_per_s: float) -> RampTo:

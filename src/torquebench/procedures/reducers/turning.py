@@ -18,6 +18,7 @@ from torquebench.procedures.messages import checkpoint, move, progress, sleep, t
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
+    directions,
     run_metadata,
     stamp,
     temperature_c,
@@ -73,8 +74,7 @@ class TransmissionSettings:
                 "at least one revolution, a speed above 0 rpm and a margin above 0",
                 "a transmission error belongs to full revolutions of the output",
             )
-        if not (self.clockwise or self.counter_clockwise):
-            raise InputError("no direction", "clockwise, counter-clockwise or both")
+        directions(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -137,7 +137,7 @@ def transmission_error(
     settings = settings or TransmissionSettings()
     input_rpm = settings.output_rpm * abs(limits.ratio)
     limits.check_input_speed(input_rpm)
-    signs = [1] * settings.clockwise + [-1] * settings.counter_clockwise
+    signs = directions(settings)
     chunks = _chunks(settings)
     found: list[AngleRecording] = []
     temperature: list[float] = []

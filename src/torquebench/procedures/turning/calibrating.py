@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -14,14 +14,13 @@ from torquebench.calibration import CalibrationData
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.procedures.calibrating import calibration_of_rows
-from torquebench.procedures.guarding import StepLimits, loading_limits, turning_limits
+from torquebench.procedures.guarding import loading_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
-from torquebench.procedures.reducers.setup import check_followed, stamp, turn_at
+from torquebench.procedures.reducers.setup import check_followed, over_turns, stamp, turn_at
 from torquebench.procedures.setup import Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import reach_temperature, run_metadata
 from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
-from torquebench.units import MINUTE
 
 __all__ = ["calibrate_turning"]
 
@@ -74,19 +73,13 @@ def calibrate_turning(
     largest = max(abs(point.torque_nm) for point in points)
     todo = [point for point in points if point.series > series_done]
     top, table = profile.top_rpm(side), _Table()
-    metadata = {
-        **run_metadata(devices, side, profile, len(todo)),
-        "plan_name": "calibrate_turning",
-    }
+    metadata = run_metadata(devices, "calibrate_turning", side, profile, len(todo))
     setup = Setup("calibration", side, "calibrator", "locked")
 
     measuring = _loaded(devices, side, profile, todo, table, on_series, wait=wait)
-    loading = loading_limits(devices, side, largest)
-    torque = StepLimits(
-        side, torque_nm=loading.torque_nm, torque_rate_nm_per_s=loading.torque_rate_nm_per_s
-    )
-    limits = turning_limits(devices, side, top)
-    yield from measured_in(setup, devices, measuring, metadata, limits, torque)
+    loading = replace(loading_limits(devices, side, largest), speed_rpm=None, angle_deg=None)
+    turning = turning_limits(devices, side, top)
+    yield from measured_in(setup, devices, measuring, metadata, turning, loading)
     if not table.rows:
         raise BenchError("a calibration that recorded no point", "at least one point")
     return _data(devices, side, table)
@@ -137,11 +130,8 @@ def _loaded(
             yield from move(drive.torque, 0.0)
             yield from turn_at(devices, side, point.speed_rpm, rate)
         present = point.speed_rpm
-        period_s = MINUTE / abs(point.speed_rpm)
-        window = SteadySettings(
-            profile.settle_s, profile.turning_s(point.speed_rpm), 0.0, period_s, reference=True
-        )
-        yield from prepare(steady, window, wait=True)
+        window = over_turns(point.speed_rpm, profile.settle_s, profile.hold_s)
+        yield from prepare(steady, replace(window, reference=True), wait=True)
         yield from stamp(
             devices,
             series=point.series,

@@ -6,18 +6,16 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-import bluesky.preprocessors as bpp
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench import __version__
 from torquebench.bench.devices import BenchDevices, MeasuredZero
 from torquebench.bench.devices.recorder import ModuleRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
-from torquebench.procedures.guarding import guarded, turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, read, sleep, take
+from torquebench.procedures.guarding import turning_limits
+from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
 from torquebench.procedures.reducers.setup import (
     angle_rad,
     speed_ramp,
@@ -28,12 +26,10 @@ from torquebench.procedures.reducers.setup import (
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
-    mount,
-    other_side,
-    power_off,
+    Setup,
+    measured_in,
     power_on,
-    set_mode,
-    unloaded_after,
+    start_metadata,
 )
 from torquebench.procedures.turning.profile import Leg, TurningProfile
 from torquebench.procedures.zeroing import zero
@@ -153,25 +149,12 @@ class EmptyTable(SeriesTable):
 
 
 def run_metadata(
-    devices: BenchDevices, side: Side, profile: TurningProfile, points: int
+    devices: BenchDevices, plan_name: str, side: Side, profile: TurningProfile, points: int
 ) -> dict[str, Any]:
     """Return the start document's entries of a run with a rotating module."""
-    context = devices.context
-    module = context.description.module(side)
-    return {
-        "side": side,
-        "range_nm": module.range_nm,
-        "transducer_serial": module.transducer.serial,
-        "counter_identity": context.drivers.counter.clock_identity,
-        "profile": {
-            "name": profile.name,
-            "sha256": profile.sha256,
-            "settings": profile.model_dump(mode="json"),
-        },
-        "num_points": points,
-        "simulated": context.drivers.truth is not None,
-        "software_version": __version__,
-    }
+    settings = profile.model_dump(mode="json")
+    known = {"name": profile.name, "sha256": profile.sha256, "settings": settings}
+    return start_metadata(devices, plan_name, points, side, profile=known)
 
 
 def turn_empty(
@@ -210,10 +193,7 @@ def turn_empty(
     """
     legs, series = profile.legs(side), profile.series()
     top = profile.top_rpm(side)
-    metadata = {
-        **run_metadata(devices, side, profile, series * len(legs)),
-        "plan_name": "turn_empty",
-    }
+    metadata = run_metadata(devices, "turn_empty", side, profile, series * len(legs))
     runner = _Runner(devices, side, profile, table, series * len(legs))
 
     def measured() -> Plan[None]:
@@ -233,18 +213,9 @@ def turn_empty(
                 on_series(table)
         yield from progress(runner.total, runner.total, "done")
 
-    def in_bench() -> Plan[None]:
-        yield from power_off(devices)
-        mounted = yield from read(devices.mounting.mounted)
-        if mounted != "nothing":
-            yield from move(devices.clamp, False)
-            yield from mount(devices, "nothing")
-        yield from set_mode(devices, other_side(side), "free")
-        yield from set_mode(devices, side, "driven")
-        yield from bpp.run_wrapper(measured(), md=metadata)
-
     limits = turning_limits(devices, side, top)
-    yield from guarded(lambda: unloaded_after(devices, in_bench), limits)
+    setup = Setup("empty_run", side, "nothing", "free")
+    yield from measured_in(setup, devices, measured(), metadata, limits)
     return table.summary()
 
 
@@ -369,7 +340,7 @@ class _Runner:
         before = yield from self._temperature()
         drive = self.devices.module(self.side).drive
         for speed, rate in leg.ramps:
-            yield from move(drive.speed_ramp, speed_ramp(speed, rate))
+            yield from move(drive.speed, speed_ramp(speed, rate))
         left_s = leg.hold_s
         while True:
             if left_s > 0.0:

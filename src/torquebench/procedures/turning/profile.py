@@ -6,9 +6,8 @@ import hashlib
 import json
 from collections.abc import Iterator
 from dataclasses import dataclass
-from importlib import resources
 from itertools import pairwise
-from math import ceil, inf, sin
+from math import inf, sin
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -16,9 +15,11 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
 from torquebench.bench.roles import SIDES, Side
+from torquebench.calibration.profile import profile_text
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.units import MINUTE, TURN
+from torquebench.procedures.turns import whole_turns_s
+from torquebench.units import TURN
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
@@ -26,7 +27,6 @@ __all__ = [
     "TorqueLeg",
     "TurningPoint",
     "TurningProfile",
-    "available_profiles",
     "load_turning_profile",
 ]
 
@@ -335,8 +335,7 @@ class TurningProfile(_Settings):
 
     def turning_s(self, speed_rpm: float) -> float:
         """Return how long a speed is held: whole revolutions."""
-        period_s = MINUTE / abs(speed_rpm)
-        return round(period_s * ceil(self.hold_s / period_s - 1e-9), 9)
+        return whole_turns_s(self.hold_s, speed_rpm)
 
     def series(self) -> int:
         """Return how many series there are."""
@@ -443,13 +442,6 @@ class TurningProfile(_Settings):
         return found
 
 
-def available_profiles() -> tuple[str, ...]:
-    """Return the names of the packaged profiles."""
-    folder = resources.files(__package__) / "profiles"
-    names = (Path(each.name) for each in folder.iterdir())
-    return tuple(sorted(each.stem for each in names if each.suffix == ".toml"))
-
-
 def load_turning_profile(name: str | Path) -> TurningProfile:
     """Return a profile by its name, or a file by a path that ends in ``.toml``.
 
@@ -458,22 +450,6 @@ def load_turning_profile(name: str | Path) -> TurningProfile:
     InputError
         Where there is no such profile or file, or it isn't a valid profile.
     """
-    text = str(name)
-    if not text.endswith(".toml"):
-        if text not in available_profiles():
-            raise InputError(
-                Message("profile {text!r}", text),
-                ", ".join(available_profiles()),
-                "give one of these names, or the path of a .toml file",
-            )
-        file = resources.files(__package__) / "profiles" / f"{text}.toml"
-        content = file.read_text(encoding="utf-8")
-    else:
-        try:
-            content = Path(text).read_text(encoding="utf-8")
-        except (OSError, UnicodeDecodeError) as error:
-            raise InputError(
-                Message("profile {text}: {error}", text, error), "a readable TOML file in UTF-8"
-            ) from error
+    content, text = profile_text(name, __package__), str(name)
     settings = {"name": Path(text).stem, **parse_toml(content, text)}
     return validated(TurningProfile, settings, f"profile {text}")

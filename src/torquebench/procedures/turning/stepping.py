@@ -9,8 +9,7 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.devices import BenchDevices
-from torquebench.bench.devices.ramp import RampTo
+from torquebench.bench.devices import BenchDevices, RampTo
 from torquebench.bench.devices.recorder import FastRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import LimitError
@@ -132,7 +131,7 @@ def step_torques(
     limits = loading_limits(devices, side, largest)
     check_drive(devices, side, profile)
     total = series * len(legs)
-    metadata = {**run_metadata(devices, side, profile, total), "plan_name": "step_torques"}
+    metadata = run_metadata(devices, "step_torques", side, profile, total)
     runner = _Stepper(devices, side, table, total)
 
     def measured() -> Plan[None]:
@@ -185,7 +184,7 @@ class _Stepper:
         yield from sleep(_PRELOADED_S)
         yield from move(recorder, self.side)  # short windows are counted by now
         for torque_nm, rate in leg.ramps:
-            yield from move(drive.torque_ramp, RampTo(torque_nm, rate))
+            yield from move(drive.torque, RampTo(torque_nm, rate))
             if leg.hold_s:
                 yield from sleep(leg.hold_s)
                 yield from self._take(kept, leg)
