@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from datetime import datetime
-from typing import Any
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.bench_chains import check_standard, used_chain
-from torquebench.campaign.measuring import Measured, OnPause, measure_check, operator_name
+from torquebench.campaign.measuring import Measured, RunOptions, measure_check, operator_name
 from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import (
     Component,
@@ -156,9 +156,7 @@ def check_module(
     side: Side,
     profile: Profile,
     tolerance_percent_fs: float,
-    *,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> CheckResult:
     """Check one module against the check standard, judge it and register the verdict.
 
@@ -170,6 +168,8 @@ def check_module(
         A few steps, such as the packaged profile "check".
     tolerance_percent_fs : float
         Largest error allowed, % of full scale.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -188,10 +188,9 @@ def check_module(
         "tolerance_percent_fs": tolerance_percent_fs,
         "model_id": None if entry is None else entry.model_id,
     }
-    measured = measure_check(
-        station, side, profile, metadata={REGISTERS: asked}, progress=progress, on_pause=on_pause
-    )
-    return finish_check(registry, measured, progress)
+    options["metadata"] = {REGISTERS: asked}
+    measured = measure_check(station, side, profile, **options)
+    return finish_check(registry, measured, options.get("progress", NO_PROGRESS))
 
 
 def finish_check(

@@ -8,7 +8,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping
 from contextvars import ContextVar
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
@@ -37,6 +37,7 @@ __all__ = [
     "Measured",
     "OnPause",
     "RunAbortedError",
+    "RunOptions",
     "acting_as",
     "measure",
     "measure_calibration",
@@ -51,6 +52,24 @@ __all__ = [
 
 Result = TypeVar("Result")
 OnPause = Callable[[Station], Literal["resume", "abort"]]
+
+
+class RunOptions(TypedDict, total=False):
+    """Options of every measured run.
+
+    Attributes
+    ----------
+    metadata : mapping
+        Further metadata of the run.
+    progress : Progress
+        Told one stage.
+    on_pause : callable or None
+        Called on a pause, see `Station.run`.
+    """
+
+    metadata: Mapping[str, Any]
+    progress: Progress
+    on_pause: OnPause | None
 
 
 class RunAbortedError(BenchError):
@@ -93,11 +112,8 @@ def measure_calibration(
     station: Station,
     side: Side,
     profile: Profile,
-    *,
     resumption: Resumption | None = None,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
     """Calibrate one module against the calibrator, or continue with an interrupted calibration.
 
@@ -108,10 +124,8 @@ def measure_calibration(
     profile : Profile
     resumption : Resumption, optional
         Where to go on; see `campaign.resuming`.
-    metadata : mapping, optional
-        Further metadata of the run.
-    progress, on_pause
-        Receives progress; called on a pause, see `Station.run`.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -127,9 +141,7 @@ def measure_calibration(
         lambda: calibrate(station.devices, side, profile, resumption),
         kind=f"calibrate-{side}",
         title=Message("Calibrating the {side} module", side),
-        metadata={**run_metadata(side, profile), **(metadata or {})},
-        progress=progress,
-        on_pause=on_pause,
+        **_stating(side, profile, options),
     )
 
 
@@ -138,10 +150,7 @@ def measure_verification(
     side: Side,
     profile: Profile,
     seed: int,
-    *,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
     """Verify one module against the verification standard at points drawn by `seed`."""
     rng = np.random.default_rng(seed)
@@ -151,20 +160,12 @@ def measure_verification(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"verify-{side}",
         title=Message("Verifying the {side} module", side),
-        metadata={**run_metadata(side, profile), **(metadata or {})},
-        progress=progress,
-        on_pause=on_pause,
+        **_stating(side, profile, options),
     )
 
 
 def measure_check(
-    station: Station,
-    side: Side,
-    profile: Profile,
-    *,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    station: Station, side: Side, profile: Profile, **options: Unpack[RunOptions]
 ) -> Measured[StaircaseResult]:
     """Load a few steps of one module against the check standard."""
     steps = profile.staircase(station.description.module(side).range_nm)
@@ -173,29 +174,23 @@ def measure_check(
         lambda: verify(station.devices, side, profile, steps),
         kind=f"check-{side}",
         title=Message("Checking the {side} module", side),
-        metadata={**run_metadata(side, profile), **(metadata or {})},
-        progress=progress,
-        on_pause=on_pause,
+        **_stating(side, profile, options),
     )
 
 
 def measure_friction(
     station: Station,
     settings: FrictionSettings | None = None,
-    *,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> Measured[FrictionSweep]:
     """Sweep the input speed of the mounted reducer, output free, and read its friction."""
+    options["metadata"] = {"side": "input", **options.get("metadata", {})}
     return measure(
         station,
         lambda: friction_sweep(station.devices, settings),
         kind="no-load-friction",
         title="No-load friction of the reducer",
-        metadata={"side": "input", **(metadata or {})},
-        progress=progress,
-        on_pause=on_pause,
+        **options,
     )
 
 
@@ -207,6 +202,12 @@ def run_metadata(side: Side, profile: Profile | TurningProfile) -> dict[str, str
         "profile_sha256": profile.sha256,
         "operator": operator_name(),
     }
+
+
+def _stating(side: Side, profile: Profile, options: RunOptions) -> RunOptions:
+    """Return options of a run with side, profile and operator in its metadata."""
+    metadata = {**run_metadata(side, profile), **options.get("metadata", {})}
+    return {**options, "metadata": metadata}
 
 
 _acting: ContextVar[str] = ContextVar("torquebench_operator", default="")
@@ -253,23 +254,20 @@ def measure(
     rehearsed: Callable[[], Plan[Any]] | None = None,
     kind: str,
     title: str,
-    metadata: Mapping[str, Any],
-    progress: Progress,
-    on_pause: OnPause | None,
     files: Callable[[], Mapping[str, bytes]] = dict,
+    **options: Unpack[RunOptions],
 ) -> Measured[Result]:
     """Rehearse a plan and execute it as a separate run.
 
     `rehearsed` makes the plan without the steps that need real recordings, where it has any;
     `files` returns further files of the run, see `Station.run`.
     """
+    progress = options.get("progress", NO_PROGRESS)
     progress.start(title, rehearse(station.devices, (rehearsed or plan)()).steps or None)
     found = _mounting.get()
     if found is not None and found.entered():
-        metadata = {**metadata, **found.metadata()}
-    record = station.run(
-        plan(), kind=kind, metadata=metadata, progress=progress, on_pause=on_pause, files=files
-    )
+        options["metadata"] = {**options.get("metadata", {}), **found.metadata()}
+    record = station.run(plan(), kind=kind, files=files, **options)
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from typing import Any
+from typing import Any, Unpack
 
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
-from torquebench.campaign.measuring import Measured, OnPause, measure_calibration
+from torquebench.campaign.measuring import Measured, RunOptions, measure_calibration
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
@@ -22,7 +22,6 @@ from torquebench.procedures.resuming import (
     steps_from,
 )
 from torquebench.procedures.staircase import Row, describe_step
-from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     Registry,
     RunFolder,
@@ -267,10 +266,8 @@ def resume_calibration(
     station: Station,
     interrupted: InterruptedCalibration,
     *,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
     now: datetime | None = None,
+    **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
     """Repeat preload and zero, and continue with the interrupted series, in a new run.
 
@@ -280,12 +277,10 @@ def resume_calibration(
     ----------
     station : Station
     interrupted : InterruptedCalibration
-    metadata : mapping, optional
-        Further metadata of the run, such as the models that are fitted to it.
-    progress, on_pause
-        As in `measure_calibration`.
     now : datetime.datetime, optional
         The present moment, for the profile's clause.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -303,22 +298,17 @@ def resume_calibration(
         interrupted.remaining,
         _shifted(interrupted.kept, station.clock.now() - gap_s),
     )
+    options["metadata"] = {
+        "resumes": list(interrupted.run_ids),
+        "resumed_at_series": interrupted.series,
+        "points_of_earlier_runs": len(interrupted.kept),
+        "points_measured_again": interrupted.repeated,
+        "damaged_points": [describe_step(step) for step in interrupted.damaged],
+        **({} if mounted is None else mounted.metadata()),
+        **options.get("metadata", {}),
+    }
     return measure_calibration(
-        station,
-        interrupted.side,
-        interrupted.profile,
-        resumption=resumption,
-        metadata={
-            "resumes": list(interrupted.run_ids),
-            "resumed_at_series": interrupted.series,
-            "points_of_earlier_runs": len(interrupted.kept),
-            "points_measured_again": interrupted.repeated,
-            "damaged_points": [describe_step(step) for step in interrupted.damaged],
-            **({} if mounted is None else mounted.metadata()),
-            **(metadata or {}),
-        },
-        progress=progress,
-        on_pause=on_pause,
+        station, interrupted.side, interrupted.profile, resumption, **options
     )
 
 
@@ -395,15 +385,8 @@ def _profile(run: RunSummary, start: dict[str, Any]) -> Profile:
 
 def _points(folder: RunFolder) -> Sequence[tuple[tuple[int, int], Row, datetime]]:
     """Return stamp, values and time of every acknowledged point."""
-    streams = {
-        document["uid"]: document
-        for _, document in folder.documents("descriptor")
-        if document.get("name") == "points"
-    }
     found = []
-    for _, document in folder.documents("event"):
-        if document["descriptor"] not in streams:
-            continue
+    for document in folder.points():
         row = {
             key.removeprefix("point-").partition("steady-")[2] or key.removeprefix("point-"): value
             for key, value in document["data"].items()

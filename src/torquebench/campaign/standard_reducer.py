@@ -2,16 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
+from typing import Unpack
 
 from torquebench.bench.description import BenchDescription
-from torquebench.campaign.measuring import OnPause, measure_friction
+from torquebench.campaign.measuring import RunOptions, measure_friction
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures import FrictionSettings, FrictionSweep
-from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import (
     CertifiedFriction,
     FrictionCheck,
@@ -168,9 +166,7 @@ def check_standard_reducer(
     *,
     tolerance_percent: float = 0.1,
     compensation: str,
-    metadata: Mapping[str, Any] | None = None,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> StandardReducerCheck:
     """Sweep the mounted standard reducer and compare the readings with its certificate.
 
@@ -184,10 +180,8 @@ def check_standard_reducer(
         Largest error and difference between repeats, % FS of the input module.
     compensation : str
         Compensation of the input module, in words.
-    metadata : mapping, optional
-        Further metadata of the run.
-    progress, on_pause
-        As in `measure_calibration`.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -204,13 +198,8 @@ def check_standard_reducer(
             "certified_friction": [each.model_dump() for each in reducer.friction],
         }
     }
-    measured = measure_friction(
-        station,
-        settings,
-        metadata={**known, **(metadata or {})},
-        progress=progress,
-        on_pause=on_pause,
-    )
+    options["metadata"] = {**known, **options.get("metadata", {})}
+    measured = measure_friction(station, settings, **options)
     found = measured.result
     check = check_friction(
         found.nominal_rpm,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.measuring import OnPause, measure, run_metadata
+from torquebench.campaign.measuring import RunOptions, measure, run_metadata
 from torquebench.dynamics import MotorInertia
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -22,7 +23,6 @@ from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, SeriesTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
-from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records.tables.csv_text import read_csv
 from torquebench.records.tables.readings import read_calibration_csv, write_calibration_csv
 from torquebench.station import Station
@@ -81,8 +81,7 @@ def measure_turning(
     *,
     begun: EmptyTable | BegunCalibration | StepTable | None = None,
     wait: bool = True,
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> TurningRun:
     """Run a profile and write its table after every complete series.
 
@@ -97,8 +96,8 @@ def measure_turning(
         Of an interrupted run, by `read_begun`.
     wait : bool
         Whether series wait for their temperature.
-    progress, on_pause
-        As in `measure_calibration`.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -107,16 +106,15 @@ def measure_turning(
     RunAbortedError
         Somebody ended the run; complete series are in the file.
     """
-    metadata = run_metadata(side, profile)
+    options["metadata"] = run_metadata(side, profile)
     if profile.kind == "dynamics":
         if isinstance(begun, EmptyTable | BegunCalibration):
             raise InputError(
                 Message("profile {name}", profile.name), "the one of the interrupted run"
             )
         return _measure_steps(
-            station, side, profile, target, StepTable() if begun is None else begun,
-            metadata, progress, on_pause,
-        )  # fmt: skip
+            station, side, profile, target, StepTable() if begun is None else begun, options
+        )
     if profile.kind != "empty":
         before = begun if isinstance(begun, BegunCalibration) else None
         done = 0 if before is None else before.series_done
@@ -154,9 +152,7 @@ def measure_turning(
             rehearsed=lambda: loading(kept=False),
             kind=f"turning-{profile.kind}-{side}",
             title=Message("Turning {kind} of the {side} module", profile.kind, side),
-            metadata=metadata,
-            progress=progress,
-            on_pause=on_pause,
+            **options,
         )
         record = points.record
         rows = len(points.result) + (0 if before is None else len(before.points))
@@ -175,9 +171,7 @@ def measure_turning(
         rehearsed=lambda: turn_empty(station.devices, side, profile, EmptyTable(side)),
         kind=f"empty-run-{side}",
         title=Message("Empty run of the {side} module", side),
-        metadata=metadata,
-        progress=progress,
-        on_pause=on_pause,
+        **options,
     )
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
 
@@ -194,9 +188,7 @@ def _measure_steps(
     profile: TurningProfile,
     target: Path,
     table: StepTable,
-    metadata: dict[str, str],
-    progress: Progress,
-    on_pause: OnPause | None,
+    options: RunOptions,
 ) -> TurningRun:
     """Run steps and sines of torque; the table is written after every complete series."""
     module, standard = station.description.module(side), station.description.calibrator
@@ -224,9 +216,7 @@ def _measure_steps(
         rehearsed=lambda: step_torques(station.devices, side, profile, StepTable()),
         kind=f"dynamics-{side}",
         title=Message("Dynamics of the {side} module", side),
-        metadata=metadata,
-        progress=progress,
-        on_pause=on_pause,
+        **options,
     )
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
 
