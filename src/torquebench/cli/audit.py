@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
-from torquebench.errors import InputError
-from torquebench.message import Message
 
 __all__ = ["audit"]
 
@@ -50,9 +48,13 @@ def audit(
     the data directory, and audit.jsonl in each run's folder.
     """
     from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER, read_audit
+    from torquebench.records import Registry
 
     folder = data_directory(data)
-    path = _folder_of(folder, run) / AUDIT_FILE if run is not None else folder / AUDIT_FOLDER
+    path = folder / AUDIT_FOLDER
+    if run is not None:
+        with Registry.open(folder) as registry:
+            path = find_run(registry, run).folder / AUDIT_FILE
     lines = [line for line in read_audit(path) if not alarms or "alarm" in str(line.get("event"))]
     answer(lines=lines[-limit:], earlier=max(len(lines) - limit, 0))
     if not lines:
@@ -61,23 +63,6 @@ def audit(
     out().print(_table(lines[-limit:]))
     if len(lines) > limit:
         say(f"{len(lines) - limit} lines before these; see --limit, or read {path}")
-
-
-def _folder_of(data: Path, name: str) -> Path:
-    from torquebench.records import Registry
-
-    with Registry.open(data) as registry:
-        if name == "latest":
-            found = registry.runs(limit=1)
-        else:
-            found = registry.runs_beginning(name, limit=2)
-        if len(found) != 1:
-            raise InputError(
-                Message("{name!r} names {found}", name, "more than one run" if found else "no run"),
-                "one run",
-                "see `torquebench records list runs`",
-            )
-        return found[0].folder
 
 
 def _table(lines: list[dict[str, Any]]) -> Any:

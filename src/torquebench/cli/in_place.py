@@ -8,10 +8,12 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from torquebench.cli.options import (
+    DEFAULT_DATA,
     BenchOption,
     Module,
     ModuleArgument,
     RealTimeOption,
+    RecordsOption,
     YesOption,
     bench_description,
 )
@@ -29,8 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["in_place"]
 
-RECORDS = Path("torquebench-data")
-
 
 def in_place(
     module: ModuleArgument = Module.output,
@@ -46,12 +46,7 @@ def in_place(
     ] = False,
     report: Annotated[list[Path] | None, report_option("a report with a figure")] = None,
     bench: BenchOption = None,
-    records: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the records; without it, records of simulated runs are discarded."
-        ),
-    ] = None,
+    records: RecordsOption = None,
     yes: YesOption = False,
     real_time: RealTimeOption = False,
 ) -> None:
@@ -129,7 +124,7 @@ def _measured(
 
     settings = PapersSettings.quick() if quick else PapersSettings()
     with tempfile.TemporaryDirectory(prefix="torquebench-in-place-") as scratch:
-        kept = records or (Path(scratch) if bench is None else RECORDS)
+        kept = records or (Path(scratch) if bench is None else DEFAULT_DATA)
         with (
             open_bench(description, kept, real_time=real_time, yes=yes) as session,
             session.measuring(may_pause=False) as (progress, _),

@@ -38,6 +38,7 @@ __all__ = [
     "ModuleArgument",
     "RangeOption",
     "RealTimeOption",
+    "RecordsOption",
     "ReferenceOption",
     "WithoutOption",
     "YesOption",
@@ -96,6 +97,12 @@ ColumnOption = Annotated[
 ]
 RangeOption = Annotated[
     float | None, typer.Option("--range", help="Full scale in N·m, the reference of % FS.")
+]
+RecordsOption = Annotated[
+    Path | None,
+    typer.Option(
+        help="Folder of the records; without it, records of simulated runs are discarded."
+    ),
 ]
 ReferenceOption = Annotated[
     str | None,

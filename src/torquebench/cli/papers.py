@@ -11,7 +11,9 @@ import typer
 
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import (
+    DEFAULT_DATA,
     RealTimeOption,
+    RecordsOption,
     YesOption,
     bench_description,
     check_output_folder,
@@ -30,7 +32,6 @@ if TYPE_CHECKING:
 
 __all__ = ["papers"]
 
-RECORDS = Path("torquebench-data")
 SEEDS = 3
 FINE_M, COARSE_M = 0.06, 0.12
 """Elements of the supports: full page, quick page."""
@@ -67,12 +68,7 @@ def papers(
     quick: Annotated[
         bool, typer.Option("--quick", help="Few points, one bench; takes about a minute.")
     ] = False,
-    records: Annotated[
-        Path | None,
-        typer.Option(
-            help="Folder of the records; without it, records of simulated runs are discarded."
-        ),
-    ] = None,
+    records: RecordsOption = None,
     mounting: MountingOption = None,
     yes: YesOption = False,
     real_time: RealTimeOption = False,
@@ -161,7 +157,7 @@ def _measured(
         with simulators_running(description, bench) as started:
             if started:
                 note("simulators started for this page; they end with it")
-            return [measure(description, settings, records or RECORDS)]
+            return [measure(description, settings, records or DEFAULT_DATA)]
     tables = []
     for number in range(1, seeds + 1):
         chosen = dataclasses.replace(settings, seed=number)

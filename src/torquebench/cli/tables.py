@@ -9,13 +9,13 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
-from torquebench.reports.errors_table import number
+from torquebench.reports.errors_table import module_errors, number
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from torquebench.calibration import CalibrationData, ErrorSummary
+    from torquebench.calibration import CalibrationData, ErrorSummary, VerificationResult
     from torquebench.campaign.results import CompensationResult, ModuleResult
     from torquebench.chain import Effect, Torque
     from torquebench.compensation import Comparison
@@ -28,6 +28,8 @@ __all__ = [
     "error_blocks",
     "friction_blocks",
     "module_blocks",
+    "print_kept",
+    "print_verification",
 ]
 
 NAME_COLUMNS = 29
@@ -100,32 +102,11 @@ def module_blocks(module: ModuleResult) -> Iterable[RenderableType]:
         f"transducer {module.transducer_serial}{simulated}"
     )
     yield Text(title, style="bold")
-    results = (module.raw, *module.models)
-    groups = len(module.raw.verification.groups)
-    count = f"{len(module.verification)} readings in {groups} groups"
-    standard = [(_label(r), r.verification.against_standard) for r in results]
-    truth = [
-        (_label(r), r.verification.against_truth)
-        for r in results
-        if r.verification.against_truth is not None
-    ]
-    averaged = [
-        (_label(r), r.verification.averaged) for r in results if r.verification.averaged is not None
-    ]
-    dense = [(_label(r), r.dense) for r in results if r.dense is not None]
     yield from error_blocks(
-        [
-            (f"{count}, against the standard", standard),
-            (f"{count}, against the true torque", truth),
-            (f"averaged over the groups, against the {_reference(module)}", averaged),
-            ("dense noise-free sweep, against the true torque", dense),
-        ]
+        (words, [(_label(result), errors) for result, errors in rows])
+        for words, rows in module_errors(module)
     )
     yield from _repeatability(module)
-
-
-def _reference(module: ModuleResult) -> str:
-    return "true torque" if module.verification.simulated else "standard"
 
 
 def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
@@ -148,6 +129,43 @@ def _repeatability(module: ModuleResult) -> Iterable[RenderableType]:
                 style="bold green" if chosen else "",
             )
         yield body
+
+
+def print_verification(result: VerificationResult, titles: Sequence[str]) -> None:
+    """Print the errors of a verification: of the raw reading, and of each model by its title.
+
+    The first model is marked.
+    """
+    from torquebench.cli.terminal.console import out, say
+
+    simulated = " - simulated" if result.simulated else ""
+    groups = f"{result.groups} group{'s' if result.groups > 1 else ''}"
+    say(
+        f"[bold]{result.points} readings in {groups}, range {result.range_nm:g} N·m"
+        f"{simulated}[/bold]"
+    )
+    first, *others = titles
+    rows = list(zip(("raw reading", f"*{first}", *others), result.models, strict=True))
+    blocks = [
+        (words, [(name, getattr(each, field)) for name, each in rows if getattr(each, field)])
+        for words, field in (
+            ("against the standard", "against_standard"),
+            ("against the true torque", "against_truth"),
+            ("averaged over the groups", "averaged"),
+        )
+    ]
+    for part in error_blocks(blocks):
+        out().print(part)
+
+
+def print_kept(what: str, percent: float, tolerance: float) -> bool:
+    """Print whether a value keeps its tolerance, both in % of full scale, and return it."""
+    from torquebench.cli.terminal.console import say
+
+    kept = percent <= tolerance
+    verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
+    say(f"{what} {number(percent)} % FS: {verdict} the tolerance of {tolerance:g} % FS")
+    return kept
 
 
 def comparison_table(comparison: Comparison, taken: str) -> Table:

@@ -14,7 +14,7 @@ from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import BenchOptions, ModuleArgument, data_directory
 from torquebench.cli.reports import ReportOption, check_reports
 from torquebench.cli.terminal.confirming import confirm_start
-from torquebench.cli.terminal.console import answer, out, say
+from torquebench.cli.terminal.console import answer, say
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -71,6 +71,7 @@ def verification(
     data_directory(options.data)
     side: Side = module.value
     from torquebench.calibration import load_profile
+    from torquebench.cli.tables import print_kept, print_verification
 
     profile = load_profile("verification").with_options(
         groups=groups, points=points, same_points=same_points or None
@@ -80,7 +81,11 @@ def verification(
         measured, result, run_id, titles, chains = _measured(
             description, side, profile, models, seed, options
         )
-    kept = _print(result, titles, tolerance)
+    _, first, *_ = result.models
+    print_verification(result, [titles[each.name] for each in result.models[1:]])
+    kept = print_kept("worst error", first.against_standard.worst_percent_fs, tolerance)
+    if first.repeatability is not None:
+        kept &= print_kept("repeatability", first.repeatability.worst_percent_fs, tolerance)
     missing = next(iter(chains.values())).missing()
     tell_missing(missing)
     say(f"Run: {run_id}")
@@ -193,38 +198,3 @@ def _measured(
                 progress,
             )
     return measured.result.data, result, measured.record.run_id, titles, chains
-
-
-def _print(result: VerificationResult, titles: dict[str, str], tolerance: float) -> bool:
-    """Print the errors; return whether the first model keeps the tolerance."""
-    from torquebench.cli.tables import error_blocks
-
-    simulated = " - simulated" if result.simulated else ""
-    say(
-        f"[bold]{result.points} readings in {result.groups} group"
-        f"{'s' if result.groups > 1 else ''}, range {result.range_nm:g} N·m{simulated}[/bold]"
-    )
-    raw, *found = result.models
-    rows = [("raw reading", raw), *((titles[each.name], each) for each in found)]
-    marked = [(name if k != 1 else f"*{name}", each) for k, (name, each) in enumerate(rows)]
-    blocks = [
-        ("against the standard", [(name, each.against_standard) for name, each in marked]),
-        (
-            "averaged over the groups",
-            [(name, each.averaged) for name, each in marked if each.averaged],
-        ),
-    ]
-    for part in error_blocks(blocks):
-        out().print(part)
-    first = found[0]
-    worst = first.against_standard.worst_percent_fs
-    kept = worst <= tolerance
-    verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
-    say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
-    if first.repeatability is not None:
-        spread = first.repeatability.worst_percent_fs
-        repeats = spread <= tolerance
-        verdict = "[green]within[/green]" if repeats else "[red]out of[/red]"
-        say(f"repeatability {spread:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
-        kept = kept and repeats
-    return kept

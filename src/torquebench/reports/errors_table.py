@@ -1,11 +1,17 @@
 """Tables of errors in N·m, % of full scale and % of reading."""
 
-from collections.abc import Sequence
+from __future__ import annotations
 
-from torquebench.calibration import ErrorSummary
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
 from torquebench.reports.page import Table
 
-__all__ = ["errors_table", "number"]
+if TYPE_CHECKING:
+    from torquebench.calibration import ErrorSummary
+    from torquebench.campaign.results import CompensationResult, ModuleResult
+
+__all__ = ["errors_table", "module_errors", "number", "reference_name"]
 
 _HEADER = (
     "",
@@ -81,3 +87,31 @@ def errors_table(
     if rows:
         caption = f"{caption} % of reading: {rows[0][1].reading_rule}."
     return Table(_HEADER, cells, caption, emphasised)
+
+
+def reference_name(module: ModuleResult) -> str:
+    """Return what the readings of a verification are compared with, in words."""
+    return "true torque" if module.verification.simulated else "standard"
+
+
+def module_errors(
+    module: ModuleResult,
+) -> list[tuple[str, list[tuple[CompensationResult, ErrorSummary]]]]:
+    """Return the known errors of a module without and with each model, by their reference."""
+    results = (module.raw, *module.models)
+    groups = len(module.raw.verification.groups)
+    count = f"{len(module.verification)} readings in {groups} groups"
+    parts = (
+        (f"{count}, against the standard", [r.verification.against_standard for r in results]),
+        (f"{count}, against the true torque", [r.verification.against_truth for r in results]),
+        (
+            f"averaged over the groups, against the {reference_name(module)}",
+            [r.verification.averaged for r in results],
+        ),
+        ("dense noise-free sweep, against the true torque", [r.dense for r in results]),
+    )
+    known = [
+        (words, [(r, each) for r, each in zip(results, errors, strict=True) if each is not None])
+        for words, errors in parts
+    ]
+    return [(words, rows) for words, rows in known if rows]

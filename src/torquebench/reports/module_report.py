@@ -15,7 +15,7 @@ from torquebench.figures import (
     group_figure,
     staircase_figure,
 )
-from torquebench.reports.errors_table import errors_table, number
+from torquebench.reports.errors_table import errors_table, module_errors, number, reference_name
 from torquebench.reports.page import Facts, Figure, Section, Table
 
 __all__ = ["SOURCES_LIMIT_FS", "branch_curves", "module_sections", "staircase_figures"]
@@ -137,12 +137,9 @@ def _verification_text(module: ModuleResult) -> str:
         f"{len(module.verification)} fresh readings in {groups} groups, none of them on a step of "
         f"the calibration. After the recommended model the worst single reading is "
         f"{number(worst.worst_nm)} N·m ({number(worst.worst_percent_fs)} % FS) off the "
-        f"{_reference_name(module)}."
+        f"{reference_name(module)}. Averages over the groups show what a model is worth once the "
+        "noise of single readings is gone."
     )
-
-
-def _reference_name(module: ModuleResult) -> str:
-    return "true torque" if module.verification.simulated else "standard"
 
 
 def _reference_errors(result: CompensationResult) -> ErrorSummary:
@@ -151,36 +148,14 @@ def _reference_errors(result: CompensationResult) -> ErrorSummary:
 
 
 def _tables(module: ModuleResult) -> list[Table]:
-    results = (module.raw, *module.models)
-    marked = next(i for i, result in enumerate(results) if result.recommended)
-    groups = len(module.raw.verification.groups)
-    readings = f"{len(module.verification)} single readings in {groups} groups"
-    candidates = (
-        (f"{readings} against the standard.", [r.verification.against_standard for r in results]),
-        (
-            f"{readings} against the simulated bench's true torque.",
-            [r.verification.against_truth for r in results],
-        ),
-        (
-            f"Errors averaged over the groups at each place, against the {_reference_name(module)}"
-            ": what the model is worth once the noise of single readings is gone.",
-            [r.verification.averaged for r in results],
-        ),
-        (
-            "Dense noise-free sweep against the simulated bench's true torque.",
-            [r.dense for r in results],
-        ),
-    )
-    tables = []
-    for caption, summaries in candidates:
-        rows = [
-            (result.title, summary)
-            for result, summary in zip(results, summaries, strict=True)
-            if summary is not None
-        ]
-        if rows:
-            tables.append(errors_table(rows, caption, marked))
-    return tables
+    return [
+        errors_table(
+            [(result.title, errors) for result, errors in rows],
+            f"{words[0].upper()}{words[1:]}.",
+            next(place for place, (result, _) in enumerate(rows) if result.recommended),
+        )
+        for words, rows in module_errors(module)
+    ]
 
 
 def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
@@ -194,7 +169,7 @@ def _verification_blocks(module: ModuleResult) -> list[Table | Figure]:
         *_tables(module),
         Figure(
             error_figure(points, module.range_nm, limit_fs=SOURCES_LIMIT_FS),
-            f"Error of every verification reading against the {_reference_name(module)}: "
+            f"Error of every verification reading against the {reference_name(module)}: "
             "uncompensated above, compensated below. Dashed: 0.1 % FS.",
         ),
     ]

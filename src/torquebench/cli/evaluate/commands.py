@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -62,6 +63,87 @@ def _tables() -> None:
     """Evaluate tables that were measured on another bench."""
 
 
+@dataclass(frozen=True)
+class RegistrationOptions:
+    """Who measured what, where and against which standard, as it is registered."""
+
+    reference_due: Annotated[
+        datetime | None,
+        typer.Option(
+            parser=moment_in_utc, metavar="DAY", help="Last day of the standard's certificate."
+        ),
+    ] = None
+    reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = ""
+    reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = ""
+    reference_certificate: Annotated[
+        str, typer.Option(help="Number of the standard's certificate.")
+    ] = ""
+    reference_laboratory: Annotated[
+        str, typer.Option(help="Laboratory that has calibrated the standard.")
+    ] = ""
+    register: Annotated[
+        bool,
+        typer.Option("--register", help="Register it, so that a certificate can be issued."),
+    ] = False
+    transducer: Annotated[str, typer.Option(help="Serial number of the transducer.")] = ""
+    manufacturer: Annotated[str, typer.Option(help="Manufacturer of the transducer.")] = ""
+    transducer_model: Annotated[str, typer.Option(help="Type of the transducer.")] = ""
+    indicator: Annotated[
+        str, typer.Option(help="Counter or amplifier that the transducer was read with.")
+    ] = ""
+    place: Annotated[str, typer.Option(help="Bench or laboratory where it was measured.")] = ""
+    measured_by: Annotated[
+        str, typer.Option(help="Who measured it: one of the people in laboratory.toml.")
+    ] = ""
+    records: DataOption = DEFAULT_DATA
+
+    def standard(self) -> ReferenceStandard:
+        """Return the reference standard."""
+        from torquebench.calibration import ReferenceStandard
+
+        due = None if self.reference_due is None else self.reference_due.date()
+        return ReferenceStandard(self.reference_serial, self.reference_certificate, due)
+
+    def circumstances(
+        self,
+        points: CalibrationData,
+        performed: datetime,
+        measured_by: str,
+        resolution_nm: float,
+        uncertainty: CertifiedUncertainty | float,
+    ) -> ExternalCalibration:
+        """Return what is registered with a table, before it is evaluated."""
+        from torquebench.campaign.external_calibration import (
+            ExternalCalibration,
+            check_circumstances,
+        )
+        from torquebench.records import Equipment, Report
+
+        serial, range_nm = points.transducer_serial, points.range_nm
+        standard = self.standard()
+        circumstances = ExternalCalibration(
+            performed=performed,
+            measured_by=measured_by,
+            place=self.place,
+            transducer=Equipment(
+                "transducer", serial, self.manufacturer, self.transducer_model, range_nm
+            ),
+            indicator=points.counter_identity,
+            reference=Report(
+                "calibrator",
+                standard.serial,
+                standard.certificate_number,
+                laboratory=self.reference_laboratory,
+                due=standard.due,
+            ),
+            reference_model=self.reference_model,
+            resolution_nm=resolution_nm,
+            reference_uncertainty=uncertainty,
+        )
+        check_circumstances(circumstances)
+        return circumstances
+
+
 @app.command("static")
 def static(
     data: Annotated[
@@ -93,39 +175,12 @@ def static(
             help="Day of the measurement, as 2026-01-31, or its time; now by default.",
         ),
     ] = None,
-    reference_due: Annotated[
-        datetime | None,
-        typer.Option(
-            parser=moment_in_utc, metavar="DAY", help="Last day of the standard's certificate."
-        ),
-    ] = None,
-    reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = "",
-    reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = "",
-    reference_certificate: Annotated[
-        str, typer.Option(help="Number of the standard's certificate.")
-    ] = "",
-    reference_laboratory: Annotated[
-        str, typer.Option(help="Laboratory that has calibrated the standard.")
-    ] = "",
-    register: Annotated[
-        bool,
-        typer.Option("--register", help="Register it, so that a certificate can be issued."),
-    ] = False,
-    transducer: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
-    manufacturer: Annotated[str, typer.Option(help="Manufacturer of the transducer.")] = "",
-    transducer_model: Annotated[str, typer.Option(help="Type of the transducer.")] = "",
-    indicator: Annotated[
-        str, typer.Option(help="Counter or amplifier that the transducer was read with.")
-    ] = "",
-    place: Annotated[str, typer.Option(help="Bench or laboratory where it was measured.")] = "",
-    measured_by: Annotated[
-        str, typer.Option(help="Who measured it: one of the people in laboratory.toml.")
-    ] = "",
     result: Annotated[
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
     report: ReportOption = None,
-    records: DataOption = DEFAULT_DATA,
+    *,
+    registration: RegistrationOptions,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
@@ -136,7 +191,6 @@ def static(
     """
     from torquebench.calibration import (
         CalibrationRecord,
-        ReferenceStandard,
         assign_nominal,
         check_steps,
         evaluable_points,
@@ -150,41 +204,29 @@ def static(
     check_reports(report)
     if result is not None:
         check_output(result, data, endings=(".json",))
-    if register:
+    person = ""
+    if registration.register:
         check_kept(data)
-        measured_by = _person(records, measured_by)
+        person = _person(registration.records, registration.measured_by)
     moment = performed_at(performed)
     read = read_calibration_csv(
         data,
         range_nm=range_nm,
-        transducer_serial=transducer,
-        counter_identity=indicator,
+        transducer_serial=registration.transducer,
+        counter_identity=registration.indicator,
         remark=warn,
         mapping=column or (),
     )
     points = assign_nominal(read, chosen)
-    due = None if reference_due is None else reference_due.date()
-    standard = ReferenceStandard(reference_serial, reference_certificate, due)
-    deviations = find_deviations(CalibrationRecord(points, moment, standard), chosen)
+    record = CalibrationRecord(points, moment, registration.standard())
+    deviations = find_deviations(record, chosen)
     _print_heading(points, chosen)
     _print_deviations(deviations)
     evaluable = evaluable_points(read, points, chosen, deviations)
     stated = _reference(reference_uncertainty, points, data.name)
     circumstances = None
-    if register:
-        circumstances = _circumstances(
-            points,
-            moment,
-            standard,
-            resolution,
-            stated,
-            measured_by=measured_by,
-            place=place,
-            manufacturer=manufacturer,
-            model=transducer_model,
-            reference_model=reference_model,
-            laboratory=reference_laboratory,
-        )
+    if registration.register:
+        circumstances = registration.circumstances(points, moment, person, resolution, stated)
     found = _evaluate(evaluable, resolution, stated, model)
     if report:
         from torquebench.reports.evaluation_report import static_page
@@ -209,7 +251,7 @@ def static(
         atomic_write(result, json_text(content, indent=2) + "\n")
         say_file("Every number", result)
     if circumstances is not None:
-        _register(records, data, points, chosen, circumstances, model)
+        _register(registration.records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):
         warn("the profile refuses a certificate for this calibration")
         raise typer.Exit(CHECK_FAILED)
@@ -222,50 +264,6 @@ def _person(folder: Path, name: str) -> str:
     from torquebench.reports.certificate import kept_letterhead, person_among
 
     return person_among(name, kept_letterhead(folder).people)
-
-
-def _circumstances(
-    points: CalibrationData,
-    performed: datetime,
-    standard: ReferenceStandard,
-    resolution_nm: float,
-    uncertainty: CertifiedUncertainty | float,
-    *,
-    measured_by: str,
-    place: str,
-    manufacturer: str,
-    model: str,
-    reference_model: str,
-    laboratory: str,
-) -> ExternalCalibration:
-    """Return what is registered with a table, before it is evaluated."""
-    from torquebench.campaign.external_calibration import (
-        ExternalCalibration,
-        check_circumstances,
-    )
-    from torquebench.records import Equipment, Report
-
-    circumstances = ExternalCalibration(
-        performed=performed,
-        measured_by=measured_by,
-        place=place,
-        transducer=Equipment(
-            "transducer", points.transducer_serial, manufacturer, model, points.range_nm
-        ),
-        indicator=points.counter_identity,
-        reference=Report(
-            "calibrator",
-            standard.serial,
-            standard.certificate_number,
-            laboratory=laboratory,
-            due=standard.due,
-        ),
-        reference_model=reference_model,
-        resolution_nm=resolution_nm,
-        reference_uncertainty=uncertainty,
-    )
-    check_circumstances(circumstances)
-    return circumstances
 
 
 def _reference(

@@ -402,7 +402,7 @@ def verify(
 
     from torquebench.calibration import verify as verify_models
     from torquebench.chain import SwitchedOff
-    from torquebench.cli.tables import cells_table, error_blocks
+    from torquebench.cli.tables import cells_table, print_kept, print_verification
 
     chains = {name: _chain(each, bench) for name, each in {"model": stored, **compared}.items()}
     if without:
@@ -411,34 +411,12 @@ def verify(
     torques = {name: _torque(each, points, zero_temperature) for name, each in chains.items()}
     chain, torque = chains["model"], torques["model"]
     result = verify_models(points, chains, torques)
-    title = _title(stored)
-    raw, compensated, *beside = result.models
-    rows = (
-        ("raw reading", raw),
-        (f"*{title}", compensated),
-        *(
-            (f"{each.name.removeprefix('model ')}: {_title(compared[each.name])}", each)
-            for each in beside
-        ),
-    )
-    simulated = " - simulated" if result.simulated else ""
-    say(
-        f"[bold]{result.points} readings in {result.groups} group"
-        f"{'s' if result.groups > 1 else ''}, range {result.range_nm:g} N·m{simulated}[/bold]"
-    )
-    blocks = [
-        ("against the standard", [(name, found.against_standard) for name, found in rows]),
-        (
-            "against the true torque",
-            [(name, found.against_truth) for name, found in rows if found.against_truth],
-        ),
-        (
-            "averaged over the groups",
-            [(name, found.averaged) for name, found in rows if found.averaged],
-        ),
+    titles = [
+        _title(stored),
+        *(f"{name.removeprefix('model ')}: {_title(each)}" for name, each in compared.items()),
     ]
-    for part in error_blocks(blocks):
-        out().print(part)
+    print_verification(result, titles)
+    _, compensated, *_ = result.models
     if compensated.repeatability is not None:
         found = compensated.repeatability
         say(
@@ -452,7 +430,6 @@ def verify(
         from torquebench.calibration import cells
 
         answer(cells=cells(points, torque))
-    titles = [name.removeprefix("*") for name, _ in rows[1:]]
     write_verification(
         points,
         dict(zip(titles, torques.values(), strict=True)),
@@ -461,12 +438,10 @@ def verify(
         report or [],
         torque if chain.turns else None,
     )
-    worst = compensated.against_standard.worst_percent_fs
-    passed = worst <= tolerance
     missing = list(chain.missing())
+    worst = compensated.against_standard.worst_percent_fs
+    passed = print_kept("worst error", worst, tolerance)
     answer(**VERIFIED.of(result, tolerance_percent_fs=tolerance, passed=passed, not_in_u=missing))
-    verdict = "[green]within[/green]" if passed else "[red]out of[/red]"
-    say(f"worst error {worst:.3g} % FS: {verdict} the tolerance of {tolerance:g} % FS")
     if not passed:
         raise typer.Exit(CHECK_FAILED)
 

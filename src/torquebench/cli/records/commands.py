@@ -16,7 +16,7 @@ from torquebench.cli.audit import audit
 from torquebench.cli.calibration_compare import compare
 from torquebench.cli.drift import drift
 from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
-from torquebench.cli.export import export
+from torquebench.cli.export import export, find_run
 from torquebench.cli.export_data import export_data
 from torquebench.cli.finish import discard, finish
 from torquebench.cli.options import (
@@ -35,8 +35,6 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from rich.table import Table
-
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
     from torquebench.records.runs.listing import RunLine
 
@@ -143,7 +141,7 @@ def show_record(
         elif kind == "calibration" and number.isdigit():
             _show_calibration(registry, int(number))
         else:
-            _show_run(_find_run(registry, name))
+            _show_run(find_run(registry, name))
 
 
 def _list_runs(registry: Registry, limit: int) -> None:
@@ -151,76 +149,72 @@ def _list_runs(registry: Registry, limit: int) -> None:
 
 
 def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
-    table = narrow_table("Runs", columns=("run", "started (UTC)", "status", "bench"))
-    answer(runs=[])
-    for run in runs[:limit]:
-        where = "simulated" if run.simulated else run.bench
-        table.add_row(run.run_id, _moment(run.started), run.status, where)
-        answer(runs=[LISTED_RUN.of(run)])
-    _print_list(table, Kind.runs, more=len(runs) > limit)
+    lines = [
+        (run.run_id, _moment(run.started), run.status, "simulated" if run.simulated else run.bench)
+        for run in runs
+    ]
+    headings = ("run", "started (UTC)", "status", "bench")
+    _print_list(Kind.runs, headings, lines, [LISTED_RUN.of(run) for run in runs], limit)
 
 
 def _list_calibrations(registry: Registry, limit: int) -> None:
-    table = narrow_table(
-        "Calibrations",
-        columns=("name", "performed (UTC)", "transducer", "points", "range", "profile"),
-    )
-    found = registry.calibrations(limit=limit + 1)
-    answer(calibrations=[])
-    for entry in found[:limit]:
-        table.add_row(
-            f"calibration-{entry.calibration_id}",
-            _moment(entry.performed),
-            entry.transducer_serial,
-            str(entry.points),
-            f"{entry.range_nm:g} N·m",
-            entry.profile_name,
-        )
-        name = f"calibration-{entry.calibration_id}"
-        answer(calibrations=[LISTED_CALIBRATION.of(entry, name=name)])
-    _print_list(table, Kind.calibrations, more=len(found) > limit)
+    lines, records = [], []
+    for entry in registry.calibrations(limit=limit + 1):
+        name, span = f"calibration-{entry.calibration_id}", f"{entry.range_nm:g} N·m"
+        records.append(LISTED_CALIBRATION.of(entry, name=name))
+        what = (entry.transducer_serial, str(entry.points), span, entry.profile_name)
+        lines.append((name, _moment(entry.performed), *what))
+    headings = ("name", "performed (UTC)", "transducer", "points", "range", "profile")
+    _print_list(Kind.calibrations, headings, lines, records, limit)
 
 
 def _list_models(registry: Registry, limit: int) -> None:
-    table = narrow_table(
-        "Models", columns=("name", "created (UTC)", "kind", "transducer", "range", "in use")
-    )
-    found = registry.models(limit=limit + 1)
-    answer(models=[])
-    for entry in found[:limit]:
+    lines, records = [], []
+    for entry in registry.models(limit=limit + 1):
+        name, span = f"model-{entry.model_id}", f"{entry.range_nm:g} N·m"
         in_use = _in_use(registry, entry)
-        table.add_row(
-            f"model-{entry.model_id}",
-            _moment(entry.created),
-            entry.kind,
-            entry.transducer_serial,
-            f"{entry.range_nm:g} N·m",
-            "yes" if in_use else "",
-        )
-        name = f"model-{entry.model_id}"
-        answer(models=[LISTED_MODEL.of(entry, name=name, in_use=in_use)])
-    _print_list(table, Kind.models, more=len(found) > limit)
+        records.append(LISTED_MODEL.of(entry, name=name, in_use=in_use))
+        what = (entry.kind, entry.transducer_serial, span, "yes" if in_use else "")
+        lines.append((name, _moment(entry.created), *what))
+    headings = ("name", "created (UTC)", "kind", "transducer", "range", "in use")
+    _print_list(Kind.models, headings, lines, records, limit)
 
 
 def _list_equipment(registry: Registry, limit: int) -> None:
-    table = narrow_table("Equipment", columns=("|kind", "serial", "what", "range"))
-    found = registry.equipment()
-    for entry in found[:limit]:
-        span = "" if entry.range_nm is None else f"{entry.range_nm:g} N·m"
-        what = f"{entry.manufacturer} {entry.model}".strip()
-        table.add_row(entry.kind, entry.serial, what, span)
-    answer(equipment=[LISTED_EQUIPMENT.of(each) for each in found[:limit]])
-    _print_list(table, Kind.equipment, more=len(found) > limit)
+    entries = registry.equipment()
+    lines = [
+        (
+            entry.kind,
+            entry.serial,
+            f"{entry.manufacturer} {entry.model}".strip(),
+            "" if entry.range_nm is None else f"{entry.range_nm:g} N·m",
+        )
+        for entry in entries
+    ]
+    headings = ("|kind", "serial", "what", "range")
+    records = [LISTED_EQUIPMENT.of(entry) for entry in entries]
+    _print_list(Kind.equipment, headings, lines, records, limit)
 
 
-def _print_list(table: Table, kind: Kind, *, more: bool) -> None:
-    if not table.row_count:
-        table.caption = "none yet"
-        table.show_header = False
+def _print_list(
+    kind: Kind,
+    headings: Sequence[str],
+    lines: Sequence[tuple[str, ...]],
+    records: list[dict[str, Any]],
+    limit: int,
+) -> None:
+    """Print as many lines as the limit allows, and answer with their records."""
+    none = not lines
+    table = narrow_table(
+        kind.capitalize(), columns=headings, caption="none yet" * none, headings=not none
+    )
+    for line in lines[:limit]:
+        table.add_row(*line)
     out().print(table)
-    if more:
+    answer(**{kind.value: records[:limit]})
+    if len(lines) > limit:
         answer(more=[kind.value])
-        say(f"There are more than these {table.row_count}: --limit NUMBER, or --all")
+        say(f"There are more than these {limit}: --limit NUMBER, or --all")
 
 
 _LISTS = {
@@ -231,23 +225,6 @@ _LISTS = {
 }
 
 
-def _find_run(registry: Registry, name: str) -> RunSummary:
-    if name == "latest" and (newest := registry.runs(limit=1)):
-        return newest[0]
-    found = registry.runs_beginning(name, limit=MANY_RUNS)
-    if len(found) == 1:
-        return found[0]
-    if found:
-        count = str(len(found)) if len(found) < MANY_RUNS else Message("{limit} or more", MANY_RUNS)
-        raise InputError(
-            Message("{name!r} is the beginning of {count} runs", name, count),
-            "one run",
-            "give more of its id",
-        )
-    raise InputError(Message("no record {name!r}", name), "a name from `torquebench records list`")
-
-
-MANY_RUNS = 1000
 MOST_LISTED = 10**9
 
 

@@ -118,6 +118,7 @@ def _measured(
 
 
 def _print(found: StandardReducerCheck) -> None:
+    from torquebench.cli.tables import print_kept
     from torquebench.reports.errors_table import number
 
     check = found.check
@@ -137,12 +138,8 @@ def _print(found: StandardReducerCheck) -> None:
             number(point.spread_percent, 2),
         )
     out().print(table)
-    for what, value, kept in (
-        ("error", check.error_percent, check.error_kept),
-        ("repeatability", check.repeatability_percent, check.repeatability_kept),
-    ):
-        verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
-        say(f"{what} {number(value)} % FS: {verdict} {check.tolerance_percent:g} % FS")
+    print_kept("error", check.error_percent, check.tolerance_percent)
+    print_kept("repeatability", check.repeatability_percent, check.tolerance_percent)
     say(f"Run: {found.run_id}")
     points = [FRICTION_POINT.of(point) for point in check.points]
     answer(**STANDARD_REDUCER.of(found, points=points))
