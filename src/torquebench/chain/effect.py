@@ -179,8 +179,12 @@ class Effect(ABC):
 
     @classmethod
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
-        return cls(**values)
+        """Return the effect that `specification` described: lists are tuples again."""
+        return cls(**{name: _in_tuples(value) for name, value in values.items()})
+
+
+def _in_tuples(value: Any) -> Any:
+    return tuple(map(_in_tuples, value)) if isinstance(value, list | tuple) else value
 
 
 _Effect = TypeVar("_Effect", bound=type[Effect])

@@ -11,11 +11,23 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["KnownTorque", "TorqueUncertainty", "over"]
+__all__ = ["KnownTorque", "StandardUncertainties", "TorqueUncertainty", "over"]
+
+
+class StandardUncertainties:
+    """Base of dataclasses whose fields are standard uncertainties: finite, 0 or more."""
+
+    def __post_init__(self) -> None:
+        for name, value in vars(self).items():
+            if not (isfinite(value) and value >= 0.0):
+                raise InputError(
+                    Message("standard uncertainty {name} = {value}", name, value),
+                    "finite, 0 or more",
+                )
 
 
 @dataclass(frozen=True)
-class TorqueUncertainty:
+class TorqueUncertainty(StandardUncertainties):
     """Standard uncertainties (k = 1) of a torque, by what shares their errors.
 
     Parameters
@@ -45,14 +57,6 @@ class TorqueUncertainty:
     mounting_nm: float = 0.0
     loading_nm: float = 0.0
     repeatability_nm: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and value >= 0.0):
-                raise InputError(
-                    Message("standard uncertainty {name} = {value}", name, value),
-                    "finite, 0 or more",
-                )
 
 
 KnownTorque = TorqueUncertainty | Sequence[TorqueUncertainty]

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from math import sqrt
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +19,6 @@ from torquebench.chain.grid import (
     between,
     bilinear,
     located,
-    numbers,
 )
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
@@ -106,19 +104,6 @@ class MeasuredRotation(Effect):
     window_s: float = 0.0
     lubrication: float = field(default=1.0, metadata={"least": 0.0})
     lubrication_uncertainty: float = field(default=UNKNOWN_LUBRICATION, metadata={"least": 0.0})
-
-    @classmethod
-    def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
-
-        def plain(value: Any) -> Any:
-            if not isinstance(value, list | tuple):
-                return value
-            if value and isinstance(value[0], list | tuple):
-                return tuple(numbers(row) for row in value)
-            return numbers(value)
-
-        return cls(**{name: plain(value) for name, value in values.items()})
 
     def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
         """Return the largest values of each table between the measured temperatures."""

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import sqrt
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from torquebench.chain._kernels import temperature
 from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.temperature import Temperature
-from torquebench.chain.grid import Numbers, between, linear, located, numbers
+from torquebench.chain.grid import Numbers, between, linear, located
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 from torquebench.message import Message
@@ -65,15 +64,6 @@ class MeasuredTemperature(Effect):
     span: Numbers = ()
     span_uncertainty: Numbers = ()
     deviation_k: float = field(default=0.5, metadata={"least": 0.0})
-
-    @classmethod
-    def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
-        plain: dict[str, Any] = {
-            name: numbers(value) if isinstance(value, list | tuple) else value
-            for name, value in values.items()
-        }
-        return cls(**plain)
 
     def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
         """Return the largest changes of zero and span between the measured temperatures."""

@@ -2,16 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, ClassVar, Self
+from typing import ClassVar
 
 import numpy as np
 
 from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.effects.rotation import STANDSTILL_RPM
-from torquebench.chain.grid import Numbers, Table, numbers
+from torquebench.chain.grid import Numbers, Table
 from torquebench.chain.readings import FloatArray, Readings, row_of
 from torquebench.chain.torque import Component, Shared
 from torquebench.message import Message
@@ -66,16 +65,6 @@ class Ripple(Effect):
     sine_nm: Table
     speeds_rpm: Numbers
     uncertainty_nm: Numbers
-
-    @classmethod
-    def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
-        plain = dict(values)
-        for name in ("orders", "speeds_rpm", "uncertainty_nm"):
-            plain[name] = numbers(plain[name])
-        for name in ("cosine_nm", "sine_nm"):
-            plain[name] = tuple(numbers(row) for row in plain[name])
-        return cls(**plain)
 
     def identified(self, range_nm: float) -> tuple[MeasuredPart, ...]:
         """Return the largest root mean square over a revolution at any speed."""

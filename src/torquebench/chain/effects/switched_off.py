@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import ClassVar, Literal, Self
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
@@ -47,11 +47,6 @@ class SwitchedOff(Effect):
             if each not in SWITCHES:
                 raise InputError(Message("nothing called {each!r}", each), ", ".join(SWITCHES))
         return cls(record, tuple(name for each in switches for name in SWITCHES[each]))
-
-    @classmethod
-    def from_specification(cls, values: Mapping[str, Any]) -> Self:
-        """Return the effect that `specification` described."""
-        return cls(values["record"], tuple(values["names"]))
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return no correction: the chain omits the named components."""

@@ -8,6 +8,7 @@ from typing import Literal
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.reducers.torque_uncertainty import StandardUncertainties
 
 __all__ = ["LOST_MOTION_RULES", "LoopSettings", "LoopUncertainty", "LostMotionRule"]
 
@@ -130,7 +131,7 @@ class LoopSettings:
 
 
 @dataclass(frozen=True)
-class LoopUncertainty:
+class LoopUncertainty(StandardUncertainties):
     """Standard uncertainties (k = 1) of a loop's torque and angle.
 
     Parameters
@@ -165,11 +166,3 @@ class LoopUncertainty:
     angle_rad: float = 0.0
     angle_relative: float = 0.0
     bench_compliance_rad_per_nm: float = 0.0
-
-    def __post_init__(self) -> None:
-        for name, value in vars(self).items():
-            if not (isfinite(value) and value >= 0.0):
-                raise InputError(
-                    Message("standard uncertainty {name} = {value}", name, value),
-                    "finite, 0 or more",
-                )
