@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.chain.acceleration import AccelerationBySpeed
-from torquebench.chain.effects.rotation import STANDSTILL_RPM
 from torquebench.chain.readings import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -204,6 +203,8 @@ def _counted_from(run: EmptyRun, zero_nm: float | None) -> EmptyRun:
 
 def usual_points(speed_rpm: FloatArray, temperature_c: FloatArray) -> NDArray[np.bool_]:
     """Return the points at standstill, if any, and at the temperature of most of them."""
+    from torquebench.chain.effects.rotation import STANDSTILL_RPM  # heavy, and records import this
+
     still = np.abs(speed_rpm) <= STANDSTILL_RPM
     usual = still if still.any() else np.ones(still.size, dtype=bool)
     ordered = np.sort(temperature_c[usual])
