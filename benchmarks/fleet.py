@@ -155,7 +155,7 @@ class FleetBench:
                     "points_url": f"{root}/points/{run_id}.parquet" if calibrated else None,
                     "bytes": 150_000,
                     "left_out": ["edges.parquet"],
-                    "facts": facts_of(results).plain(),
+                    "facts": facts_of(results),
                 }
             )
         return links, arrived

@@ -25,19 +25,20 @@ MachineState = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executin
 """States of a machinery item by OPC 40001-1."""
 
 _COMMON_CODES = {"N·m": "NU", "rpm": "RPM", "°": "DD", "°C": "CEL", "%": "P1"}
-_SIGNALS = {
-    "Torque": "output_torque_nm",
-    "Uncertainty": "output_uncertainty_nm",
-    "RawTorque": "output_raw_nm",
-    "ReferenceTorque": "output_reference_nm",
-    "Speed": "output_speed_rpm",
-    "Angle": "output_angle_deg",
-    "Temperature": "output_temperature_c",
-    "Efficiency": "efficiency_percent",
+_SIDE_SIGNALS = {
+    "Torque": "torque_nm",
+    "Uncertainty": "uncertainty_nm",
+    "RawTorque": "raw_nm",
+    "ReferenceTorque": "reference_nm",
+    "Speed": "speed_rpm",
+    "Angle": "angle_deg",
+    "Temperature": "temperature_c",
 }
+"""Live values of a side: fields of its snapshot, with their units."""
+_COMPENSATED = ("Torque", "Uncertainty")
 UNITS = {
     name: (unit_of_name(signal), _COMMON_CODES[unit_of_name(signal)])
-    for name, signal in _SIGNALS.items()
+    for name, signal in {**_SIDE_SIGNALS, "Efficiency": "efficiency_percent"}.items()
 }
 """Live values with their unit, and its common code of UNECE Recommendation 20."""
 _STATES: Mapping[BenchState, MachineState] = {
@@ -78,16 +79,10 @@ def live_values(
     found: dict[tuple[str, str], LiveValue] = {}
     for side, shown in bench.sides.items():
         compensated = shown.compensation is not None and shown.compensation.valid
-        for name, value, doubt in (
-            ("Torque", shown.torque, not compensated),
-            ("Uncertainty", shown.uncertainty, not compensated),
-            ("RawTorque", shown.raw, False),
-            ("ReferenceTorque", shown.reference, False),
-            ("Speed", shown.speed, False),
-            ("Angle", shown.angle, False),
-            ("Temperature", shown.temperature, False),
-        ):
-            found[side, name] = _live(value, bench, moment, doubtful=doubt)
+        for name, signal in _SIDE_SIGNALS.items():
+            value: LatestValue = getattr(shown, signal.rpartition("_")[0])
+            doubtful = name in _COMPENSATED and not compensated
+            found[side, name] = _live(value, bench, moment, doubtful=doubtful)
     found["", "Efficiency"] = _live(bench.efficiency, bench, moment, doubtful=False)
     return found
 

@@ -36,6 +36,15 @@ _STRING, _UTC_TIME, _TRIMMED, _HANDLE = 12, 294, 31918, 31917
 _BASE_DATA = 24
 _INT32, _UINT32, _BOOLEAN, _INT64, _TEXT, _NODE_ID, _BYTES = 6, 7, 1, 8, 21, 17, 15
 
+_ABOUT = {
+    "Simulated": (False, ua.VariantType.Boolean),
+    "Mounted": ("", ua.VariantType.String),
+    "JobId": ("", ua.VariantType.String),
+    "CommandedBy": ("", ua.VariantType.String),
+    "ActiveAlarms": (0, ua.VariantType.UInt32),
+}
+"""Variables of the bench with their first values."""
+
 Method = Callable[..., Awaitable[Any]]
 
 
@@ -98,13 +107,7 @@ class AddressSpace:
                 if name != "Efficiency":
                     self.live[side, name] = await self._measured(folder, f"{side}.{name}", name)
         self.live["", "Efficiency"] = await self._measured(self.bench, "Efficiency", "Efficiency")
-        for name, start, kind in (
-            ("Simulated", False, ua.VariantType.Boolean),
-            ("Mounted", "", ua.VariantType.String),
-            ("JobId", "", ua.VariantType.String),
-            ("CommandedBy", "", ua.VariantType.String),
-            ("ActiveAlarms", 0, ua.VariantType.UInt32),
-        ):
+        for name, (start, kind) in _ABOUT.items():
             self.about[name] = await self.bench.add_variable(
                 *at(name, self.index, name), start, kind
             )
@@ -145,6 +148,11 @@ class AddressSpace:
                     ServerTimestamp=now,
                 ),
             )
+
+    async def write_about(self, values: dict[str, Any]) -> None:
+        """Write what is shown of the bench beside its measured values, by the names."""
+        for name, (_, kind) in _ABOUT.items():
+            await self.about[name].write_value(ua.Variant(values[name], kind))
 
     async def write_state(self, state: MachineState) -> None:
         """Write the machine's state."""

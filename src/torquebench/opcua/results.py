@@ -153,14 +153,24 @@ def result_file(records: RecordQueries, result_id: str) -> tuple[bytes, str]:
 Condition = Callable[[ResultRecord], Any]
 """Value of a filter's element or operand for a result."""
 
-_COMPARISONS: dict[str, Callable[[Any, Any], bool]] = {
-    "Equals": lambda a, b: a == b,
-    "GreaterThan": lambda a, b: a > b,
-    "LessThan": lambda a, b: a < b,
-    "GreaterThanOrEqual": lambda a, b: a >= b,
-    "LessThanOrEqual": lambda a, b: a <= b,
-    "Like": lambda a, b: fnmatch.fnmatchcase(str(a), str(b).replace("%", "*").replace("_", "?")),
+_OPERATORS: dict[str, tuple[int, Callable[..., bool]]] = {
+    "And": (2, lambda a, b: bool(a) and bool(b)),
+    "Or": (2, lambda a, b: bool(a) or bool(b)),
+    "Not": (1, lambda a: not a),
+    "Between": (3, lambda a, low, high: low <= a <= high),
+    "IsNull": (1, lambda a: a is None),
+    "Equals": (2, lambda a, b: a == b),
+    "GreaterThan": (2, lambda a, b: a > b),
+    "LessThan": (2, lambda a, b: a < b),
+    "GreaterThanOrEqual": (2, lambda a, b: a >= b),
+    "LessThanOrEqual": (2, lambda a, b: a <= b),
+    "Like": (
+        2,
+        lambda a, b: fnmatch.fnmatchcase(str(a), str(b).replace("%", "*").replace("_", "?")),
+    ),
+    "InList": (0, lambda a, *others: a in others),
 }
+"""Number of operands, 0 for two and more, and the comparison of their values."""
 
 
 def condition(operator: str, operands: Sequence[Condition]) -> Condition:
@@ -171,43 +181,21 @@ def condition(operator: str, operands: Sequence[Condition]) -> Condition:
     InputError
         When the operator isn't known or has the wrong number of operands.
     """
-    many = {
-        "And": 2,
-        "Or": 2,
-        "Not": 1,
-        "Between": 3,
-        "IsNull": 1,
-        **dict.fromkeys(_COMPARISONS, 2),
-    }
-    if operator == "InList" and len(operands) > 1:
-        return lambda r: operands[0](r) in [each(r) for each in operands[1:]]
-    if many.get(operator) != len(operands):
+    count, comparison = _OPERATORS.get(operator, (-1, bool))
+    if len(operands) != count and not (count == 0 and len(operands) > 1):
         raise InputError(
             Message("filter {operator} with {count} operands", operator, len(operands)),
-            ", ".join((*many, "InList")),
+            ", ".join(_OPERATORS),
         )
-    if operator in _COMPARISONS:
-        return lambda r: _compared(_COMPARISONS[operator], operands[0](r), operands[1](r))
-    first = operands[0]
-    if operator == "Not":
-        return lambda r: not first(r)
-    if operator == "IsNull":
-        return lambda r: first(r) is None
-    if operator == "Between":
-        return lambda r: _compared(
-            lambda value, low: low <= value <= operands[2](r), first(r), operands[1](r)
-        )
-    if operator == "And":
-        return lambda r: bool(first(r)) and bool(operands[1](r))
-    return lambda r: bool(first(r)) or bool(operands[1](r))
+    return lambda result: _compared(comparison, [operand(result) for operand in operands])
 
 
-def _compared(comparison: Callable[[Any, Any], bool], one: Any, other: Any) -> bool:
+def _compared(comparison: Callable[..., bool], values: Sequence[Any]) -> bool:
     """Compare comparable values; values of different types don't match."""
-    if isinstance(one, datetime) and isinstance(other, datetime):
-        one, other = _utc(one), _utc(other)
     try:
-        return comparison(one, other)
+        return comparison(
+            *(_utc(value) if isinstance(value, datetime) else value for value in values)
+        )
     except TypeError:
         return False
 

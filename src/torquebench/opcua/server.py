@@ -179,15 +179,14 @@ class OpcUaServer:
         bench = self._service.snapshot()
         await self._space.write_live(live_values(bench))
         await self._space.write_state(machine_state(bench))
-        about = self._space.about
-        for name, value, kind in (
-            ("Simulated", bench.simulated, ua.VariantType.Boolean),
-            ("Mounted", bench.mounted, ua.VariantType.String),
-            ("JobId", bench.job_id or "", ua.VariantType.String),
-            ("CommandedBy", bench.commanded_by or "", ua.VariantType.String),
-            ("ActiveAlarms", bench.alarms, ua.VariantType.UInt32),
-        ):
-            await about[name].write_value(ua.Variant(value, kind))
+        about = {
+            "Simulated": bench.simulated,
+            "Mounted": bench.mounted,
+            "JobId": bench.job_id or "",
+            "CommandedBy": bench.commanded_by or "",
+            "ActiveAlarms": bench.alarms,
+        }
+        await self._space.write_about(about)
 
     async def _show_slow(self, *, first: bool = False) -> None:
         self._records = await asyncio.to_thread(result_records, self._service.records)

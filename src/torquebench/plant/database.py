@@ -294,7 +294,6 @@ class Plant(PlantDatabase):
         """
         if not name.strip():
             raise InputError("a bench without a name", "a name")
-        password = secrets.token_urlsafe(24)
         with self.transaction() as connection:
             if replaces is not None:
                 self._bench(connection, replaces)
@@ -307,39 +306,37 @@ class Plant(PlantDatabase):
             # Roles outlive a database that is dropped and made again under its name.
             made = self._setting(connection, "identity")[:6]
             role = f"torquebench_{self.url.database}_{made}_{number}"[-63:]
-            quoted = _quoted(role)
             connection.execute(
                 update(benches).where(benches.c.bench_key == number).values(role=role)
             )
-            connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
-            connection.exec_driver_sql(
-                f"GRANT CONNECT ON DATABASE {_quoted(self.url.database or '')} TO {quoted}"
+            url = self._add_role(
+                connection,
+                role,
+                f"CONNECT ON DATABASE {_quoted(self.url.database or '')}",
+                *(f"EXECUTE ON FUNCTION {PLANT_SCHEMA}.{each}" for each in BENCH_FUNCTIONS),
             )
-            connection.exec_driver_sql(f"GRANT USAGE ON SCHEMA {PLANT_SCHEMA} TO {quoted}")
-            for function in BENCH_FUNCTIONS:
-                connection.exec_driver_sql(
-                    f"GRANT EXECUTE ON FUNCTION {PLANT_SCHEMA}.{function} TO {quoted}"
-                )
             if replaces is not None:
                 connection.execute(
                     update(benches)
                     .where(benches.c.bench_key == replaces)
                     .values(replaced_by=number)
                 )
-        return number, make_url(self.url).set(
-            drivername="postgresql", username=role, password=password
-        )
+        return number, url
 
     def add_reader(self, name: str) -> URL:
         """Create a read-only role; return its URL."""
-        password, quoted = secrets.token_urlsafe(24), _quoted(name)
         with self.transaction() as connection:
-            connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
-            connection.exec_driver_sql(f"GRANT USAGE ON SCHEMA {PLANT_SCHEMA} TO {quoted}")
-            connection.exec_driver_sql(
-                f"GRANT SELECT ON ALL TABLES IN SCHEMA {PLANT_SCHEMA} TO {quoted}"
+            return self._add_role(
+                connection, name, f"SELECT ON ALL TABLES IN SCHEMA {PLANT_SCHEMA}"
             )
-        return make_url(self.url).set(drivername="postgresql", username=name, password=password)
+
+    def _add_role(self, connection: Connection, role: str, *rights: str) -> URL:
+        """Create a role that may sign in, with rights in the plant's schema; return its URL."""
+        password, quoted = secrets.token_urlsafe(24), _quoted(role)
+        connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
+        for right in (f"USAGE ON SCHEMA {PLANT_SCHEMA}", *rights):
+            connection.exec_driver_sql(f"GRANT {right} TO {quoted}")
+        return make_url(self.url).set(drivername="postgresql", username=role, password=password)
 
     def _bench(self, connection: Connection, number: int) -> None:
         known = connection.scalars(select(benches.c.bench_key)).all()
@@ -352,17 +349,12 @@ class Plant(PlantDatabase):
 
     def benches(self) -> list[BenchState]:
         """Return every bench, the oldest first."""
-        counts = select(runs.c.bench_key, func.count().label("known")).group_by(runs.c.bench_key)
-        arrived = select(folders.c.bench_key, func.count().label("arrived")).group_by(
-            folders.c.bench_key
+        known, arrived = (
+            select(func.count()).where(table.c.bench_key == benches.c.bench_key).scalar_subquery()
+            for table in (runs, folders)
         )
-        known, there = counts.subquery(), arrived.subquery()
-        query = (
-            select(benches, known.c.known, there.c.arrived)
-            .outerjoin(known, known.c.bench_key == benches.c.bench_key)
-            .outerjoin(there, there.c.bench_key == benches.c.bench_key)
-            .order_by(benches.c.bench_key)
-        )
+        query = select(benches, known.label("known"), arrived.label("arrived"))
+        query = query.order_by(benches.c.bench_key)
         with self.transaction() as connection:
             return [
                 BenchState(
@@ -372,8 +364,8 @@ class Plant(PlantDatabase):
                     registered=row.registered,
                     head=ChainHead(row.head_sequence, row.head_sha256),
                     last_contact=row.last_contact,
-                    runs=row.known or 0,
-                    folders=row.arrived or 0,
+                    runs=row.known,
+                    folders=row.arrived,
                     replaced_by=row.replaced_by,
                 )
                 for row in connection.execute(query)
@@ -405,9 +397,9 @@ class Plant(PlantDatabase):
         query = (
             select(
                 *(runs.c[name] for name in _LISTED),
-                benches.c.name.label("bench_name"),
-                folders.c.url,
-                folders.c.points_url,
+                func.concat(benches.c.bench_key, " ", benches.c.name).label("bench"),
+                func.coalesce(folders.c.url, "").label("url"),
+                func.coalesce(folders.c.points_url, "").label("points_url"),
             )
             .join(benches, benches.c.bench_key == runs.c.bench_key)
             .outerjoin(
@@ -425,7 +417,7 @@ class Plant(PlantDatabase):
         if withdrawn is not None:
             query = query.where(runs.c.withdrawn.is_not(None) == withdrawn)
         with self.transaction() as connection:
-            return [_plant_run(row) for row in connection.execute(query)]
+            return [PlantRun(**row._mapping) for row in connection.execute(query)]
 
     def run(self, run_id: str, bench: int | None = None) -> PlantRun:
         """Return one run.
@@ -543,13 +535,6 @@ class Plant(PlantDatabase):
 
 _LISTED = tuple(each.name for each in fields(PlantRun) if each.name in runs.columns)
 _FILTERS = tuple(name for name in _LISTED if not name.startswith(("withdrawn", "started")))
-
-
-def _plant_run(row: Any) -> PlantRun:
-    values = dict(row._mapping)
-    bench = f"{values['bench_key']} {values.pop('bench_name')}"
-    url, points = values.pop("url") or "", values.pop("points_url") or ""
-    return PlantRun(bench=bench, url=url, points_url=points, **values)
 
 
 def _quoted(name: str) -> str:

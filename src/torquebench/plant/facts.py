@@ -31,14 +31,6 @@ class RunFacts:
     serial: str = ""
     quantities: tuple[Mapping[str, Any], ...] = ()
 
-    def plain(self) -> dict[str, Any]:
-        """Return it as JSON has it."""
-        return {
-            "specimen_type": self.specimen_type,
-            "serial": self.serial,
-            "quantities": list(self.quantities),
-        }
-
 
 def facts_of(results: Any) -> RunFacts:
     """Return the facts in the content of a run's ``results.json``.

@@ -134,14 +134,27 @@ class FolderStore:
         self.put(f"{url}/{MANIFEST}", sealed)
         return PushedFolder(url, size, tuple(name for name in files if name in STAYS))
 
+    def manifest(self, url: str, manifest_sha256: str) -> bytes:
+        """Return the manifest of an arrived folder.
+
+        Raises
+        ------
+        RecordError
+            It can't be read, or isn't the one in the chain.
+        """
+        sealed = self.read(f"{url}/{MANIFEST}")
+        if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
+            raise RecordError(
+                Message("{url}/{manifest} has another hash than the chain states", url, MANIFEST)
+            )
+        return sealed
+
     def verify(self, url: str, manifest_sha256: str) -> list[str]:
         """Return the differences of an arrived folder from its seal."""
         try:
-            sealed = self.read(f"{url}/{MANIFEST}")
+            sealed = self.manifest(url, manifest_sha256)
         except RecordError as error:
             return [error.found]
-        if hashlib.sha256(sealed).hexdigest() != manifest_sha256:
-            return [f"{url}/{MANIFEST} has another hash than the chain states"]
         problems = []
         for name, entry in json.loads(sealed)["files"].items():
             if name in STAYS:

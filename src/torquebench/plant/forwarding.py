@@ -281,7 +281,7 @@ def _send_folders(
                         "points_url": points_url or None,
                         "bytes": pushed.size,
                         "left_out": pushed.left_out,
-                        "facts": facts_of(results).plain(),
+                        "facts": facts_of(results),
                     }
                 ]
             )

@@ -124,11 +124,7 @@ def _content(store: FolderStore, folder: SealedFolder, name: str) -> Any:
 
 def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
     """Return a file of a sealed folder if it still matches its seal."""
-    sealed = store.read(f"{folder.url}/{MANIFEST}")
-    if hashlib.sha256(sealed).hexdigest() != folder.manifest_sha256:
-        raise RecordError(
-            Message("{url}/{manifest} has another hash than the chain states", folder.url, MANIFEST)
-        )
+    sealed = store.manifest(folder.url, folder.manifest_sha256)
     if name == MANIFEST:
         return sealed
     entry = json.loads(sealed)["files"].get(name)

@@ -54,8 +54,9 @@ plant_metadata = MetaData(schema=PLANT_SCHEMA)
 _Moment = DateTime(timezone=True)
 
 
-def _text(name: str, default: str | None = "") -> Column[str]:
-    return Column(name, Text, nullable=default is None, server_default=default)
+def _texts(names: str, default: str | None = "") -> list[Column[str]]:
+    """Return columns of text that are never null, by their names in a row."""
+    return [Column(name, Text, nullable=False, server_default=default) for name in names.split()]
 
 
 def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
@@ -69,15 +70,14 @@ def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
 
 
 settings = Table(
-    "settings", plant_metadata, Column("name", Text, primary_key=True), _text("content", "")
+    "settings", plant_metadata, Column("name", Text, primary_key=True), *_texts("content")
 )
 
 benches = Table(
     "benches",
     plant_metadata,
     Column("bench_key", Integer, primary_key=True),
-    _text("name"),
-    _text("place"),
+    *_texts("name place"),
     Column("role", Text, unique=True),
     Column("registered", _Moment, nullable=False),
     Column("first_sha256", Text, unique=True),
@@ -108,26 +108,19 @@ runs = Table(
     plant_metadata,
     Column("bench_key", Integer, primary_key=True),
     Column("id", BigInteger, primary_key=True),
-    Column("run_id", Text, nullable=False),
-    Column("kind", Text, nullable=False),
+    *_texts("run_id kind", None),
     Column("started", _Moment, nullable=False),
-    _text("side"),
-    _text("operator"),
+    *_texts("side operator"),
     Column("simulated", Boolean, nullable=False),
-    _text("profile_name"),
-    _text("profile_sha256"),
-    _text("software_version"),
+    *_texts("profile_name profile_sha256 software_version"),
     Column("end_id", BigInteger),
     Column("finished", _Moment),
-    _text("status", "running"),
-    _text("reason"),
+    *_texts("status", "running"),
+    *_texts("reason"),
     Column("manifest_sha256", Text),
-    _text("specimen_type"),
-    _text("serial"),
-    _text("batch"),
+    *_texts("specimen_type serial batch"),
     Column("withdrawn", _Moment),
-    _text("withdrawn_by"),
-    _text("withdrawn_reason"),
+    *_texts("withdrawn_by withdrawn_reason"),
     UniqueConstraint("bench_key", "run_id", name="uq_plant_runs_run_id"),
     # Lists are sorted newest first: each of these indexes serves one filter, read backwards.
     Index("ix_plant_runs_started", "started"),
@@ -149,8 +142,7 @@ folders = Table(
     plant_metadata,
     Column("bench_key", Integer, primary_key=True),
     Column("run_id", Text, primary_key=True),
-    Column("manifest_sha256", Text, nullable=False),
-    Column("url", Text, nullable=False),
+    *_texts("manifest_sha256 url", None),
     Column("points_url", Text),
     Column("bytes", BigInteger, nullable=False),
     Column("left_out", ARRAY(Text), nullable=False),
@@ -163,19 +155,17 @@ results = Table(
     Column("bench_key", Integer, primary_key=True),
     Column("run_id", Text, primary_key=True),
     Column("quantity", Text, primary_key=True),
-    _text("title"),
+    *_texts("title"),
     Column("value", Float, nullable=False),
     Column("expanded_uncertainty", Float),
-    _text("unit"),
-    _text("limit"),
-    _text("verdict"),
+    *_texts("unit limit verdict"),
 )
 
 batches = Table(
     "batches",
     plant_metadata,
     Column("serial", Text, primary_key=True),
-    _text("batch"),
+    *_texts("batch"),
     Column("recorded", _Moment, nullable=False),
 )
 
@@ -187,8 +177,7 @@ withdrawals = Table(
     Column("run_id", Text, nullable=False),
     Column("manifest_sha256", Text),
     Column("withdrawn", _Moment, nullable=False),
-    _text("withdrawn_by"),
-    _text("reason"),
+    *_texts("withdrawn_by reason"),
     Index("ix_plant_withdrawals_manifest", "manifest_sha256"),
     Index("ix_plant_withdrawals_run", "run_id"),
 )
@@ -198,14 +187,10 @@ reevaluations = Table(
     plant_metadata,
     Column("id", BigInteger, primary_key=True),
     Column("bench_key", Integer, nullable=False),
-    Column("run_id", Text, nullable=False),
-    Column("label", Text, nullable=False),
-    Column("software_version", Text, nullable=False),
-    Column("manifest_sha256", Text, nullable=False),
+    *_texts("run_id label software_version manifest_sha256", None),
     Column("earlier", JSONB, nullable=False),
     Column("values", Text, nullable=False),
-    _text("problem"),
-    _text("remark"),
+    *_texts("problem remark"),
     Column("evaluated", _Moment, nullable=False),
     # A run that couldn't be evaluated is tried again; its last row counts.
     Index("ix_plant_reevaluations_run", "label", "bench_key", "run_id", "id"),

@@ -61,47 +61,6 @@ ORDER BY c.performed
 """
 _COUNTER = """, (SELECT serial FROM plant.equipment k
   WHERE k.bench_key = c.bench_key AND k.id = c.counter_key) AS counter_identity"""
-_TRANSDUCERS = f"""
-SELECT e.serial, 'transducer' AS kind, latest.bench_key, latest.name, latest.place,
-  latest.performed::date AS performed, latest.due, coalesce(latest.simulated, false) AS simulated
-FROM (SELECT DISTINCT serial FROM plant.equipment JOIN plant.benches USING (bench_key)
-  WHERE kind = 'transducer' AND replaced_by IS NULL) AS e
-LEFT JOIN LATERAL (
-  SELECT c.bench_key, b.name, b.place, c.performed, c.due, c.simulated
-  FROM plant.equipment own
-  JOIN plant.calibrations c ON c.bench_key = own.bench_key AND c.transducer_key = own.id {_COUNTS}
-  WHERE own.kind = 'transducer' AND own.serial = e.serial
-    AND {_ACCEPTED.format(table="calibrations")}
-  ORDER BY c.performed DESC LIMIT 1) AS latest ON true
-"""
-_DUE_STANDARDS = """
-SELECT DISTINCT ON (e.kind, e.serial) e.serial, e.kind, b.bench_key, b.name, b.place,
-  p.performed, p.due, false AS simulated
-FROM plant.equipment e
-JOIN plant.reports p ON p.bench_key = e.bench_key AND p.equipment_key = e.id
-JOIN plant.benches b ON b.bench_key = e.bench_key AND b.replaced_by IS NULL
-ORDER BY e.kind, e.serial, p.due DESC NULLS LAST, p.recorded DESC
-"""
-_CALIBRATIONS = f"""
-SELECT c.*, r.run_id, b.name, counter.serial AS counter FROM plant.equipment e
-JOIN plant.calibrations c ON c.bench_key = e.bench_key AND c.transducer_key = e.id {_COUNTS}
-LEFT JOIN plant.equipment counter ON counter.bench_key = c.bench_key
-  AND counter.id = c.counter_key
-WHERE e.kind = 'transducer' AND e.serial = :serial AND {_ACCEPTED.format(table="calibrations")}
-ORDER BY c.performed
-"""
-_ZEROINGS = f"""
-SELECT c.*, r.run_id, b.name FROM plant.equipment e
-JOIN plant.zeroings c ON c.bench_key = e.bench_key AND c.transducer_key = e.id {_COUNTS}
-WHERE e.kind = 'transducer' AND e.serial = :serial AND {_ACCEPTED.format(table="zeroings")}
-ORDER BY c.performed
-"""
-_CHECKS = f"""
-SELECT c.*, r.run_id, b.name FROM plant.equipment e
-JOIN plant.checks c ON c.bench_key = e.bench_key AND c.transducer_key = e.id {_COUNTS}
-WHERE e.kind = 'transducer' AND e.serial = :serial AND {_ACCEPTED.format(table="checks")}
-ORDER BY c.performed
-"""
 _TRANSDUCERS = """
 SELECT DISTINCT ON (e.serial) e.serial, d.manufacturer, d.model, d.range_nm, d.details
 FROM plant.equipment e

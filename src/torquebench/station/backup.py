@@ -207,7 +207,7 @@ def _copy_files(registry: Registry, data: Path, target: Path, progress: Progress
     backup = Backup(registry.head())
     ended = {
         run.folder.name: run.manifest_sha256
-        for run in registry.runs(limit=registry.number_of_runs() + 1)
+        for run in registry.runs(limit=None)
         if run.finished is not None
     }
     folders = run_folders(data)

@@ -110,7 +110,7 @@ def _check(
 ) -> IntegrityReport:
     findings += schema_changes(registry)
     report = check_records(registry, anchors=anchors, folders=folders)
-    runs = _all_runs(registry)
+    runs = registry.runs(limit=None)
     if any(each.kind == "changed" for each in report.findings):
         # A damaged row no longer matches its index: one defect, reported with the row.
         findings = [each for each in findings if each.remedy != OF_AN_INDEX]
@@ -140,10 +140,6 @@ def _rebuilt(registry: Registry) -> Iterator[str]:
                 len(runs),
             )
         )
-
-
-def _all_runs(registry: Registry) -> list[RunSummary]:
-    return registry.runs(limit=registry.number_of_runs() + 1000)
 
 
 def _strangers(registry: Registry, known: set[str]) -> Iterator[Finding]:

@@ -116,7 +116,7 @@ def rebuild(data: Path, by: str, progress: Progress = NO_PROGRESS) -> Rebuilt:
     with BenchLock(None, data):
         _mend(data, done)
         with Registry(f"sqlite:///{(data / REGISTRY_FILE).resolve()}", data) as registry:
-            known = {run.run_id for run in registry.runs(limit=registry.number_of_runs() + 1)}
+            known = {run.run_id for run in registry.runs(limit=None)}
             missing = [each for each in run_folders(data) if each.name not in known]
             progress.start("Entering runs", len(missing))
             for number, folder in enumerate(missing):
@@ -259,7 +259,7 @@ def _enter_certificates(registry: Registry, data: Path, done: Rebuilt) -> None:
     """Enter every archived certificate whose calibration is registered."""
     archive = data / "certificates"
     issued = {each.number for each in registry.certificates()}
-    calibrations = {entry.run_id: entry for entry in registry.calibrations(limit=100_000)}
+    calibrations = {entry.run_id: entry for entry in registry.calibrations()}
     found = [
         (record, file.parent)
         for file in sorted(archive.glob("*/*.json"))

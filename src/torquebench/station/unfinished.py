@@ -92,7 +92,7 @@ def _recovered(registry: Registry, run: UnfinishedRun) -> RecoveredRun | None:
             torn_bytes = report.torn_document_bytes + report.torn_raw_bytes + report.torn_edge_bytes
             damaged = _named(report)
         enter_run(registry, folder)
-        status, points = str(folder.manifest["status"]), _points(folder)
+        status, points = str(folder.manifest["status"]), sum(1 for _ in folder.points())
         return RecoveredRun(run.run_id, run.kind, side, points, torn_bytes, damaged, status)
     except (RecordError, InputError, OSError) as error:
         logger.warning("run %s can't be recovered: %s", run.run_id, error)
@@ -105,13 +105,3 @@ def _named(report: Recovery) -> str:
     parts = [f"events.jsonl {damage}" for damage in report.damages]
     parts += [name for name in report.damaged_files if name != "events.jsonl"]
     return ", ".join(parts)
-
-
-def _points(folder: RunFolder) -> int:
-    """Count the acknowledged points, without zeros and other streams."""
-    streams = {
-        document["uid"]
-        for _, document in folder.documents("descriptor")
-        if document.get("name") == "points"
-    }
-    return sum(document["descriptor"] in streams for _, document in folder.documents("event"))

@@ -193,18 +193,14 @@ class Database:
                 WAY_BACK,
             )
         waits_s = longest_s if given else 0.0
-        deadline = time.monotonic() + waits_s
-        while True:
-            try:
-                return cls(given or URL.create("sqlite", database=str(file)), data_dir)
-            except UnavailableError as error:
-                if time.monotonic() < deadline:
-                    time.sleep(RETRY_S)
-                    continue
-                if not waits_s:
-                    raise
-                found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
-                raise UnavailableError(found, error.allowed, error.remedy) from error
+        address = given or URL.create("sqlite", database=str(file))
+        try:
+            return _retried(lambda: cls(address, data_dir), waits_s)
+        except UnavailableError as error:
+            if not waits_s:
+                raise
+            found = Message("{found}; it was tried for {waits_s:g} s", error.found, waits_s)
+            raise UnavailableError(found, error.allowed, error.remedy) from error
 
     def __enter__(self) -> Self:
         return self
@@ -320,17 +316,7 @@ class Database:
         UnavailableError
             The server is still unavailable.
         """
-        deadline = time.monotonic() + longest_s
-        while True:
-            try:
-                return action()
-            except UnavailableError as error:
-                if self._sqlite or time.monotonic() >= deadline:
-                    raise
-                if told is not None:
-                    told(error.found)
-                    told = None
-                time.sleep(RETRY_S)
+        return _retried(action, 0.0 if self._sqlite else longest_s, told)
 
     def head(self) -> ChainHead:
         """Return the end of the chain, which covers every record so far."""
@@ -343,6 +329,22 @@ class Database:
         resolved = path.resolve()
         inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
+
+
+def _retried(
+    action: Callable[[], Result], longest_s: float, told: Callable[[str], None] | None = None
+) -> Result:
+    deadline = time.monotonic() + longest_s
+    while True:
+        try:
+            return action()
+        except UnavailableError as error:
+            if time.monotonic() >= deadline:
+                raise
+            if told is not None:
+                told(error.found)
+                told = None
+            time.sleep(RETRY_S)
 
 
 @contextmanager
@@ -382,11 +384,13 @@ def _head(session: Session) -> ChainHead:
 
 
 def _append_links(session: Session) -> ChainHead:
-    head, now = _head(session), datetime.now(UTC)
+    head, now, appended = _head(session), datetime.now(UTC), []
     for table, content in session.info.pop("added", []):
         link = seal(head, table, content["id"], now, canonical(content))
-        session.execute(links.insert(), vars(link))
+        appended.append(vars(link))
         head = ChainHead(link.sequence, link.sha256)
+    if appended:
+        session.execute(links.insert(), appended)
     return head
 
 

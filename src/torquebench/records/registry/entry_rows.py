@@ -8,7 +8,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, TypeVar
 
-from sqlalchemy import ColumnElement, FromClause, Row, Select, Table, select
+from sqlalchemy import Column, ColumnElement, FromClause, Row, Select, Table, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import RecordError
@@ -74,7 +74,7 @@ class EntryRecords(Database):
             if name == "id" or name in values:
                 continue
             if name.endswith("_key"):
-                values[name] = _key(session, entry, name)
+                values[name] = _key(session, entry, column)
                 continue
             value = getattr(entry, name)
             if isinstance(value, Mapping):
@@ -183,16 +183,15 @@ def _view(kind: type) -> tuple[Select[Any], Mapping[str, ColumnElement[Any]]]:
     return query.select_from(source), places
 
 
-def _key(session: Session, entry: Any, key: str) -> int | None:
+def _key(session: Session, entry: Any, column: Column[Any]) -> int | None:
     """Return the number of the row that a key of an entry points to; None for none."""
-    for name, column in _NUMBERS.items():
-        if column == key:
+    key = column.name
+    for name, of in _NUMBERS.items():
+        if of == key:
             number: int | None = getattr(entry, name)
             return number
-    wanted = {
-        column: getattr(entry, name) for name, (of, column) in _REFERENCES.items() if of == key
-    }
-    if not any(wanted.values()):
+    wanted = {place: getattr(entry, name) for name, (of, place) in _REFERENCES.items() if of == key}
+    if column.nullable and not any(wanted.values()):
         return None
     table = POINTS_TO[key]
     if table == "runs":

@@ -117,13 +117,17 @@ class RunRecords(EntryRecords):
             for entry in self.entries(Amendment, subject=REBUILT)
         ]
 
-    def runs(self, limit: int = 100, offset: int = 0, kind: str | None = None) -> list[RunSummary]:
+    def runs(
+        self, limit: int | None = 100, offset: int = 0, kind: str | None = None
+    ) -> list[RunSummary]:
         """Return runs, the newest first.
 
         Parameters
         ----------
-        limit, offset : int
-            How many, and how many of the newest to pass over.
+        limit : int or None
+            How many; all by None.
+        offset : int
+            How many of the newest to pass over.
         kind : str, optional
             Only runs of this kind.
         """

@@ -484,6 +484,15 @@ class RunFolder:
             if found != _RUN and name in (None, found):
                 yield found, document
 
+    def points(self) -> Iterator[dict[str, Any]]:
+        """Yield the documents of the acknowledged points, without zeros and other streams."""
+        streams = set()
+        for name, document in self.documents():
+            if name == "descriptor" and document.get("name") == "points":
+                streams.add(document["uid"])
+            elif name == "event" and document["descriptor"] in streams:
+                yield document
+
     def _open_documents(self) -> Iterator[tuple[str, dict[str, Any]]]:
         for line in self._read_lines().lines:
             yield line.name, line.document

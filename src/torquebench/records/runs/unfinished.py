@@ -202,17 +202,11 @@ def can_go_on(folder: RunFolder, now: datetime) -> bool:
 
 def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | None]:
     """Return a run's start document and the time of its last point; None without one."""
-    start: dict[str, Any] = {}
-    streams: set[str] = set()
     last_s = None
     try:
-        for name, document in folder.documents():
-            if name == "start":
-                start = document
-            elif name == "descriptor" and document.get("name") == "points":
-                streams.add(document["uid"])
-            elif name == "event" and document["descriptor"] in streams:
-                last_s = float(document["time"])
+        start = next((document for _, document in folder.documents("start")), {})
+        for point in folder.points():
+            last_s = float(point["time"])
     except (RecordError, KeyError, OSError):  # `records verify` reports the error
         return {}, None
     return start, last_s
