@@ -22,6 +22,7 @@ from torquebench.bench.drivers.links import (
     SwitchingTime,
     TimeOut,
     WireError,
+    check_drive_order,
     drive_timeout,
 )
 from torquebench.bench.drivers.plugins import (
@@ -30,7 +31,7 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S, RPM_PER_RAD_S
 
@@ -353,8 +354,7 @@ class Cia402Drive:
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
         """Go to a torque at a limited rate and keep it."""
-        _check_within(self._link.name, torque_nm, self._maximum_nm, "N·m")
-        _check_rate(ramp_nm_per_s, "N·m/s")
+        check_drive_order(self._link.name, torque_nm, ramp_nm_per_s, self._maximum_nm, "N·m")
         self._check_enabled()
         # Set the target before the mode: the drive follows its present target as soon as the mode
         # changes.
@@ -364,8 +364,9 @@ class Cia402Drive:
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
         """Go to a speed at a limited rate and keep it."""
-        _check_within(self._link.name, speed_rad_s, self._maximum_rad_s, "rad/s")
-        _check_rate(ramp_rad_per_s2, "rad/s²")
+        check_drive_order(
+            self._link.name, speed_rad_s, ramp_rad_per_s2, self._maximum_rad_s, "rad/s"
+        )
         self._check_enabled()
         ramp = self._ramp(ramp_rad_per_s2)
         for index in (ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION):
@@ -428,20 +429,6 @@ class Cia402Drive:
         """Release the drive. A second call does nothing."""
         with contextlib.suppress(BenchError):
             self._link.close()
-
-
-def _check_within(name: str, value: float, maximum: float, unit: str) -> None:
-    if not abs(value) <= maximum * (1.0 + 1e-6):
-        raise LimitError(
-            Message("{value:g} {unit} requested from {name}", value, unit, name),
-            Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
-            "stay within the drive's limits",
-        )
-
-
-def _check_rate(rate: float, unit: str) -> None:
-    if not (rate > 0.0 and math.isfinite(rate)):
-        raise InputError(Message("rate {rate:g} {unit}", rate, unit), "a rate above 0")
 
 
 def _drive(request: InstrumentRequest) -> Cia402Drive:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator
@@ -10,7 +11,7 @@ from typing import Annotated, Generic, Self, TypeVar
 
 from pydantic import Field, StringConstraints
 
-from torquebench.errors import BenchError, InputError
+from torquebench.errors import BenchError, InputError, LimitError
 from torquebench.message import Message
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "SwitchingTime",
     "TimeOut",
     "WireError",
+    "check_drive_order",
     "drive_timeout",
     "split_address",
 ]
@@ -63,6 +65,26 @@ def drive_timeout(described_s: float | None, watchdog_s: float, section: str) ->
             "shorten it, or leave it out, so that a lost answer can be repeated in time",
         )
     return described_s
+
+
+def check_drive_order(name: str, value: float, rate: float, maximum: float, unit: str) -> None:
+    """Refuse a set point beyond the limit of the drive itself, or a rate that isn't above 0.
+
+    Raises
+    ------
+    LimitError
+        The set point is beyond the drive's maximum.
+    InputError
+        The rate isn't finite and above 0.
+    """
+    if not abs(value) <= maximum * (1.0 + 1e-6):
+        raise LimitError(
+            Message("{value:g} {unit} requested from {name}", value, unit, name),
+            Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
+            "stay within the drive's limits",
+        )
+    if not (rate > 0.0 and math.isfinite(rate)):
+        raise InputError(Message("rate {rate:g} {unit}/s", rate, unit), "a rate above 0")
 
 
 class WireError(Exception):

@@ -9,7 +9,7 @@ import math
 import time
 
 from torquebench.bench.drivers.base import DriveState, Identity, Side
-from torquebench.bench.drivers.links import SwitchingTime, drive_timeout
+from torquebench.bench.drivers.links import SwitchingTime, check_drive_order, drive_timeout
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus.modules import (
@@ -33,7 +33,7 @@ from torquebench.bench.drivers.modbus.register_map import (
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.bench.roles import SIDES
-from torquebench.errors import BenchError, InputError, LimitError
+from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
 
@@ -112,14 +112,7 @@ class ModbusDrive:
     def _command(
         self, mode: DriveMode, value: float, rate: float, maximum: float, unit: str
     ) -> None:
-        if not abs(value) <= maximum * (1.0 + 1e-6):
-            raise LimitError(
-                Message("{value:g} {unit} requested from {name}", value, unit, self._link.name),
-                Message("±{maximum:g} {unit}, the drive's own limit", maximum, unit),
-                "stay within the drive's limits",
-            )
-        if not (rate > 0.0 and math.isfinite(rate)):
-            raise InputError(Message("rate {rate:g} {unit}/s", rate, unit), "a rate above 0")
+        check_drive_order(self._link.name, value, rate, maximum, unit)
         place = DriveCommand.TORQUE if mode is DriveMode.TORQUE else DriveCommand.SPEED
         numbers = [*register_map.from_float(value), *register_map.from_float(rate)]
         self._link.write(place, numbers)
