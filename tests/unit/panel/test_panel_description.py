@@ -90,6 +90,13 @@ def test_the_details_of_every_result_are_typed(described: dict[str, Any]) -> Non
         assert all(value for value in schema["properties"].values()), each
 
 
+def test_no_record_states_a_path_of_the_server(described: dict[str, Any]) -> None:
+    schemas = described["components"]["schemas"]
+    assert "folder" not in schemas["RunView"]["properties"]
+    assert "file" not in schemas["ModelView"]["properties"]
+    assert "profile" in schemas["CalibrationView"]["properties"]
+
+
 @pytest.mark.parametrize("name", EXAMPLES)
 def test_every_example_may_be_sent(described: dict[str, Any], name: str) -> None:
     schemas = described["components"]["schemas"]

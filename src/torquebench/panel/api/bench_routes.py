@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Path, Query, Response
+from fastapi import APIRouter, Path, Query
 from numpy.typing import NDArray
 from pydantic import StringConstraints
 
@@ -93,21 +93,21 @@ def _lists(columns: Any) -> dict[str, list[float | None]]:
 
 def finite_list(values: NDArray[np.float64]) -> list[float | None]:
     """Return numbers as JSON has them: null if there is none."""
-    found: list[float | None] = values.tolist()
+    numbers: list[float | None] = values.tolist()
     if not np.isfinite(values).all():
-        return [value if value is not None and math.isfinite(value) else None for value in found]
-    return found
+        return [value if value is not None and math.isfinite(value) else None for value in numbers]
+    return numbers
 
 
-def live_document(found: LiveTrend) -> dict[str, Any]:
+def live_document(trend: LiveTrend) -> dict[str, Any]:
     """Return the content of `LiveRows` for fast senders: null if there is no number."""
     return {
-        "sequence": found.sequence,
-        "missed": found.missed,
-        "time_s": found.time_s.tolist(),
-        "values": _lists(found.values),
-        "low": _lists(found.low),
-        "high": _lists(found.high),
+        "sequence": trend.sequence,
+        "missed": trend.missed,
+        "time_s": trend.time_s.tolist(),
+        "values": _lists(trend.values),
+        "low": _lists(trend.low),
+        "high": _lists(trend.high),
     }
 
 
@@ -149,10 +149,9 @@ def take_command(service: Service, caller: Caller, body: LeaseBody) -> LeaseStat
 
 
 @router.delete("/command", status_code=204)
-def give_command_back(service: Service, caller: Caller) -> Response:
+def give_command_back(service: Service, caller: Caller) -> None:
     """Give the command lease back; no effect for a session without it."""
     service.lease.give_back(caller)
-    return Response(status_code=204)
 
 
 # -- stop and alarms ------------------------------------------------------------------------
@@ -168,10 +167,9 @@ async def stop(service: Service, caller: Caller, body: StopBody) -> StopReport:
 
 
 @router.post("/presence", status_code=204)
-def confirm_presence(service: Service, caller: Caller) -> Response:
+def confirm_presence(service: Service, caller: Caller) -> None:
     """Confirm the operator's presence at the bench, if its description requires it."""
     service.confirm_presence(caller)
-    return Response(status_code=204)
 
 
 @router.get("/alarms")
@@ -203,7 +201,7 @@ def activate(
     caller: Caller,
     model_id: Annotated[int, Path(ge=1, le=2**53)],
     body: ActivateBody,
-) -> Response:
+) -> None:
     """Put a model into use on its chain; one that contradicts itself on demand, with a reason.
 
     The newest numbers are by this model when the answer comes.
@@ -212,14 +210,12 @@ def activate(
         caller, model_id, body.reason, despite_contradictions=body.despite_contradictions
     )
     service.wait_for_live()
-    return Response(status_code=204)
 
 
 @router.post("/sides/{side}/deactivate", status_code=204)
-def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -> Response:
+def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -> None:
     """Take the compensation of a side out of use."""
     service.deactivate(caller, side, body.reason)
-    return Response(status_code=204)
 
 
 @router.get("/sides/{side}/effects")
@@ -229,15 +225,13 @@ def effects(service: Watched, side: Side) -> list[EffectState]:
 
 
 @router.post("/sides/{side}/switches", status_code=204)
-def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> Response:
+def switch_off(service: Service, caller: Caller, side: Side, body: SwitchBody) -> None:
     """Switch off corrections of a side until the bench is closed; U then contains them."""
     service.switch_off(caller, side, body.off, body.reason)
     service.wait_for_live()
-    return Response(status_code=204)
 
 
 @router.post("/bench/reopen", status_code=204)
-def reopen(service: Service, caller: Caller) -> Response:
+def reopen(service: Service, caller: Caller) -> None:
     """Close the bench and open it again with the present settings."""
     service.reopen(caller)
-    return Response(status_code=204)

@@ -28,7 +28,7 @@ from torquebench.panel.service import (
     PendingPrompt,
 )
 
-__all__ = ["router"]
+__all__ = ["router", "until_left"]
 
 router = APIRouter(tags=["jobs"])
 
@@ -68,7 +68,7 @@ class EventStream(Response):
         del scope
         headers = [(b"content-type", b"text/event-stream; charset=utf-8")]
         await send({"type": "http.response.start", "status": 200, "headers": headers})
-        left = asyncio.ensure_future(_until_left(receive))
+        left = asyncio.ensure_future(until_left(receive))
         try:
             async for event in self._events:
                 if left.done():
@@ -84,8 +84,9 @@ class EventStream(Response):
                 await left
 
 
-async def _until_left(receive: Receive) -> None:
-    while (await receive())["type"] != "http.disconnect":
+async def until_left(receive: Receive) -> None:
+    """Wait until a listener disconnects."""
+    while (await receive())["type"] not in ("http.disconnect", "websocket.disconnect"):
         pass
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Path, Query, Request
 
 from torquebench.panel.api.access import Caller, Service, Token, Watched, address_of
 from torquebench.panel.api.models import (
@@ -55,22 +55,18 @@ def who_am_i(service: Service, caller: Caller) -> WhoAmI:
 
 
 @router.delete("/session", status_code=204)
-def sign_out(service: Service, caller: Caller, token: Token) -> Response:
+def sign_out(service: Service, caller: Caller, token: Token) -> None:
     """End the session of this token; a client's token is revoked instead."""
     if caller.kind != "person":
         raise PermissionDeniedError("a client has no session", "a person's token", "revoke it")
     service.lease.give_back(caller)
     service.people.sign_out(token)
-    return Response(status_code=204)
 
 
 @router.put("/password", status_code=204)
-def change_password(
-    service: Service, caller: Caller, request: Request, body: PasswordBody
-) -> Response:
+def change_password(service: Service, caller: Caller, request: Request, body: PasswordBody) -> None:
     """Change one's own password; the person's other sessions end."""
     service.people.change_password(caller, body.old, body.new, address_of(request))
-    return Response(status_code=204)
 
 
 @router.get("/users")

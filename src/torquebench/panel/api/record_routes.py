@@ -32,6 +32,7 @@ from torquebench.panel.service import (
     UnfinishedView,
 )
 from torquebench.panel.service.fields import Moment
+from torquebench.panel.service.records.queries import MEDIA
 from torquebench.records import CertificateEntry
 from torquebench.records.export.streams import Stream, StreamFormat, stream_ending
 
@@ -136,21 +137,19 @@ def run_trend(
     )
 
 
-@router.get(
-    "/runs/{run_id}/export",
-    response_class=StreamingResponse,
-    responses={200: {"content": {"application/zip": {}}, "description": "A ZIP archive."}},
-)
+def _sends(words: str, *media_types: str) -> dict[str, Any]:
+    """Describe an operation that sends a file."""
+    answer = {"content": {media_type: {} for media_type in media_types}, "description": words}
+    return {"response_class": Response, "responses": {200: answer}}
+
+
+@router.get("/runs/{run_id}/export", **_sends("A ZIP archive.", "application/zip"))
 def export(service: Watched, run_id: RunId) -> StreamingResponse:
     """Return a run in open formats as a ZIP archive."""
     return _file(service.records.export_zip(run_id), f"{run_id}.zip", "application/zip")
 
 
-@router.get(
-    "/runs/{run_id}/data",
-    response_class=StreamingResponse,
-    responses={200: {"content": {"application/octet-stream": {}}, "description": "One file."}},
-)
+@router.get("/runs/{run_id}/data", **_sends("One file.", "application/octet-stream"))
 def run_data(
     service: Watched,
     run_id: RunId,
@@ -181,11 +180,7 @@ def _file(
     return StreamingResponse(content(), media_type=media_type, headers=_attached(name))
 
 
-@router.get(
-    "/runs/{run_id}/report",
-    response_class=Response,
-    responses={200: {"content": {"application/pdf": {}}, "description": "The report as PDF."}},
-)
+@router.get("/runs/{run_id}/report", **_sends("The report as PDF.", "application/pdf"))
 def run_report(service: Watched, run_id: RunId) -> Response:
     """Return the report of a reducer test, by the run that its details name."""
     content = service.records.report_file(run_id)
@@ -224,14 +219,11 @@ def errors(
 
 
 @router.post("/calibrations/{calibration_id}/sign-off", status_code=204)
-def sign_off(
-    service: Service, caller: Caller, calibration_id: Number, body: SignOffBody
-) -> Response:
+def sign_off(service: Service, caller: Caller, calibration_id: Number, body: SignOffBody) -> None:
     """Sign the review of a calibration with the password; not by the person who measured it."""
     service.sign_off(
         caller, calibration_id, body.password, accepted=body.accepted, remark=body.remark
     )
-    return Response(status_code=204)
 
 
 @router.post("/calibrations/{calibration_id}/certificate", status_code=202)
@@ -251,11 +243,7 @@ def models(service: Watched, transducer: Serial = None) -> list[ModelView]:
     return service.records.models(transducer)
 
 
-@router.get(
-    "/models/{model_id}/file",
-    response_class=Response,
-    responses={200: {"content": {"application/json": {}}, "description": "The file of the model."}},
-)
+@router.get("/models/{model_id}/file", **_sends("The file of the model.", "application/json"))
 def model_file(service: Watched, model_id: Number) -> Response:
     """Return the file of a model, checked by its registered hash: `torquebench apply` takes it."""
     content, name = service.records.model_file(model_id)
@@ -300,13 +288,7 @@ def certificates(service: Watched) -> list[CertificateEntry]:
 
 @router.get(
     "/certificates/{number}/{name}",
-    response_class=Response,
-    responses={
-        200: {
-            "content": {"application/pdf": {}, "application/xml": {}, "application/json": {}},
-            "description": "The file, checked by its registered hash.",
-        }
-    },
+    **_sends("The file, checked by its registered hash.", *MEDIA.values()),
 )
 def certificate_file(
     service: Watched,

@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from torquebench.errors import TorquebenchError
 from torquebench.panel.api.access import caller_of
 from torquebench.panel.api.bench_routes import live_document
+from torquebench.panel.api.events import until_left
 from torquebench.panel.service import BenchService
 
 __all__ = ["StreamRequest", "router"]
@@ -64,23 +65,16 @@ async def _first(websocket: WebSocket) -> StreamRequest:
 
 
 async def _send(websocket: WebSocket, service: BenchService, request: StreamRequest) -> None:
-    left = asyncio.ensure_future(_until_left(websocket))
+    left = asyncio.ensure_future(until_left(websocket.receive))
     try:
         sequence = request.since
         while not left.done():
             caller_of(service, request.token, touch=False)  # the token may have been revoked
-            found = service.live.since(sequence, request.signals)
-            if found.time_s.size or found.sequence != sequence:
-                sequence = found.sequence
-                message = json.dumps(live_document(found))
+            trend = service.live.since(sequence, request.signals)
+            if trend.time_s.size or trend.sequence != sequence:
+                sequence = trend.sequence
+                message = json.dumps(live_document(trend))
                 await asyncio.wait_for(websocket.send_text(message), SLOWEST_S)
             await asyncio.sleep(1.0 / request.rate)
     finally:
         left.cancel()
-
-
-async def _until_left(websocket: WebSocket) -> None:
-    while True:
-        message = await websocket.receive()
-        if message["type"] == "websocket.disconnect":
-            return

@@ -6,8 +6,19 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from torquebench.panel.components.elements import box, icon, on_press, words
+from torquebench.panel.text import Text
 
-__all__ = ["Choice", "Field", "button", "link_button", "set_disabled", "typed_number"]
+__all__ = [
+    "Choice",
+    "Field",
+    "NumberField",
+    "button",
+    "file_entry",
+    "link_button",
+    "set_disabled",
+    "tolerance_field",
+    "typed_number",
+]
 
 CHOSEN = "(event) => emit(event.target.value)"
 TYPED = "(event) => { element.props.value = event.target.value; emit(event.target.value); }"
@@ -51,6 +62,14 @@ def button(
     return made
 
 
+def file_entry(label: str, endings: str, script: str, on_file: Callable[[Any], Any]) -> None:
+    """Make an entry of a file; `script` reads the file in the browser and emits its content."""
+    name = words("label", label)
+    entry = box("input", "control", type="file", accept=endings)
+    name.props["for"] = entry.html_id
+    entry.on("change", lambda event: on_file(event.args), js_handler=script)
+
+
 def link_button(label: str, target: str, kind: str = "", *, picture: str = "", **more: Any) -> Any:
     """Make a link that looks like a button."""
     made = box("a", f"control {kind}".strip(), href=target, **more)
@@ -79,7 +98,7 @@ class Field:
     label : str
     value : str
     kind : str
-        Type of the HTML input: "text", "password", "number", "search", "date".
+        Type of the HTML input: "text", "password", "new-password", "number", "search", "date".
     unit, hint : str
         Shown after and below.
     options : mapping of str to str, optional
@@ -111,6 +130,8 @@ class Field:
     ) -> None:
         self.value = value
         self._on_change = on_change
+        if kind.endswith("password"):
+            attributes["autocomplete"] = kind if kind == "new-password" else "current-password"
         with box("div", "field") as self.frame:
             name = words("label", label)
             with box("div", "with-unit"):
@@ -143,7 +164,7 @@ class Field:
         tag = "textarea" if lines else "input"
         control = box(tag, "control", disabled=disabled, value=self.value, **attributes)
         if not lines:
-            control.props["type"] = kind
+            control.props["type"] = kind.removeprefix("new-")
         control.on("input", self._changed, js_handler=TYPED)
         return control
 
@@ -169,6 +190,36 @@ class Field:
         else:
             self.control.props.pop("aria-invalid", None)
         self.control.update()
+
+
+class NumberField(Field):
+    """A labelled input of one number.
+
+    Parameters
+    ----------
+    said : str
+        Shown beside it where it isn't a number.
+    """
+
+    def __init__(self, label: str, value: str, said: str, *, unit: str) -> None:
+        super().__init__(label, value, unit=unit, inputmode="decimal")
+        self._said = said
+
+    def number(self) -> float | None:
+        """Return the number; without one, say so beside the field."""
+        try:
+            number = typed_number(self.value)
+        except ValueError:
+            self.wrong(self._said)
+            return None
+        self.wrong("")
+        return number
+
+
+def tolerance_field(text: Text) -> NumberField:
+    """Make the entry of a tolerance in % of full scale."""
+    said = text("verify.tolerance_wrong")
+    return NumberField(text("verify.tolerance"), "0.1", said, unit="% FS")
 
 
 class Choice:

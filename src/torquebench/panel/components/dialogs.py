@@ -12,7 +12,7 @@ from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.text import Text
 
-__all__ = ["ask", "sheet"]
+__all__ = ["ask", "foot", "sheet"]
 
 
 @contextmanager
@@ -34,6 +34,14 @@ def sheet(title: str) -> Iterator[Any]:
     dialog.open()
 
 
+@contextmanager
+def foot(text: Text, dialog: Any) -> Iterator[None]:
+    """Make the buttons below a dialog; the first one closes it."""
+    with box("div", "line end"):
+        button(text("frame.close"), dialog.close, "quiet")
+        yield
+
+
 def ask(
     text: Text,
     title: str,
@@ -44,7 +52,6 @@ def ask(
     field: str = "",
     kind: str = "text",
     danger: bool = False,
-    autocomplete: str = "off",
 ) -> Any:
     """Ask whether something is to be done, and for one value where it needs one.
 
@@ -58,8 +65,7 @@ def ask(
 
     with sheet(title) as dialog:
         words("p", said)
-        entry = Field(field, kind=kind, on_enter=act, autocomplete=autocomplete) if field else None
-        with box("div", "line end"):
-            button(text("frame.close"), dialog.close, "quiet")
+        entry = Field(field, kind=kind, on_enter=act, autocomplete="off") if field else None
+        with foot(text, dialog):
             button(confirm or title, act, "danger" if danger else "primary")
     return dialog

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Coroutine, Iterable, Mapping, Sequence
+from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from inspect import iscoroutine
 from typing import Any
@@ -20,6 +21,7 @@ __all__ = [
     "on_press",
     "pairs",
     "panel",
+    "refilled",
     "repeat",
     "scrolling",
     "table",
@@ -51,6 +53,14 @@ def _dress(element: Any, classes: str, attributes: Mapping[str, Any]) -> Any:
 def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
     """Make a container element; `aria_label` becomes `aria-label` and so on."""
     return _dress(ui.element(tag), classes, attributes)
+
+
+@contextmanager
+def refilled(place: Any) -> Iterator[Any]:
+    """Empty an element and enter it, to show something else there."""
+    place.clear()
+    with place:
+        yield place
 
 
 def words(tag: str, text: str, classes: str = "", **attributes: Any) -> Any:

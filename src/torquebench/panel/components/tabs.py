@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from typing import Any
 
-from torquebench.panel.components.elements import box, on_press, words
+from torquebench.panel.components.elements import box, on_press, refilled, words
 
 __all__ = ["Tabs"]
 
@@ -44,9 +44,8 @@ class Tabs:
 
     def show(self, name: str) -> None:
         """Show one part."""
-        for each, made in self._buttons.items():
-            made.props["aria-pressed"] = "true" if each == name else "false"
+        for title, made in self._buttons.items():
+            made.props["aria-pressed"] = "true" if title == name else "false"
             made.update()
-        self._content.clear()
-        with self._content:
+        with refilled(self._content):
             self._views[name]()

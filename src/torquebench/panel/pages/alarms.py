@@ -11,6 +11,7 @@ from torquebench.panel.components.elements import (
     moment,
     note,
     panel,
+    refilled,
     table,
     tag,
     words,
@@ -50,13 +51,11 @@ class _AlarmsPage:
         if active != self._stood:  # keep a button that is about to be pressed
             self._stood = active
             self._show(active)
-        self._history.clear()
-        with self._history:
+        with refilled(self._history):
             self._list([alarm for alarm in alarms if not alarm.active])
 
     def _show(self, active: list[AlarmView]) -> None:
-        self._active.clear()
-        with self._active:
+        with refilled(self._active):
             if active:
                 self._acknowledging(active)
                 for alarm in active:
@@ -103,15 +102,14 @@ class _AlarmsPage:
                 if alarm.acknowledged_by
                 else text("alarms.went"),
             )
-            for alarm in sorted(alarms, key=lambda each: -each.number)[:HISTORY]
+            for alarm in sorted(alarms, key=lambda alarm: -alarm.number)[:HISTORY]
         ]
         headings = ("when", "what", "cause", "end")
         table(text("alarms.history"), [(text(f"alarms.{key}"), False) for key in headings], rows)
 
     def _acknowledge(self) -> None:
-        visitor = self.visitor
         seen = [alarm.alarm_id for alarm in self._stood or ()]
-        visitor.attempt(lambda: visitor.service.acknowledge(visitor.actor, seen))
+        self.visitor.act(self.visitor.service.acknowledge, seen)
         self.refresh()
 
 

@@ -7,7 +7,15 @@ from typing import Any
 
 from torquebench.bench.roles import Side
 from torquebench.chain import EffectState
-from torquebench.panel.components.elements import box, on_press, panel, scrolling, tag, words
+from torquebench.panel.components.elements import (
+    box,
+    on_press,
+    panel,
+    refilled,
+    scrolling,
+    tag,
+    words,
+)
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.units import minus_signs
 
@@ -42,16 +50,16 @@ class EffectsTable:
 
     def refresh(self) -> None:
         """Show the newest window; the table is rebuilt only where a state has changed."""
-        states = [each for each in self._visitor.service.effects(self._side) if _says(each)]
+        states = [state for state in self._visitor.service.effects(self._side) if _says(state)]
         may = self._visitor.has_role("metrologist")
-        shown = (may, *((each.name, each.state, _kind_of(each)) for each in states))
+        shown = (may, *((state.name, state.state, _kind_of(state)) for state in states))
         if shown != self._shown:
             self._shown = shown
             self._build(states, may=may)
-        for each in states:
-            added, uncertainty = self._numbers[each.name]
-            added.set_text(self._number(each.contribution_nm, sign=True))
-            uncertainty.set_text(self._number(each.uncertainty_nm))
+        for state in states:
+            added, uncertainty = self._numbers[state.name]
+            added.set_text(self._number(state.contribution_nm, sign=True))
+            uncertainty.set_text(self._number(state.uncertainty_nm))
 
     def _number(self, value: float | None, *, sign: bool = False) -> str:
         decimals = DECIMALS[self._side]
@@ -61,9 +69,8 @@ class EffectsTable:
 
     def _build(self, states: Sequence[EffectState], *, may: bool) -> None:
         text, label = self._text, self._text(f"live.effects_{self._side}")
-        self._place.clear()
         self._numbers.clear()
-        with self._place:
+        with refilled(self._place):
             if not states:
                 words("p", text("live.no_effects"), "muted")
                 return
@@ -80,8 +87,8 @@ class EffectsTable:
                         heading = text(f"live.{key}")
                         words("th", heading, "number" if numeric else "", scope="col")
                 with box("tbody"):
-                    for each in states:
-                        self._row(each, may=may)
+                    for state in states:
+                        self._row(state, may=may)
             words("p", text("live.switch_until"), "small muted")
 
     def _row(self, state: EffectState, *, may: bool) -> None:
@@ -91,7 +98,7 @@ class EffectsTable:
             self._numbers[state.name] = (words("td", "", "number"), words("td", "", "number"))
             detail = text.core(state.detail)
             if state.state == "unmeasured":
-                detail = ", ".join(text.core(each) for each in state.detail.split(", "))
+                detail = ", ".join(text.core(quantity) for quantity in state.detail.split(", "))
             with box("td"):
                 said = text(f"live.{state.state}", detail=detail)
                 tag(said, KINDS[state.state], ICONS[state.state])
@@ -106,16 +113,12 @@ class EffectsTable:
 
     def _switch(self, switch: str, name: str) -> None:
         """Toggle one correction, and keep the others."""
-        visitor = self._visitor
-        off = {
-            each.switch for each in visitor.service.effects(self._side) if each.state == "off"
-        } ^ {switch}
-
-        def change() -> None:
-            visitor.service.switch_off(visitor.actor, self._side, sorted(off))
-
-        if visitor.attempt(change, self._text("live.switched", name=name)):
-            self.refresh()
+        service, said = self._visitor.service, self._text("live.switched", name=name)
+        off = {state.switch for state in service.effects(self._side) if state.state == "off"}
+        off ^= {switch}
+        self._visitor.act(
+            service.switch_off, self._side, sorted(off), success=said, then=self.refresh
+        )
 
 
 def _says(state: EffectState) -> bool:

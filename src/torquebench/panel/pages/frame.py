@@ -175,7 +175,7 @@ class _Frame:
             self._presence_text.set_text(text(said, seconds=left))
         snapshot = service.snapshot()
         latched = _latched(service) if snapshot.stopped else None
-        found = (
+        shown = (
             snapshot.bench_name,
             snapshot.simulated,
             snapshot.mounted,
@@ -185,9 +185,9 @@ class _Frame:
             snapshot.connection,
             None if latched is None else latched.found,
         )
-        if found == self._shown:
+        if shown == self._shown:
             return
-        self._shown = found
+        self._shown = shown
         self._bench.set_text(text.core(snapshot.bench_name))
         self._simulated.set_text(text("frame.simulated") if snapshot.simulated else "")
         self._simulated.set_visibility(snapshot.simulated)
@@ -207,9 +207,9 @@ class _Frame:
     def _notify(self) -> None:
         """Send the browser the newest alarm and the newest end of a job of its user."""
         service, text = self.visitor.service, self.text
-        alarm = max(service.alarms(active=True), key=lambda each: each.number, default=None)
-        jobs = (each for each in service.jobs.recent() if not each.open)
-        job = next((each for each in jobs if each.started_by == self.visitor.looker.label), None)
+        alarm = max(service.alarms(active=True), key=lambda alarm: alarm.number, default=None)
+        jobs = (job for job in service.jobs.recent() if not job.open)
+        job = next((job for job in jobs if job.started_by == self.visitor.looker.label), None)
         news: dict[str, tuple[str, str]] = {}
         if alarm is not None:
             said = f"{text.alarm(alarm.kind)}: {text.core(alarm.found)}"
@@ -221,8 +221,7 @@ class _Frame:
         self._notice.set_text(json.dumps(news))
 
     def _present(self) -> None:
-        visitor = self.visitor
-        visitor.attempt(lambda: visitor.service.confirm_presence(visitor.actor))
+        self.visitor.act(self.visitor.service.confirm_presence)
         self.refresh()
 
     def _take_command(self) -> None:
@@ -230,12 +229,12 @@ class _Frame:
         lease = visitor.service.lease
         free, reason = lease.may_take(visitor.actor)
         if free or not visitor.has_role("metrologist"):
-            visitor.attempt(lambda: lease.take(visitor.actor))
+            visitor.act(lease.take)
             self.refresh()
             return
 
         def take(_: str) -> None:
-            visitor.attempt(lambda: lease.take(visitor.actor, force=True))
+            visitor.act(lease.take, force=True)
             self.refresh()
 
         ask(
@@ -247,8 +246,7 @@ class _Frame:
         )
 
     def _give_command(self) -> None:
-        visitor = self.visitor
-        visitor.attempt(lambda: visitor.service.lease.give_back(visitor.actor))
+        self.visitor.act(self.visitor.service.lease.give_back)
         self.refresh()
 
 

@@ -8,9 +8,9 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.dialogs import sheet
+from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, LOOK_COOKIE, LOOKS, Visitor
 from torquebench.panel.text import LANGUAGES, Text
 
 __all__ = ["Menu"]
@@ -40,46 +40,26 @@ class Menu:
             words("h3", text("menu.language"))
             with box("div", "line"):
                 for language in LANGUAGES:
-                    words(
-                        "button",
-                        Text(language)("name.language"),
-                        "control",
-                        type="button",
-                        lang=language,
-                        data_choose="torquebench_language",
-                        data_value=language,
-                        aria_pressed="true" if language == text.language else "false",
-                    )
+                    said = Text(language)("name.language")
+                    chosen = language == text.language
+                    _choice(said, LANGUAGE_COOKIE, language, chosen=chosen, lang=language)
             words("h3", text("menu.look"))
             with box("div", "line"):
-                for value, key in (("auto", "look_auto"), ("light", "look_light"),
-                                   ("dark", "look_dark")):  # fmt: skip
-                    words(
-                        "button",
-                        text(f"menu.{key}"),
-                        "control",
-                        type="button",
-                        data_choose="torquebench_look",
-                        data_value=value,
-                        aria_pressed="true" if value == (visitor.look or "auto") else "false",
-                    )
+                for look in ("auto", *LOOKS):
+                    chosen = look == (visitor.look or "auto")
+                    _choice(text(f"menu.look_{look}"), LOOK_COOKIE, look, chosen=chosen)
             words("h3", text("menu.notices"))
             words("p", text("menu.notices_explained"), "muted small")
             with box("div", "line"):
                 for value in ("on", "off"):
-                    words(
-                        "button",
-                        text(f"menu.notices_{value}"),
-                        "control",
-                        type="button",
-                        data_notices=value,
-                    )
+                    said = text(f"menu.notices_{value}")
+                    words("button", said, "control", type="button", data_notices=value)
             words("h3", text("menu.shortcuts"))
             with box("ul"):
                 for key in ("key_stop", "key_pages", "key_help", "key_tab"):
                     words("li", text(f"menu.{key}"))
-            with box("div", "line end"):
-                button(text("frame.close"), dialog.close, "quiet")
+            with foot(text, dialog):
+                pass
 
     def _and_close(self, action: Callable[[], Any], dialog: Any) -> Callable[[], None]:
         def act() -> None:
@@ -87,3 +67,17 @@ class Menu:
             dialog.close()
 
         return act
+
+
+def _choice(said: str, cookie: str, value: str, *, chosen: bool, **attributes: str) -> None:
+    """Make a button by which the browser stores a choice and loads the page anew."""
+    words(
+        "button",
+        said,
+        "control",
+        type="button",
+        data_choose=cookie,
+        data_value=value,
+        aria_pressed="true" if chosen else "false",
+        **attributes,
+    )

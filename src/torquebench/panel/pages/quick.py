@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from torquebench.panel.components.controls import Choice, button
-from torquebench.panel.components.dialogs import sheet
+from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.visitor import Visitor
 
@@ -41,14 +41,12 @@ def _dialog(visitor: Visitor, kind: str) -> None:
     def start() -> None:
         request: dict[str, Any] = {} if side is None else {"side": side.value}
         request |= {} if clear is None else clear.request()
-        if visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, kind, request)):
-            dialog.close()
+        visitor.start(kind, request, then=dialog.close)
 
     with sheet(text(f"quick.{kind}")) as dialog:
         words("p", text(f"quick.{kind}_explained"))
         sides = {name: text(f"side.{name}") for name in ("output", "input")}
         side = Choice(text("prepare.side"), sides, "output") if kind == "check" else None
         clear = BenchClear(visitor) if kind == "check" else None
-        with box("div", "line end"):
-            button(text("frame.close"), dialog.close, "quiet")
+        with foot(text, dialog):
             button(text("job.start"), start, "primary", picture="play_arrow")

@@ -8,10 +8,11 @@ from typing import Any
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.components.controls import Field, button, typed_number
-from torquebench.panel.components.dialogs import sheet
+from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import Actor
 from torquebench.panel.service.jobs.recordings import TRIGGER_SIGNALS
 
 __all__ = ["open_recording"]
@@ -22,13 +23,12 @@ def open_recording(visitor: Visitor) -> None:
     text = visitor.text
 
     def start() -> None:
-        def begin() -> None:
+        def begin(actor: Actor) -> None:
             request = {"name": name.value.strip(), "note": note.value.strip()}
             request |= _numbers(duration, before) | _beginning(begins, signal, level, way, at)
-            visitor.service.jobs.start(visitor.actor, "record", request)
+            visitor.service.jobs.start(actor, "record", request)
 
-        if visitor.attempt(begin):
-            dialog.close()
+        visitor.act(begin, then=dialog.close)
 
     def shown(kind: str) -> None:
         for field in (signal, level, way):
@@ -63,8 +63,7 @@ def open_recording(visitor: Visitor) -> None:
             level = Field(text("record.level"), hint=text("record.level_hint"), inputmode="decimal")
         at = Field(text("record.at"), kind="datetime-local", step="1")
         shown("now")
-        with box("div", "line end"):
-            button(text("frame.close"), dialog.close, "quiet")
+        with foot(text, dialog):
             button(text("record.start"), start, "primary", picture="fiber_manual_record")
     # The browser's time is local; the server needs the time zone.
     at.control.on(
@@ -75,10 +74,10 @@ def open_recording(visitor: Visitor) -> None:
 
 
 def _numbers(duration: Field, before: Field) -> dict[str, Any]:
-    found: dict[str, Any] = {"before_s": _number(before.value or "0")}
+    numbers: dict[str, Any] = {"before_s": _number(before.value or "0")}
     if duration.value.strip():
-        found["duration_s"] = _number(duration.value)
-    return found
+        numbers["duration_s"] = _number(duration.value)
+    return numbers
 
 
 def _beginning(begins: Field, signal: Field, level: Field, way: Field, at: Field) -> dict[str, Any]:

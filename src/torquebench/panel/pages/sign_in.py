@@ -13,7 +13,7 @@ from starlette.responses import HTMLResponse
 
 from torquebench.panel.pages.frame import LANGUAGE_TAGS, STOP, head_html, page_title
 from torquebench.panel.pages.page import PAGES
-from torquebench.panel.pages.visitor import look_of, text_of
+from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, look_of, text_of
 from torquebench.panel.service import BenchService
 from torquebench.panel.text import LANGUAGES, Text
 
@@ -76,8 +76,8 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
     if first:
         least = str(SHORTEST_PASSWORD)
         entries += [
-            _entry(text, each, "password", "new-password", minlength=least)
-            for each in ("password", "repeat")
+            _entry(text, entry, "password", "new-password", minlength=least)
+            for entry in ("password", "repeat")
         ]
     else:
         entries.append(_entry(text, "password", "password", "current-password"))
@@ -86,7 +86,7 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
     focus = 'name="code"' if first else 'name="password"' if name else 'name="name"'
     form = element(
         "form",
-        *(each.replace(focus, focus + " autofocus", 1) for each in entries),
+        *(entry.replace(focus, focus + " autofocus", 1) for entry in entries),
         classes="stack",
         method="post",
         action=f"/panel/{'set-up' if first else 'sign-in'}?next={quote(target)}",
@@ -153,7 +153,7 @@ def _languages(text: Text) -> str:
             classes="control",
             type="button",
             lang=language,
-            data_choose="torquebench_language",
+            data_choose=LANGUAGE_COOKIE,
             data_value=language,
             aria_pressed="true" if language == text.language else "false",
         )

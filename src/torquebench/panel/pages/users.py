@@ -6,18 +6,16 @@ from typing import Any
 
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, panel, table
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.components.elements import box, panel, refilled, table
+from torquebench.panel.pages.view import View
 from torquebench.panel.service import ROLES, User
+from torquebench.panel.text import Text
 
-__all__ = ["UsersView"]
+__all__ = ["UsersView", "role_choice"]
 
 
-class UsersView:
+class UsersView(View):
     """Accounts, as far as the user may see them."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
 
     def build(self) -> None:
         """Make the view's elements."""
@@ -32,24 +30,15 @@ class UsersView:
         text = self._text
         with panel(text("users.own")), box("div", "stack"):
             with box("div", "columns"):
-                old = Field(text("users.old"), kind="password", autocomplete="current-password")
-                new = Field(
-                    text("users.new"),
-                    kind="password",
-                    autocomplete="new-password",
-                    hint=text("users.rule"),
-                )
+                old = Field(text("users.old"), kind="password")
+                new = Field(text("users.new"), kind="new-password", hint=text("users.rule"))
 
             def change() -> None:
-                visitor = self._visitor
-                if visitor.attempt(
-                    lambda: visitor.service.people.change_password(
-                        visitor.actor, old.value, new.value
-                    ),
-                    text("users.changed"),
-                ):
-                    old.set("")
-                    new.set("")
+                people = self._visitor.service.people
+                self._visitor.act(
+                    people.change_password, old.value, new.value,
+                    success=text("users.changed"), then=lambda: _empty(old, new),
+                )  # fmt: skip
 
             with box("div", "line"):
                 button(text("users.change"), change, "primary", picture="key")
@@ -66,8 +55,7 @@ class UsersView:
             )
             for user in users
         ]
-        self._list.clear()
-        with self._list, panel(text("users.accounts")):
+        with refilled(self._list), panel(text("users.accounts")):
             table(
                 text("users.accounts"),
                 [(text(f"users.{key}"), False) for key in ("name", "role", "state", "created")],
@@ -76,41 +64,33 @@ class UsersView:
                 open_label=text("users.edit"),
             )
 
-    def _roles(self) -> dict[str, str]:
-        return {role: self._text.core(role) for role in ROLES}
-
     def _add(self) -> None:
         text, visitor = self._text, self._visitor
         with panel(text("users.add")), box("div", "stack"):
             with box("div", "columns"):
                 name = Field(text("users.name"), autocomplete="off", maxlength="64")
                 password = Field(
-                    text("users.first_password"),
-                    kind="password",
-                    autocomplete="new-password",
-                    hint=text("users.rule"),
+                    text("users.first_password"), kind="new-password", hint=text("users.rule")
                 )
-            role = Choice(text("users.role"), self._roles(), "operator")
+            role = role_choice(text)
+
+            def added() -> None:
+                _empty(name, password)
+                self._show()
 
             def add() -> None:
-                people = visitor.service.people
-                chosen: Any = role.value
-                if visitor.attempt(
-                    lambda: people.add_user(visitor.actor, name.value, chosen, password.value),
-                    text("users.added", name=name.value),
-                ):
-                    name.set("")
-                    password.set("")
-                    self._show()
+                visitor.act(
+                    visitor.service.people.add_user, name.value, role.value, password.value,
+                    success=text("users.added", name=name.value), then=added,
+                )  # fmt: skip
 
             with box("div", "line"):
                 button(text("users.add"), add, "primary", picture="person_add")
 
     def _edit(self, user: User) -> None:
         text = self._text
-        self._edited.clear()
-        with self._edited, panel(user.name), box("div", "stack"):
-            role = Choice(text("users.role"), self._roles(), user.role)
+        with refilled(self._edited), panel(user.name), box("div", "stack"):
+            role = role_choice(text, user.role)
             with box("div", "line"):
                 button(text("users.save"), lambda: self._change(user, role=role.value), "primary")
                 button(
@@ -121,31 +101,34 @@ class UsersView:
                 button(text("users.unlock"), lambda: self._change(user, unlock=True))
                 button(text("frame.close"), self._edited.clear, "quiet")
 
-    def _change(self, user: User, **values: Any) -> None:
-        visitor = self._visitor
-        if visitor.attempt(
-            lambda: visitor.service.people.change_user(visitor.actor, user.name, **values),
-            self._text("users.saved", name=user.name),
-        ):
-            self._edited.clear()
-            self._show()
+    def _change(self, user: User, **values: Any) -> bool:
+        people, said = self._visitor.service.people, self._text("users.saved", name=user.name)
+        return self._visitor.act(
+            people.change_user, user.name, success=said, then=self._changed, **values
+        )
+
+    def _changed(self) -> None:
+        self._edited.clear()
+        self._show()
 
     def _reset(self, user: User) -> None:
-        text, visitor = self._text, self._visitor
-        people = visitor.service.people
-
-        def act(password: str) -> bool:
-            return visitor.attempt(
-                lambda: people.change_user(visitor.actor, user.name, password=password),
-                text("users.saved", name=user.name),
-            )
-
+        text = self._text
         ask(
             text,
             text("users.reset"),
             text("users.reset_explained", name=user.name),
-            act,
+            lambda password: self._change(user, password=password),
             field=text("users.new"),
-            kind="password",
-            autocomplete="new-password",
+            kind="new-password",
         )
+
+
+def role_choice(text: Text, role: str = "operator") -> Choice:
+    """Make the choice of a role."""
+    roles: dict[str, str] = {name: text.core(name) for name in ROLES}
+    return Choice(text("users.role"), roles, role)
+
+
+def _empty(*fields: Field) -> None:
+    for field in fields:
+        field.set("")

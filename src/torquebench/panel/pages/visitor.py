@@ -5,13 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
-from typing import Any
+from typing import Any, TypeVar
 
+from nicegui import run
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import Scope
 
-from torquebench.errors import TorquebenchError
+from torquebench.errors import RecordError, TorquebenchError
+from torquebench.panel.components.elements import note
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
@@ -19,6 +21,7 @@ from torquebench.panel.text import Text, choose_language
 
 __all__ = [
     "LANGUAGE_COOKIE",
+    "LOOKS",
     "LOOK_COOKIE",
     "SESSION_COOKIE",
     "Visitor",
@@ -32,6 +35,7 @@ SESSION_COOKIE = "torquebench_session"
 LANGUAGE_COOKIE = "torquebench_language"
 LOOK_COOKIE = "torquebench_look"
 LOOKS = ("light", "dark")
+Value = TypeVar("Value")
 
 
 @dataclass
@@ -84,25 +88,65 @@ class Visitor:
         """Whether the reader's role includes another."""
         return allows(self.looker.role, role)
 
-    def attempt(self, action: Callable[[], Any], done: str = "") -> bool:
-        """Run an action; show the refusal or the success; return whether it succeeded."""
+    def not_allowed(self) -> None:
+        """Say that the person's role doesn't allow what would be here."""
+        role = self.text.core(self.looker.role)
+        note(self.text("frame.not_allowed", role=role), "warn")
+
+    def attempt(
+        self,
+        action: Callable[[], Any],
+        success: str = "",
+        then: Callable[[], Any] = lambda: None,
+    ) -> bool:
+        """Run an action; show its refusal, or its success and go on; return if it succeeded."""
         try:
             action()
         except TorquebenchError as error:
             self.messages.problem(error)
             return False
-        if done:
-            self.messages.good(done)
+        if success:
+            self.messages.good(success)
+        then()
         return True
+
+    def act(
+        self,
+        action: Callable[..., Any],
+        *arguments: Any,
+        success: str = "",
+        then: Callable[[], Any] = lambda: None,
+        **options: Any,
+    ) -> bool:
+        """Attempt an action of the service as this person."""
+        return self.attempt(lambda: action(self.actor, *arguments, **options), success, then)
+
+    def start(
+        self, kind: str, request: Mapping[str, Any], then: Callable[[], Any] = lambda: None
+    ) -> bool:
+        """Attempt to start a job."""
+        return self.act(self.service.jobs.start, kind, request, then=then)
+
+    async def attempt_aside(self, action: Callable[[], Value]) -> Value | None:
+        """Run an action beside the event loop; show the refusal; return its value."""
+        try:
+            value: Value = await run.io_bound(action)
+        except TorquebenchError as error:
+            self.messages.problem(error)
+        except OSError as error:
+            self.messages.problem(RecordError(str(error)))
+        else:
+            return value
+        return None
 
 
 def session_of(scope: Scope) -> str:
     """Return the token of the session that a connection's cookie names; empty without one."""
     try:
-        found = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
+        cookie = SimpleCookie(Headers(scope=scope).get("cookie", "")).get(SESSION_COOKIE)
     except CookieError:
         return ""
-    return "" if found is None else found.value
+    return "" if cookie is None else cookie.value
 
 
 def text_of(request: Request) -> Text:

@@ -10,7 +10,7 @@ from nicegui import run
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.elements import box, words
+from torquebench.panel.components.elements import box
 from torquebench.panel.pages.calibrate.page import CalibratePage
 from torquebench.panel.pages.jobs.panel import problem_note
 
@@ -27,7 +27,7 @@ class CertificatePreview:
         Returns the chosen languages, tolerance and model.
     """
 
-    def __init__(self, page: CalibratePage, asked: Callable[[], Mapping[str, Any]]) -> None:
+    def __init__(self, page: CalibratePage, asked: Callable[[], Mapping[str, Any] | None]) -> None:
         self._page, self._asked = page, asked
 
     def build(self) -> None:
@@ -42,14 +42,11 @@ class CertificatePreview:
         number = self._page.workflow.calibration_id
         assert number is not None
         self._place.clear()
-        try:
-            asked = dict(self._asked())
-            pages = await run.io_bound(service.certificate_preview, number, **asked)
-        except ValueError:
-            pages, problem = [], text("verify.tolerance_wrong")
-            with self._place:
-                words("p", problem, "bad-text", role="alert")
+        asked = self._asked()
+        if asked is None:
             return
+        try:
+            pages = await run.io_bound(service.certificate_preview, number, **asked)
         except TorquebenchError as error:
             with self._place:
                 problem_note(text, error)

@@ -12,7 +12,7 @@ from torquebench.campaign.fitting import model_title
 from torquebench.compensation import RECOMMENDED
 from torquebench.panel.components.charts import Chart, Line, error_chart
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, panel, tag, words
+from torquebench.panel.components.elements import box, panel, refilled, tag, words
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.calibrate.resume import interrupted_note
 from torquebench.panel.pages.jobs.preview import Preview
@@ -130,8 +130,7 @@ class PrepareStep(StepView):
         if checks == self._checked:
             return
         self._checked = checks
-        self._checks.clear()
-        with self._checks:
+        with refilled(self._checks):
             for good, key in checks:
                 with box("li", "line"):
                     kind = "good" if good else "bad"
@@ -204,10 +203,10 @@ class MeasureStep(StepView):
         if job is None or job.points == self._count:
             return
         self._count = job.points
-        found = self._page.visitor.service.jobs.points(job.job_id)
+        recorded = self._page.visitor.service.jobs.points(job.job_id)
         points = [
             point.values
-            for point in found
+            for point in recorded
             if point.stream == "points" and "error_nm" in point.values
         ]
         text = self._text

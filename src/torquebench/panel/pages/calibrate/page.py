@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.elements import box, panel, to_the_top, words
+from torquebench.panel.components.elements import box, panel, refilled, to_the_top, words
 from torquebench.panel.pages.calibrate.workflow import (
     STEPS,
     CalibrationWorkflow,
@@ -87,7 +87,7 @@ class CalibratePage:
     def _first_step(self, reached: Step) -> Step:
         """Return the step of the page's address on the first call, later the furthest one."""
         asked, self._asked = self._asked, ""
-        step = next((each for each in STEPS if each == asked), reached)
+        step = next((step for step in STEPS if step == asked), reached)
         return step if STEPS.index(step) <= STEPS.index(reached) + 1 else reached
 
     def _job_of_step(self) -> Any:
@@ -112,8 +112,7 @@ class CalibratePage:
 
     def again(self) -> None:
         """Put this calibration aside and begin another one."""
-        visitor = self.visitor
-        if not visitor.attempt(lambda: visitor.service.jobs.command(visitor.actor)):
+        if not self.visitor.act(self.visitor.service.jobs.command):
             return  # the wizard is shared by all users
         if self.workflow.calibrate is not None:
             self.visitor.dismissed.job_ids.add(self.workflow.calibrate.job_id)
@@ -122,24 +121,21 @@ class CalibratePage:
 
     def start(self, kind: str, request: Mapping[str, Any]) -> bool:
         """Start a job of the workflow."""
-        visitor = self.visitor
-        started = visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, kind, request))
+        started = self.visitor.start(kind, request)
         self.refresh()
         return started
 
     def _render(self) -> None:
         text = self.text
-        self._steps.clear()
         reached = max(STEPS.index(self.workflow.reached), STEPS.index(self.step))
-        with self._steps:
+        with refilled(self._steps):
             for place, step in enumerate(STEPS):
                 passed = place < reached and self.workflow.done(step, signed=self._signed())
                 done = "done" if passed else ""
                 current = "step" if step == self.step else None
                 with box("li", done, aria_current=current):
                     words("span", text(f"calibrate.step_{step}"))
-        self._content.clear()
-        with self._content:
+        with refilled(self._content):
             self._view = self._views[self.step](self)
             self._view.build()
             self._navigation()
@@ -164,7 +160,7 @@ class CalibratePage:
         if number is None:
             return False
         reviews = self.visitor.service.station.registry.reviews("calibrations", number)
-        return any(each.accepted for each in reviews)
+        return any(review.accepted for review in reviews)
 
     def _measuring(self) -> bool:
         calibrate = self.workflow.calibrate

@@ -8,7 +8,7 @@ from typing import Any
 from nicegui import ui
 
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.dialogs import ask, sheet
+from torquebench.panel.components.dialogs import ask, foot, sheet
 from torquebench.panel.components.elements import box, moment, note, words
 from torquebench.panel.pages.quick import BenchClear
 from torquebench.panel.pages.records.table_import import all_profile_titles
@@ -20,8 +20,7 @@ __all__ = ["interrupted_note", "resume_button", "take_up", "unfinished_notes"]
 
 def take_up(visitor: Visitor, calibration_id: int) -> None:
     """Open a registered calibration in the wizard."""
-    if visitor.attempt(lambda: visitor.service.recall(visitor.actor, calibration_id)):
-        ui.navigate.to("/calibrate")
+    visitor.act(visitor.service.recall, calibration_id, then=lambda: ui.navigate.to("/calibrate"))
 
 
 def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
@@ -41,20 +40,16 @@ def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
 
 
 def _finish(visitor: Visitor, run_id: str) -> None:
-    jobs = visitor.service.jobs
-    if visitor.attempt(lambda: jobs.start(visitor.actor, "finish-run", {"run_id": run_id})):
-        ui.navigate.to("/calibrate" if "-calibrate-" in run_id else "/records")
+    page = "/calibrate" if "-calibrate-" in run_id else "/records"
+    visitor.start("finish-run", {"run_id": run_id}, then=lambda: ui.navigate.to(page))
 
 
 def _discard(visitor: Visitor, run_id: str) -> None:
-    text, jobs = visitor.text, visitor.service.jobs
+    text = visitor.text
 
     def discard(reason: str) -> bool:
         request = {"run_id": run_id, "reason": reason}
-        done = visitor.attempt(lambda: jobs.start(visitor.actor, "discard-run", request))
-        if done:
-            ui.navigate.to("/records")
-        return bool(done)
+        return visitor.start("discard-run", request, then=lambda: ui.navigate.to("/records"))
 
     with ui.context.client.content:
         ask(
@@ -70,44 +65,42 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 def interrupted_note(visitor: Visitor) -> None:
     """Offer to finish measured runs, and to resume the newest calibration."""
     unfinished_notes(visitor, measured_only=True)
-    found = visitor.service.interrupted()
-    if found is None:
+    run = visitor.service.interrupted()
+    if run is None:
         return
     text = visitor.text
     said = text(
         "resume.found",
-        side=text(f"side.{found.side}"),
-        points=found.points,
-        total=found.total,
+        side=text(f"side.{run.side}"),
+        points=run.points,
+        total=run.total,
     )
     with note(said, "warn", title=text("resume.title")):
         with box("p"):
             words("span", f"{text('resume.last')} ")
-            moment(found.interrupted)
-        resume_button(visitor, found)
+            moment(run.interrupted)
+        resume_button(visitor, run)
 
 
-def resume_button(visitor: Visitor, found: InterruptedView) -> Any:
+def resume_button(visitor: Visitor, run: InterruptedView) -> Any:
     """Make the button that continues with an interrupted calibration."""
-    return button(visitor.text("resume.button"), lambda: _ask(visitor, found), picture="redo")
+    return button(visitor.text("resume.button"), lambda: _ask(visitor, run), picture="redo")
 
 
-def _ask(visitor: Visitor, found: InterruptedView) -> None:
+def _ask(visitor: Visitor, run: InterruptedView) -> None:
     text = visitor.text
 
+    def started() -> None:
+        dialog.close()
+        ui.navigate.to("/calibrate")
+
     def start() -> None:
-        request = {"run_id": found.run_id, **clear.request()}
-        if visitor.attempt(
-            lambda: visitor.service.jobs.start(visitor.actor, "resume-calibration", request)
-        ):
-            dialog.close()
-            ui.navigate.to("/calibrate")
+        visitor.start("resume-calibration", {"run_id": run.run_id, **clear.request()}, then=started)
 
     with ui.context.client.content, sheet(text("resume.button")) as dialog:
         profiles = all_profile_titles(visitor)
-        words("p", profiles.get(found.profile, text.core(found.profile)), "muted")
-        words("p", text("resume.explained", kept=found.kept, total=found.total))
+        words("p", profiles.get(run.profile, text.core(run.profile)), "muted")
+        words("p", text("resume.explained", kept=run.kept, total=run.total))
         clear = BenchClear(visitor)
-        with box("div", "line end"):
-            button(text("frame.close"), dialog.close, "quiet")
+        with foot(text, dialog):
             button(text("prepare.start"), start, "primary", picture="play_arrow")

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from typing import Any
 
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.controls import Choice, Field, button, typed_number
+from torquebench.panel.components.controls import Choice, Field, button, tolerance_field
 from torquebench.panel.components.elements import box, note, panel, tag, words
 from torquebench.panel.components.verdicts import verdict_icon, verdict_kind
 from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.calibrate.certificate_preview import CertificatePreview
-from torquebench.panel.pages.calibrate.page import StepView
+from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.reports.errors_table import number
 
@@ -37,8 +38,7 @@ class SignStep(StepView):
                 note(text("sign.unverified"), "warn")
             CertificatePreview(self._page, self._asked).build()
             if not visitor.has_role("metrologist"):
-                role = text.core(visitor.looker.role)
-                note(text("frame.not_allowed", role=role), "warn")
+                visitor.not_allowed()
                 return
             measured_by = visitor.service.records.calibration(number).calibration.measured_by
             if measured_by == visitor.looker.label:
@@ -60,21 +60,14 @@ class SignStep(StepView):
                 for name, model in models.items()
             }  # fmt: skip
             self._model = Choice(text("sign.use"), options, chosen or next(iter(models)))
-            for each in self._contradictions():
-                note(
-                    f"{text.core(each['found'])} ({text.core(each['allowed'])}). "
-                    f"{text.core(each['cause'])}",
-                    "warn",
-                    title=text("sign.contradicts"),
+            for contradiction in self._contradictions():
+                found, allowed, cause = (
+                    text.core(contradiction[name]) for name in ("found", "allowed", "cause")
                 )
+                note(f"{found} ({allowed}). {cause}", "warn", title=text("sign.contradicts"))
             label = "sign.despite" if self._contradictions() else "sign.remark"
             self._remark = Field(text(label), maxlength="500")
-            self._password = Field(
-                text("sign.password"),
-                kind="password",
-                autocomplete="current-password",
-                on_enter=self._sign,
-            )
+            self._password = Field(text("sign.password"), kind="password", on_enter=self._sign)
             with box("div", "line"):
                 button(text("sign.button"), self._sign, "primary", picture="draw")
 
@@ -86,10 +79,10 @@ class SignStep(StepView):
         tolerance = f"{workflow.verify.result.details['tolerance_percent_fs']:g}"
         words("h3", text("sign.verdicts", tolerance=tolerance))
         with box("ul", "stack"):
-            for name, found in workflow.verified.items():
-                worst = found["result"]["against_standard"]
+            for name, model in workflow.verified.items():
+                worst = model["result"]["against_standard"]
                 with box("li", "line"):
-                    verdict = found["verdict"]
+                    verdict = model["verdict"]
                     tag(text.verdict(verdict), verdict_kind(verdict), verdict_icon(verdict))
                     words("span", titled(text, workflow.models[name]))
                     said = text(
@@ -115,9 +108,8 @@ class SignStep(StepView):
         """Return the calibration's contradictions, for one model or any, each once."""
         models = self._page.workflow.models
         chosen = models.values() if name is None else [models[name]]
-        return list(
-            {each["found"]: each for model in chosen for each in model["contradictions"]}.values()
-        )
+        contradictions = (item for model in chosen for item in model["contradictions"])
+        return list({item["found"]: item for item in contradictions}.values())
 
     def _sign(self) -> None:
         visitor, text, workflow = self._page.visitor, self._text, self._page.workflow
@@ -129,23 +121,14 @@ class SignStep(StepView):
         self._remark.wrong(text("sign.despite_missing") if despite and not remark.strip() else "")
         if despite and not remark.strip():
             return
-        self._password.wrong("")
-        try:
+        with signing(self._page, self._password):
             actor = visitor.actor
             service.jobs.command(actor)  # checked before anything is signed
             service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
-            service.activate(
-                actor,
-                model_id,
-                remark or text("sign.reason"),
-                despite_contradictions=despite,
-            )
-        except TorquebenchError as error:
-            self._password.wrong(text.refusal_line(error))
-            self._password.set("")
-            return
-        visitor.messages.good(text("sign.done"))
-        self._page.show("certificate")
+            said = remark or text("sign.reason")
+            service.activate(actor, model_id, said, despite_contradictions=despite)
+            visitor.messages.good(text("sign.done"))
+            self._page.show("certificate")
 
 
 class CertificateStep(StepView):
@@ -165,8 +148,7 @@ class CertificateStep(StepView):
                 certificate_buttons(visitor, number, certificate.result.details["files"])
                 return
             if not visitor.has_role("metrologist"):
-                role = text.core(visitor.looker.role)
-                note(text("frame.not_allowed", role=role), "warn")
+                visitor.not_allowed()
                 return
             self._form()
 
@@ -176,36 +158,36 @@ class CertificateStep(StepView):
         self._languages = Choice(
             text("certificate.languages"), LANGUAGES, (text.language,), several=True
         )
-        self._tolerance = Field(text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal")
-        self._password = Field(
-            text("sign.password"),
-            kind="password",
-            autocomplete="current-password",
-            on_enter=self._issue,
-        )
+        self._tolerance = tolerance_field(text)
+        self._password = Field(text("sign.password"), kind="password", on_enter=self._issue)
         with box("div", "line"):
             button(text("certificate.button"), self._issue, "primary", picture="workspace_premium")
         CertificatePreview(self._page, self._request).build()
 
-    def _request(self) -> dict[str, Any]:
-        return {
-            "languages": tuple(name for name in LANGUAGES if name in self._languages.values),
-            "tolerance_percent_fs": typed_number(self._tolerance.value),
-        }
+    def _request(self) -> dict[str, Any] | None:
+        tolerance = self._tolerance.number()
+        if tolerance is None:
+            return None
+        languages = tuple(name for name in LANGUAGES if name in self._languages.values)
+        return {"languages": languages, "tolerance_percent_fs": tolerance}
 
     def _issue(self) -> None:
-        visitor, text = self._page.visitor, self._text
-        try:
-            request = {"calibration_id": self._page.workflow.calibration_id, **self._request()}
-        except ValueError:
-            self._tolerance.wrong(text("verify.tolerance_wrong"))
+        options, service = self._request(), self._page.visitor.service
+        if options is None:
             return
-        self._tolerance.wrong("")
-        self._password.wrong("")
-        try:
-            visitor.service.issue_certificate(visitor.actor, request, self._password.value)
-        except TorquebenchError as error:
-            self._password.wrong(text.refusal_line(error))
-            self._password.set("")
-            return
-        self._page.refresh()
+        request = {"calibration_id": self._page.workflow.calibration_id, **options}
+        with signing(self._page, self._password):
+            actor = self._page.visitor.actor
+            service.issue_certificate(actor, request, self._password.value)
+            self._page.refresh()
+
+
+@contextmanager
+def signing(page: CalibratePage, password: Field) -> Iterator[None]:
+    """Act with a person's password; say beside its field why that was refused."""
+    password.wrong("")
+    try:
+        yield
+    except TorquebenchError as error:
+        password.wrong(page.text.refusal_line(error))
+        password.set("")

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from torquebench.panel.components.charts import Chart, Line, error_chart, limit_lines
-from torquebench.panel.components.controls import Field, button, typed_number
+from torquebench.panel.components.controls import Field, button, tolerance_field
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.mounting_form import MountingForm
@@ -40,8 +40,8 @@ class VerifyStep(StepView):
         if self._growing is None or verify is None or verify.points == self._count:
             return
         self._count = verify.points
-        found = self._page.visitor.service.jobs.points(verify.job_id)
-        points = [point.values for point in found if "error_nm" in point.values]
+        recorded = self._page.visitor.service.jobs.points(verify.job_id)
+        points = [point.values for point in recorded if "error_nm" in point.values]
         x = [point["standard_nm"] for point in points]
         y = [point["error_nm"] for point in points]
         self._growing.show([Line(self._text("live.line_raw"), x, y, "--series-raw", points=True)])
@@ -52,17 +52,13 @@ class VerifyStep(StepView):
             words("p", text("verify.explained"))
             groups = {"2": "2", "5": "5", "10": "10"}
             self._groups = Field(text("verify.groups"), "10", options=groups)
-            self._tolerance = Field(
-                text("verify.tolerance"), "0.1", unit="% FS", inputmode="decimal"
-            )
+            self._tolerance = tolerance_field(text)
             self._mounting = MountingForm(self._page.visitor)
             button(text("verify.start"), self._begin, "primary", picture="play_arrow")
 
     def _begin(self) -> None:
-        try:
-            tolerance = typed_number(self._tolerance.value)
-        except ValueError:
-            self._tolerance.wrong(self._text("verify.tolerance_wrong"))
+        tolerance = self._tolerance.number()
+        if tolerance is None:
             return
         request: dict[str, Any] = {
             "calibration_id": self._page.workflow.calibration_id,

@@ -9,7 +9,7 @@ from torquebench.errors import TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, note, panel, tag, words
+from torquebench.panel.components.elements import box, note, panel, refilled, tag, words
 from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
@@ -64,6 +64,27 @@ def stage_words(text: Text, job: JobView) -> str:
     return " · ".join(said) if job.open else ""
 
 
+class JobProgress:
+    """The bar of a job's progress.
+
+    Parameters
+    ----------
+    text : Text
+    """
+
+    def __init__(self, text: Text) -> None:
+        self._bar = box("progress", max="1", aria_label=text("job.progress"))
+
+    def refresh(self, job: JobView) -> None:
+        """Show how much of the stage is done; without a total, that it is under way."""
+        self._bar.set_visibility(job.open)
+        if job.total:
+            self._bar.props["value"] = f"{job.done / job.total:.3f}"
+        else:
+            self._bar.props.pop("value", None)
+        self._bar.update()
+
+
 class JobControls:
     """The buttons that pause, end and abort a job, for the holder of the command lease."""
 
@@ -103,20 +124,16 @@ class JobControls:
                 button(text("job.abort"), lambda: self._abort(number), "danger", picture="close")
 
     def _ask(self, what: str, number: str) -> None:
-        visitor = self._visitor
-        act = getattr(visitor.service.jobs, what)
-        visitor.attempt(lambda: act(visitor.actor, number))
+        self._visitor.act(getattr(self._visitor.service.jobs, what), number)
 
     def _abort(self, number: str) -> None:
         visitor, text = self._visitor, self._text
         reason = Message("aborted on the panel by {who}", visitor.looker.name)
 
-        def act(_: str) -> bool:
-            return visitor.attempt(
-                lambda: visitor.service.jobs.abort(visitor.actor, number, reason)
-            )
+        def abort(_: str) -> bool:
+            return visitor.act(visitor.service.jobs.abort, number, reason)
 
-        ask(text, text("job.abort"), text("job.abort_explained"), act, danger=True)
+        ask(text, text("job.abort"), text("job.abort_explained"), abort, danger=True)
 
 
 class JobPanel:
@@ -141,7 +158,7 @@ class JobPanel:
                 self._controls = JobControls(visitor)
             with box("div", "said", role="status"):
                 self._stage = words("div", "")
-            self._progress = box("progress", max="1", aria_label=self._text("job.progress"))
+            self._progress = JobProgress(self._text)
             self._prompt = box("div")
             self._stages = box("ul", "small muted")
             self._end = box("div")
@@ -175,8 +192,7 @@ class JobPanel:
 
     def _render_head(self, job: JobView) -> None:
         text = self._text
-        self._head.clear()
-        with self._head:
+        with refilled(self._head):
             words("h2", text.maybe(f"job.{job.kind}", job.title))
             kind, picture = STATES[job.state]
             tag(text(f"job.state_{job.state}"), kind, picture)
@@ -184,18 +200,11 @@ class JobPanel:
     def _render_progress(self, job: JobView) -> None:
         text = self._text
         self._stage.set_text(stage_words(text, job))
-        self._progress.set_visibility(job.open)
-        if job.total:
-            self._progress.props["value"] = f"{job.done / job.total:.3f}"
-        else:
-            self._progress.props.pop("value", None)
-        self._progress.update()
-        self._stages.clear()
-        with self._stages:
-            for stage_over in job.stages:
-                took = duration_words(stage_over.seconds)
-                said = f"{text.core(stage_over.title)} ({took})"
-                detail = text.core(stage_over.detail)
+        self._progress.refresh(job)
+        with refilled(self._stages):
+            for stage in job.stages:
+                said = f"{text.core(stage.title)} ({duration_words(stage.seconds)})"
+                detail = text.core(stage.detail)
                 words("li", f"{said}: {detail}" if detail else said)
 
     def _render_prompt(self, prompt: Any) -> None:
@@ -214,8 +223,7 @@ class JobPanel:
                     button(text("job.prompt_decline"), lambda: self._answer(prompt.number, False))
 
     def _render_end(self, job: JobView) -> None:
-        self._end.clear()
-        with self._end:
+        with refilled(self._end):
             if job.problem is not None:
                 problem_note(self._text, job.problem, title=self._text(f"job.state_{job.state}"))
             elif job.result is not None:
@@ -224,5 +232,4 @@ class JobPanel:
                 note(self._text.core(job.result.headline), kind, title=verdict)
 
     def _answer(self, number: int, done: bool) -> None:
-        visitor = self._visitor
-        visitor.attempt(lambda: visitor.service.jobs.answer(visitor.actor, number, done=done))
+        self._visitor.act(self._visitor.service.jobs.answer, number, done=done)

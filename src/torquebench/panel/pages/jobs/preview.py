@@ -9,7 +9,7 @@ from nicegui import background_tasks, run
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.elements import box, note, pairs, words
+from torquebench.panel.components.elements import box, note, pairs, refilled, words
 from torquebench.panel.pages.jobs.panel import duration_words, problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobPreview
@@ -52,8 +52,7 @@ class Preview:
         if asked != self._asked or self.place.is_deleted:
             return  # something else was asked for in the meantime, or the page was left
         self.place.props["aria-busy"] = "false"
-        self.place.clear()
-        with self.place:
+        with refilled(self.place):
             words("h2", text("preview.title"))
             if problem is not None:
                 problem_note(text, problem, "warn")

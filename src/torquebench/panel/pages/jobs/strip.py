@@ -6,7 +6,7 @@ from typing import Any
 
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.components.verdicts import verdict_kind
-from torquebench.panel.pages.jobs.panel import JobControls, stage_words
+from torquebench.panel.pages.jobs.panel import JobControls, JobProgress, stage_words
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import EndedJob, JobView
 
@@ -41,7 +41,7 @@ class JobStrip:
             with box("div", "what"):
                 self._title = words("strong", "")
                 self._stage = words("div", "", "small number")
-                self._progress = box("progress", max="1", aria_label=visitor.text("job.progress"))
+                self._progress = JobProgress(visitor.text)
             self._controls = JobControls(visitor)
         self._frame.set_visibility(False)
 
@@ -69,11 +69,7 @@ class JobStrip:
         state = text(f"job.state_{job.state}")
         self._title.set_text(f"{text.maybe(f'job.{job.kind}', job.title)}: {state}")
         self._stage.set_text(stage_words(text, job))
-        if job.total:
-            self._progress.props["value"] = f"{job.done / job.total:.3f}"
-        else:
-            self._progress.props.pop("value", None)
-        self._progress.update()
+        self._progress.refresh(job)
         self._controls.refresh(job)
 
     def _tell(self) -> None:

@@ -15,7 +15,7 @@ from torquebench.message import Message
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button, typed_number
 from torquebench.panel.components.dialogs import ask, sheet
-from torquebench.panel.components.elements import box, note, on_press, panel, words
+from torquebench.panel.components.elements import box, note, on_press, panel, refilled, words
 from torquebench.panel.components.trend import Band, Trace, Trend
 from torquebench.panel.pages.recording_dialog import open_recording
 from torquebench.panel.pages.records.column_titles import column_title
@@ -212,10 +212,10 @@ class LiveChart:
 
     def _limit(self, band: BandLayout, unit: str, side: str) -> float:
         """Return the largest range of a unit over both sides."""
-        found = self.visitor.service.snapshot().sides
+        snapshots = self.visitor.service.snapshot().sides
         sides = [side] if side else {_BY_NAME[name].side or "output" for name in band.signals}
-        each = [found[one] for one in sides]  # type: ignore[index]  # sides as strings
-        return max(one.range_nm if unit == "N·m" else one.limit_rpm for one in each)
+        shown = [snapshots[name] for name in sides]  # type: ignore[index]  # sides as strings
+        return max(side.range_nm if unit == "N·m" else side.limit_rpm for side in shown)
 
     def _ends(self, band: BandLayout) -> tuple[float, float] | None:
         scale, (unit, side) = band.scale, band.axes[0]
@@ -266,7 +266,7 @@ class LiveChart:
         newest = markers[-1].number if markers else 0
         if newest != self._marks:
             self._marks = newest
-            self.trend.marks((each.bench_time_s, each.note) for each in markers)
+            self.trend.marks((marker.bench_time_s, marker.note) for marker in markers)
 
     # -- dialogs ----------------------------------------------------------------------------
 
@@ -337,7 +337,7 @@ class LiveChart:
         moment_s = now_s if self.trend.view is None else min(sum(self.trend.view) / 2.0, now_s)
 
         def put(said: str) -> bool:
-            return self.visitor.attempt(lambda: service.mark(self.visitor.actor, said, moment_s))
+            return self.visitor.act(service.mark, said, moment_s)
 
         ask(
             text,
@@ -352,8 +352,7 @@ class LiveChart:
 
     def _open_analysis(self) -> None:
         text = self.text
-        self._analysis.clear()
-        with self._analysis, panel(text("live.spectrum")):
+        with refilled(self._analysis), panel(text("live.spectrum")):
             latest = self.visitor.service.live.latest()
             there = [name for name in TORQUE_SIGNALS if latest[name].value is not None]
             options = sorted(there or TORQUE_SIGNALS, key=lambda name: name not in self._names)
@@ -374,8 +373,7 @@ class LiveChart:
         newest_s = hub.bench_time_s
         start_s, stop_s = self.trend.view or (newest_s - SPANS[self.layout.span], newest_s)
         windows = hub.windows(self._signal.value, start_s, stop_s)
-        self._found.clear()
-        with self._found:
+        with refilled(self._found):
             try:
                 lines = spectrum(windows.time_s, windows.value_nm)
                 classes = histogram(windows.value_nm)

@@ -7,7 +7,15 @@ from typing import Any
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.fitting import model_title
-from torquebench.panel.components.elements import box, moment, panel, repeat, tag, words
+from torquebench.panel.components.elements import (
+    box,
+    moment,
+    panel,
+    refilled,
+    repeat,
+    tag,
+    words,
+)
 from torquebench.panel.pages.effects import EffectsTable
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.live.chart import LiveChart
@@ -90,14 +98,12 @@ class _Tile:
 
     def _compensation(self, side: SideSnapshot) -> None:
         text, state = self._text, side.compensation
-        self._state.clear()
-        with self._state:
+        with refilled(self._state):
             with box("span", "stale-note"):
                 tag(text("live.stale"), "bad", "history_toggle_off")
             if state is None:
                 tag(text("live.uncompensated"), "warn", "warning")
-                self._about.clear()
-                with self._about:
+                with refilled(self._about):
                     words("span", text.core(side.compensation_problem))
                 return
             kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
@@ -114,8 +120,7 @@ class _Tile:
                 self._tell(state.made)
 
     def _tell(self, made: datetime, more: str = "") -> None:
-        self._about.clear()
-        with self._about:
+        with refilled(self._about):
             words("span", f"{self._text('live.made')} ")
             moment(made)
             words("span", more)
@@ -157,10 +162,10 @@ class _LivePage:
         self.chart.push(
             {
                 side: (
-                    f"{side}_{'torque' if each.compensation is not None else 'raw'}_nm",
-                    each.range_nm,
+                    f"{side}_{'torque' if snapshot.compensation is not None else 'raw'}_nm",
+                    snapshot.range_nm,
                 )
-                for side, each in self.sides.items()
+                for side, snapshot in self.sides.items()
             }
         )
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import partial
-from typing import Any
 
 from torquebench.campaign.drifting import DriftSeries
 from torquebench.campaign.fitting import model_title
@@ -15,17 +15,18 @@ from torquebench.panel.components.elements import (
     empty,
     note,
     panel,
+    refilled,
     table,
     to_the_top,
     words,
 )
-from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
+from torquebench.panel.pages.view import View, tabs
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
 from torquebench.units import minus_signs
@@ -42,41 +43,34 @@ KINDS = {
     "record": "record",
 }
 """What the kinds of a run's identifier begin with; an external table is a calibration, too."""
-TABS = ("runs", "calibrations", "drift", "certificates")
+STATES = ("completed", "aborted", "failed", "running")
 
 
-class _Runs:
+class _Runs(View):
     """Search the runs and open one."""
 
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
-        self._offset = 0
+    _offset = 0
 
     def build(self) -> None:
         text = self._text
-        kinds = {"": text("records.any")} | {
-            beginning: text(f"records.kind_{kind}") for kind, beginning in KINDS.items()
-        }
-        states = {"": text("records.any")} | {
-            state: text.core(state) for state in ("completed", "aborted", "failed", "running")
-        }
+        kinds = {beginning: text(f"records.kind_{kind}") for kind, beginning in KINDS.items()}
+        states = {state: text.core(state) for state in STATES}
+        either = {"": text("records.any")}
         unfinished_notes(self._visitor)
         self._opened = box("div", "stack")
         with panel(text("records.runs")), box("div", "stack"):
             with box("div", "columns narrow"):
-                self._search = Field(
-                    text("records.search"), kind="search", on_change=lambda _: self._first()
-                )
+                self._search = Field(text("records.search"), kind="search", on_change=self._first)
                 self._kind = Field(
-                    text("records.kind"), options=kinds, on_change=lambda _: self._first()
+                    text("records.kind"), options=either | kinds, on_change=self._first
                 )
                 self._status = Field(
-                    text("records.status"), options=states, on_change=lambda _: self._first()
+                    text("records.status"), options=either | states, on_change=self._first
                 )
-            self._found = box("div", "stack")
+            self._list = box("div", "stack")
         self._show()
 
-    def _first(self) -> None:
+    def _first(self, _value: str) -> None:
         self._offset = 0
         self._show()
 
@@ -89,13 +83,12 @@ class _Runs:
             limit=ROWS,
             offset=self._offset,
         )
-        self._found.clear()
-        with self._found:
+        with refilled(self._list):
             if not page.runs:
                 asked = self._search.value or self._kind.value or self._status.value
                 empty(text("records.nothing_found" if asked else "records.no_runs"))
                 return
-            doubt_notes(text, (*page.doubts, *(each for run in page.runs for each in run.doubts)))
+            doubt_notes(text, (*page.doubts, *(doubt for run in page.runs for doubt in run.doubts)))
             rows = [
                 (
                     run.started,
@@ -136,12 +129,10 @@ class _Runs:
         await RunPanel(self._visitor, run_id, self._opened.clear).build(self._opened)
 
 
-class _Calibrations:
+class _Calibrations(View):
     """Calibrations with their models; the errors of several in one chart."""
 
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
-        self._chosen: list[int] = []
+    _chosen: Sequence[int] = ()
 
     def build(self) -> None:
         if self._visitor.has_role("metrologist"):
@@ -153,8 +144,7 @@ class _Calibrations:
         self._show()
 
     def _enter(self) -> None:
-        self._entry.clear()
-        with self._entry:
+        with refilled(self._entry):
             TableEntry(self._visitor, self._entered).build()
         to_the_top()
 
@@ -166,33 +156,31 @@ class _Calibrations:
 
     def _show(self) -> None:
         text = self._text
-        found = self._visitor.service.records.calibrations(limit=100)
+        calibrations = self._visitor.service.records.calibrations(limit=100)
         models = self._visitor.service.records.models()
-        active = {model.calibration_id: model for model in models if model.active}
-        self._list.clear()
-        with self._list, panel(text("records.calibrations")):
-            if not found:
+        in_use = {
+            model.calibration_id: text("records.in_use", kind=text.core(model_title(model.kind)))
+            for model in models
+            if model.active
+        }
+        with refilled(self._list), panel(text("records.calibrations")):
+            if not calibrations:
                 empty(text("records.no_calibrations"), "tune")
                 return
             words("p", text("records.compare_explained"), "muted")
-            doubt_notes(text, (doubt for each in found for doubt in each.doubts))
+            doubt_notes(text, (doubt for entry in calibrations for doubt in entry.doubts))
             profiles = all_profile_titles(self._visitor)
             rows = [
                 (
-                    str(each.calibration_id),
-                    each.performed,
-                    each.transducer_serial,
-                    profiles.get(each.profile_name, each.profile_name),
-                    str(each.points),
-                    "—" if each.due is None else each.due.isoformat(),
-                    text(
-                        "records.in_use",
-                        kind=text.core(model_title(active[each.calibration_id].kind)),
-                    )
-                    if each.calibration_id in active
-                    else "",
+                    str(entry.calibration_id),
+                    entry.performed,
+                    entry.transducer_serial,
+                    profiles.get(entry.profile_name, entry.profile_name),
+                    str(entry.points),
+                    "—" if entry.due is None else entry.due.isoformat(),
+                    in_use.get(entry.calibration_id, ""),
                 )
-                for each in found
+                for entry in calibrations
             ]
             headings = (("calibration", True), ("performed", False), ("transducer", False),
                         ("profile", False), ("points", True), ("due", False),
@@ -201,18 +189,18 @@ class _Calibrations:
                 text("records.calibrations"),
                 [(text(f"records.{key}"), number) for key, number in headings],
                 rows,
-                on_row=lambda place: self._toggle(found[place].calibration_id),
+                on_row=lambda place: self._toggle(calibrations[place].calibration_id),
                 open_label=text("records.compare"),
                 selected=[
-                    place for place, each in enumerate(found) if each.calibration_id in self._chosen
+                    place
+                    for place, entry in enumerate(calibrations)
+                    if entry.calibration_id in self._chosen
                 ],
             )
 
     def _toggle(self, number: int) -> None:
-        if number in self._chosen:
-            self._chosen.remove(number)
-        else:
-            self._chosen = [*self._chosen[-4:], number]
+        others = [chosen for chosen in self._chosen if chosen != number]
+        self._chosen = others if number in self._chosen else [*others[-4:], number]
         self._show()
         self._compare()
         if self._chosen:
@@ -267,64 +255,68 @@ def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
     return lines
 
 
-def _drift(visitor: Visitor) -> None:
-    """Show the drift of each transducer."""
-    text, records = visitor.text, visitor.service.records
-    shown = 0
-    for serial in records.transducers():
-        for series in records.drift(serial):
-            shown += 1
-            title = text.core(series.title)
-            with panel(f"{serial}: {title}"):
-                chart = series.chart
-                if len(series.moments) > 1:  # a chart of a single point says less than a sentence
-                    Chart(
-                        text("records.drift_label", title=title),
-                        text("records.time"),
-                        f"{title}, {series.unit}",
-                        drift_lines(text, series),
-                        moments=True,
-                    )
-                else:
-                    said = minus_signs(f"{series.values[0]:.4g} {series.unit}")
-                    when = f"{series.moments[0]:%Y-%m-%d}"
-                    words("p", text("records.one_value", value=said, when=when))
-                if chart is None:
-                    words("p", text("records.too_few"), "muted")
-                remarks = {series.remark(place) for place in range(len(series.values))} - {""}
-                for remark in sorted(remarks):
-                    note(text.core(remark), "warn")
-    if not shown:
-        with panel():
-            empty(text("records.no_drift"), "show_chart")
+class _Drift(View):
+    """The drift of each transducer."""
+
+    def build(self) -> None:
+        records = self._visitor.service.records
+        drifts = [(serial, records.drift(serial)) for serial in records.transducers()]
+        for serial, quantities in drifts:
+            for series in quantities:
+                self._series(serial, series)
+        if not any(quantities for _, quantities in drifts):
+            with panel():
+                empty(self._text("records.no_drift"), "show_chart")
+
+    def _series(self, serial: str, series: DriftSeries) -> None:
+        text, title = self._text, self._text.core(series.title)
+        with panel(f"{serial}: {title}"):
+            if len(series.moments) > 1:  # a chart of a single point says less than a sentence
+                Chart(
+                    text("records.drift_label", title=title),
+                    text("records.time"),
+                    f"{title}, {series.unit}",
+                    drift_lines(text, series),
+                    moments=True,
+                )
+            else:
+                said = minus_signs(f"{series.values[0]:.4g} {series.unit}")
+                when = f"{series.moments[0]:%Y-%m-%d}"
+                words("p", text("records.one_value", value=said, when=when))
+            if series.chart is None:
+                words("p", text("records.too_few"), "muted")
+            remarks = {series.remark(place) for place in range(len(series.values))} - {""}
+            for remark in sorted(remarks):
+                note(text.core(remark), "warn")
 
 
-def _certificates(visitor: Visitor) -> None:
-    """List the certificates and offer their files."""
-    text = visitor.text
-    found = visitor.service.records.certificates()
-    if not found:
-        with panel():
-            empty(text("records.no_certificates"), "workspace_premium")
-    for each in found:
-        with panel(text("records.certificate", number=each.number)), box("div", "stack"):
-            said = text("records.issued", when=f"{each.issued:%Y-%m-%d}", who=each.authorised_by,
-                        number=each.calibration_id)  # fmt: skip
-            words("p", said)
-            if each.superseded_by:
-                note(text("records.superseded", number=each.superseded_by), "warn")
-            certificate_buttons(visitor, each.number, tuple(each.files))
+class _Certificates(View):
+    """The certificates, with their files."""
+
+    def build(self) -> None:
+        text = self._text
+        certificates = self._visitor.service.records.certificates()
+        if not certificates:
+            with panel():
+                empty(text("records.no_certificates"), "workspace_premium")
+        for entry in certificates:
+            number, issued = entry.number, f"{entry.issued:%Y-%m-%d}"
+            with panel(text("records.certificate", number=number)), box("div", "stack"):
+                words("p", text("records.issued", when=issued, who=entry.authorised_by,
+                                number=entry.calibration_id))  # fmt: skip
+                if entry.superseded_by:
+                    note(text("records.superseded", number=entry.superseded_by), "warn")
+                certificate_buttons(self._visitor, number, tuple(entry.files))
 
 
 @page("records", "/records", picture="folder_open", place=4)
 def records_page(visitor: Visitor) -> None:
     """Build the page of the records."""
-    views: dict[str, Any] = {
-        "runs": lambda: _Runs(visitor).build(),
-        "calibrations": lambda: _Calibrations(visitor).build(),
-        "drift": lambda: _drift(visitor),
-        "certificates": lambda: _certificates(visitor),
+    views = {
+        "runs": _Runs,
+        "calibrations": _Calibrations,
+        "drift": _Drift,
+        "certificates": _Certificates,
     }
     with frame(visitor, "records"):
-        titles = {name: visitor.text(f"records.{name}") for name in TABS}
-        Tabs(visitor.text("records.title"), titles, views)
+        tabs(visitor, "records", views)

@@ -10,11 +10,20 @@ from typing import Any
 from nicegui import background_tasks, run, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
-from torquebench.errors import RecordError, TorquebenchError
+from torquebench.errors import TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
-from torquebench.panel.components.elements import box, note, pairs, panel, table, to_the_top, words
+from torquebench.panel.components.elements import (
+    box,
+    note,
+    pairs,
+    panel,
+    refilled,
+    table,
+    to_the_top,
+    words,
+)
 from torquebench.panel.pages.calibrate.resume import resume_button, take_up
 from torquebench.panel.pages.records.column_titles import (
     column_title,
@@ -48,8 +57,8 @@ def run_title(text: Text, kind: str) -> str:
 def doubt_notes(text: Text, doubts: Iterable[str], most: int = 5) -> None:
     """Show doubts about records, each once."""
     said = list(dict.fromkeys(doubts))
-    for each in said[:most]:
-        note(text.core(each), "warn", title=text("records.doubtful"))
+    for doubt in said[:most]:
+        note(text.core(doubt), "warn", title=text("records.doubtful"))
     if len(said) > most:
         words("p", text("records.more_doubts", count=len(said) - most), "muted")
 
@@ -71,16 +80,11 @@ class RunPanel:
 
     async def build(self, place: Any) -> None:
         """Make the panel's elements in a place; a long run is read while the server goes on."""
-        try:
-            detail, columns = await run.io_bound(self._read)
-        except TorquebenchError as error:
-            self._visitor.messages.problem(error)
+        read = await self._visitor.attempt_aside(self._read)
+        if read is None or place.is_deleted:
             return
-        if place.is_deleted:
-            return
-        place.clear()
-        with place:
-            self._show(detail, columns)
+        with refilled(place):
+            self._show(*read)
             to_the_top()
 
     def _read(self) -> tuple[RunDetail, tuple[str, ...]]:
@@ -98,7 +102,7 @@ class RunPanel:
                 if detail.run.finished is not None:
                     button(text("run.export"), self._export, picture="download")
                     formats = {"": text("run.samples_as")} | {
-                        each: each.upper() for each in STREAM_FORMATS
+                        name: name.upper() for name in STREAM_FORMATS
                     }
                     Field(
                         text("run.samples_file"), "", options=formats, on_change=self._export_data
@@ -107,8 +111,8 @@ class RunPanel:
                 if number is not None:
                     button(text("resume.take_up"), lambda: take_up(self._visitor, number),
                            picture="tune")  # fmt: skip
-                elif (found := self._interrupted(detail.run.status)) is not None:
-                    resume_button(self._visitor, found)
+                elif (interrupted := self._interrupted(detail.run.status)) is not None:
+                    resume_button(self._visitor, interrupted)
                 button(text("frame.close"), self._on_close, "quiet", picture="close")
             if detail.changes:
                 note("; ".join(detail.changes), "bad", title=text("run.changed"))
@@ -165,8 +169,7 @@ class RunPanel:
             rows = await run.io_bound(trend, self._run_id, [name], POINTS)
             if place.is_deleted or self._column != name:
                 return  # closed, or another one was chosen in the meantime
-            place.clear()
-            with place:
+            with refilled(place):
                 Chart(
                     self._text("run.samples_label", name=options[name]),
                     self._text("preview.time"),
@@ -231,8 +234,7 @@ class RunPanel:
 
         def draw() -> None:
             x, y = state["x"], state["y"]
-            place.clear()
-            with place:
+            with refilled(place):
                 Chart(
                     text("run.points_label", x=column_title(text, x), y=column_title(text, y)),
                     column_with_unit(text, x),
@@ -244,26 +246,18 @@ class RunPanel:
 
     async def _export(self) -> None:
         """Offer the run as a download; packing runs in the background."""
-        try:
-            packed = await run.io_bound(self._packed)
-        except TorquebenchError as error:
-            self._visitor.messages.problem(error)
-            return
-        ui.download(packed, f"{self._run_id}.zip")
+        packed = await self._visitor.attempt_aside(self._packed)
+        if packed is not None:
+            ui.download(packed, f"{self._run_id}.zip")
 
     async def _export_data(self, chosen: str) -> None:
         """Offer the samples as one file."""
-        file_format = next((each for each in STREAM_FORMATS if each == chosen), None)
+        file_format = next((name for name in STREAM_FORMATS if name == chosen), None)
         if file_format is None:
             return
-        try:
-            data = await run.io_bound(self._samples_as, file_format)
-        except (TorquebenchError, OSError) as error:
-            self._visitor.messages.problem(
-                error if isinstance(error, TorquebenchError) else RecordError(str(error))
-            )
-            return
-        ui.download(data, f"{self._run_id}-samples{stream_ending(file_format)}")
+        data = await self._visitor.attempt_aside(lambda: self._samples_as(file_format))
+        if data is not None:
+            ui.download(data, f"{self._run_id}-samples{stream_ending(file_format)}")
 
     def _samples_as(self, chosen: StreamFormat) -> bytes:
         with self._visitor.service.records.data_file(self._run_id, chosen, "samples") as file:

@@ -13,8 +13,16 @@ from nicegui import run
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Line, error_chart
-from torquebench.panel.components.controls import Field, button, typed_number
-from torquebench.panel.components.elements import box, note, pairs, panel, table, words
+from torquebench.panel.components.controls import Field, button, file_entry, typed_number
+from torquebench.panel.components.elements import (
+    box,
+    note,
+    pairs,
+    panel,
+    refilled,
+    table,
+    words,
+)
 from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
@@ -51,15 +59,15 @@ def all_profile_titles(visitor: Visitor) -> dict[str, str]:
 
 def profile_titles(visitor: Visitor, *, adaptive: bool = True) -> dict[str, str]:
     """Return the profiles of steps by name, those of the laboratory among them."""
-    titles, found = all_profile_titles(visitor), {}
+    titles, offered = all_profile_titles(visitor), {}
     for item in visitor.service.settings.items("profiles"):
         document = item.document
         loading = document.get("loading") or {}
         if loading.get("pattern") == "random" or item.name == "check":
             continue
         if adaptive or not document.get("adaptive"):
-            found[item.name] = titles[item.name]
-    return found
+            offered[item.name] = titles[item.name]
+    return offered
 
 
 def _moment(day: str) -> str:
@@ -91,10 +99,8 @@ class TableEntry:
         with panel(text("external.title")), box("div", "stack"):
             words("p", text("external.explained"), "muted")
             with box("div", "field"):
-                label = words("label", text("external.file"))
-                entry = box("input", "control", type="file", accept=",".join(ENDINGS))
-                label.props["for"] = entry.html_id
-                entry.on("change", lambda event: self._chosen(event.args), js_handler=READ_FILE)
+                endings = ",".join(ENDINGS)
+                file_entry(text("external.file"), endings, READ_FILE, self._chosen)
                 words("div", text("external.file_hint"), "hint")
             with box("div", "columns"):
                 profiles = profile_titles(self._visitor, adaptive=False)
@@ -102,8 +108,8 @@ class TableEntry:
                 today = datetime.now(UTC).date().isoformat()
                 self._field("performed", today, kind="date", max=today)
                 stated = {
-                    each: text(f"external.stated_{each}")
-                    for each in ("torque", "range", "points", "table")
+                    way: text(f"external.stated_{way}")
+                    for way in ("torque", "range", "points", "table")
                 }
                 self._field(
                     "reference_uncertainty_of", "torque", options=stated, on_change=self._stated
@@ -124,7 +130,7 @@ class TableEntry:
                     for name in (*NEEDED, *OPTIONAL):
                         if name == "measured_by":
                             people = self._visitor.service.laboratory_people()
-                            self._field(name, people[0], options={each: each for each in people})
+                            self._field(name, people[0], options={name: name for name in people})
                         else:
                             self._field(name, maxlength="120", autocomplete="off")
                 with box("div", "line"):
@@ -171,7 +177,9 @@ class TableEntry:
     def _chosen(self, sent: Any) -> None:
         """Take the bytes of the file; its name is a label only."""
         name, content = sent
-        self._called = "".join(each for each in str(name) if each.isprintable())[:LONGEST_NAME]
+        self._called = "".join(letter for letter in str(name) if letter.isprintable())[
+            :LONGEST_NAME
+        ]
         self._content = ""
         self._found.clear()
         self._rest.set_visibility(False)
@@ -189,8 +197,7 @@ class TableEntry:
             self._bad(self._text("external.unreadable"))
 
     def _bad(self, said: str) -> None:
-        self._found.clear()
-        with self._found:
+        with refilled(self._found):
             note(said, "bad", live=True)
 
     def _request(self, *names: str) -> dict[str, Any] | None:
@@ -262,12 +269,12 @@ class TableEntry:
         if view.directions:
             rows = [
                 (
-                    text.core(each.name),
-                    text("external.no_class") if each.accuracy_class is None
-                    else f"{each.accuracy_class:g}",
-                    f"{max(each.uncertainty_percent):.3g}",
+                    text.core(direction.name),
+                    text("external.no_class") if direction.accuracy_class is None
+                    else f"{direction.accuracy_class:g}",
+                    f"{max(direction.uncertainty_percent):.3g}",
                 )
-                for each in view.directions
+                for direction in view.directions
             ]  # fmt: skip
             columns = [(text("external.direction"), False), (text("external.class"), True),
                        (text("external.largest_uncertainty"), True)]  # fmt: skip
@@ -282,11 +289,8 @@ class TableEntry:
             return
         asked["called"] = self._called or "table.csv"
         visitor = self._visitor
-        try:
-            actor = visitor.actor
-            entered = await run.io_bound(visitor.service.tables.enter, actor, asked)
-        except TorquebenchError as error:
-            visitor.messages.problem(error)
-            return
-        visitor.messages.good(self._text("external.entered", number=entered.calibration_id))
-        self._on_entered(entered.calibration_id)
+        enter = visitor.service.tables.enter
+        entered = await visitor.attempt_aside(lambda: enter(visitor.actor, asked))
+        if entered is not None:
+            visitor.messages.good(self._text("external.entered", number=entered.calibration_id))
+            self._on_entered(entered.calibration_id)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from torquebench.panel.components.charts import COLOURS, Chart, Line
-from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.controls import Field, button, tolerance_field
 from torquebench.panel.components.elements import box, panel, table, words
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.panel.pages.reducer.types import reducer_titles
@@ -44,23 +44,17 @@ class StandardForm:
                 self._reducer = Field(
                     text("standard.reducer"), next(iter(certified)), options=certified
                 )
-                self._tolerance = Field(
-                    text("verify.tolerance"), "0.1", kind="number", unit="% FS", min="0", step="any"
-                )
-                repeats = {each: each for each in ("2", "3", "5", "10")}
+                self._tolerance = tolerance_field(text)
+                repeats = {count: count for count in ("2", "3", "5", "10")}
                 self._repeats = Field(text("standard.repeats"), "3", options=repeats)
             self._mounting = MountingForm(visitor)
             with box("div", "line"):
                 button(text("standard.start"), self._start, picture="play_arrow")
 
     def _start(self) -> None:
-        text, visitor = self._visitor.text, self._visitor
-        try:
-            tolerance = float(self._tolerance.value)
-        except ValueError:
-            self._tolerance.wrong(text("verify.tolerance_wrong"))
+        tolerance = self._tolerance.number()
+        if tolerance is None:
             return
-        self._tolerance.wrong("")
         request: dict[str, Any] = {
             "tolerance_percent_fs": tolerance,
             "repeats": int(self._repeats.value),
@@ -68,7 +62,7 @@ class StandardForm:
         }
         if self._reducer.value:
             request["reducer"] = self._reducer.value
-        visitor.attempt(lambda: visitor.service.jobs.start(visitor.actor, STANDARD, request))
+        self._visitor.start(STANDARD, request)
         self._on_start()
 
 
@@ -93,8 +87,8 @@ def standard_result(text: Text, details: Mapping[str, Any]) -> None:
             lines.append(
                 Line(
                     f"{text('standard.run')} {k + 1}",
-                    [each for each, _ in measured],
-                    [each for _, each in measured],
+                    [speed_rpm for speed_rpm, _ in measured],
+                    [torque_nm for _, torque_nm in measured],
                     colour,
                     points=True,
                 )

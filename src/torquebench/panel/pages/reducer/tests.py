@@ -7,7 +7,7 @@ from typing import Any
 from torquebench.campaign.reducers.tests import TESTS
 from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
-from torquebench.panel.components.elements import box, empty, panel, words
+from torquebench.panel.components.elements import box, empty, panel, refilled, words
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
@@ -86,15 +86,12 @@ class _ReducerPage:
         self._plan.show(self._request())
 
     def _start(self) -> None:
-        visitor = self.visitor
-        visitor.attempt(
-            lambda: visitor.service.jobs.start(visitor.actor, "reducer-test", self._request())
-        )
+        self.visitor.start("reducer-test", self._request())
         self.refresh()
 
     def refresh(self) -> None:
         jobs = self.visitor.service.jobs.recent()
-        job = next((each for each in jobs if each.kind in KINDS), None)
+        job = next((job for job in jobs if job.kind in KINDS), None)
         self._panel.refresh(job)
         known = None if job is None else (job.job_id, job.open)
         if known != self._shown:
@@ -106,11 +103,10 @@ class _ReducerPage:
 
     def _show(self, job: JobView | None) -> None:
         text = self.text
-        self._live.clear()
         self._chart: Chart | None = None
-        if job is None:
-            return
-        with self._live:
+        with refilled(self._live):
+            if job is None:
+                return
             if job.open:
                 with panel(text("reducer.live")):
                     self._place = box("div")
@@ -138,8 +134,7 @@ class _ReducerPage:
         lines = [Line(title, past.values[x].tolist(), past.values[y].tolist(), COLOURS[1])]
         if self._chart is None or self._drawn != part:
             self._drawn = part
-            self._place.clear()
-            with self._place:
+            with refilled(self._place):
                 label = self.text("reducer.live_label")
                 self._chart = Chart(label, names[x], names[y], lines, tall=True)
         else:
@@ -147,8 +142,8 @@ class _ReducerPage:
 
     def _read(self, signal: str) -> str:
         """Return the compensated torque's signal, or the raw torque's without compensation."""
-        for side, found in self.visitor.service.snapshot().sides.items():
-            if signal == f"{side}_torque_nm" and found.compensation is None:
+        for side, snapshot in self.visitor.service.snapshot().sides.items():
+            if signal == f"{side}_torque_nm" and snapshot.compensation is None:
                 return f"{side}_raw_nm"
         return signal
 

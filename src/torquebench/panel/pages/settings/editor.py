@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Field, button, set_disabled
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, note, panel, words
+from torquebench.panel.components.elements import box, note, panel, refilled, words
 from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.settings.names import group_title, setting_title
 from torquebench.panel.pages.visitor import Visitor
@@ -43,7 +43,7 @@ def shown(value: Any) -> str:
 def _plain(value: Any) -> Any:
     """Return whole numbers without a decimal point, in lists too."""
     if isinstance(value, list | tuple):
-        return [_plain(each) for each in value]
+        return [_plain(item) for item in value]
     whole = isinstance(value, float) and value.is_integer() and abs(value) < LARGEST_WHOLE
     return int(value) if whole else value
 
@@ -74,16 +74,16 @@ def parsed(text: str, before: Any) -> Any:
 def change_lines(text: Text, differences: Sequence[Difference]) -> None:
     """List the differences: name and key, old and new value."""
     with box("ul", "stack change"):
-        for each in differences:
+        for difference in differences:
             with box("li", "line"):
-                group = group_title(text, each.key.rpartition(".")[0])
-                title = f"{group}: {setting_title(text, each.key)}"
-                words("span", title, "name", title=each.key)
-                if each.before is not None:
-                    words("del", shown(each.before), "old")
-                if each.after is not None:
-                    words("ins", shown(each.after), "new")
-                if unit := unit_of_name(each.key):
+                key = difference.key
+                group = group_title(text, key.rpartition(".")[0])
+                words("span", f"{group}: {setting_title(text, key)}", "name", title=key)
+                if difference.before is not None:
+                    words("del", shown(difference.before), "old")
+                if difference.after is not None:
+                    words("ins", shown(difference.after), "new")
+                if unit := unit_of_name(key):
                     words("span", unit, "muted")
 
 
@@ -160,8 +160,7 @@ class SettingEditor:
                 copy = self._on_copy
                 button(text("settings.copy"), lambda: copy(item), picture="content_copy")
         elif not self._editable:
-            role = text.core(self._visitor.looker.role)
-            note(text("frame.not_allowed", role=role), "warn")
+            self._visitor.not_allowed()
 
     def _groups(self) -> dict[str, list[str]]:
         groups: dict[str, list[str]] = {}
@@ -207,8 +206,8 @@ class SettingEditor:
             return None
         empty = {"": "–"} if value is None else {}
         return empty | {
-            shown(each): text.maybe(f"setting_choice.{shown(each)}", shown(each))
-            for each in choices
+            shown(choice): text.maybe(f"setting_choice.{shown(choice)}", shown(choice))
+            for choice in choices
         }
 
     def _renamed(self, said: str) -> None:
@@ -223,24 +222,23 @@ class SettingEditor:
 
     def _preview(self) -> None:
         """Show the changes, or the errors."""
-        self._pending.clear()
         item = self._item
         settings = self._visitor.service.settings
         good = False
         beside = self._answer_beside()
-        with self._pending:
+        with refilled(self._pending):
             try:
-                found = settings.preview(item.section, item.name, nested(self._leaves))
+                change = settings.preview(item.section, item.name, nested(self._leaves))
             except TorquebenchError as error:
                 if beside:
                     note(self._text("settings.wrong_fields", count=beside), "bad", live=True)
                 else:
                     problem_note(self._text, error)
             else:
-                good = bool(found.differences)
+                good = bool(change.differences)
                 if good:
                     words("h3", self._text("settings.differences"))
-                    change_lines(self._text, found.differences)
+                    change_lines(self._text, change.differences)
         set_disabled(self._apply, not good)
         if good or beside:  # in sight until it is applied, however far up the field is
             self._foot.classes(add="changed")
@@ -256,7 +254,7 @@ class SettingEditor:
         wrong = 0
         for key, field in self._fields.items():
             fault = next(
-                (each for at, each in faults.items() if at == key or at.startswith(f"{key}.")), None
+                (said for at, said in faults.items() if at == key or at.startswith(f"{key}.")), None
             )
             wrong += fault is not None
             allowed = text.core(fault.allowed) if fault is not None else ""
@@ -265,37 +263,20 @@ class SettingEditor:
         return wrong
 
     def _change(self) -> None:
-        visitor, item = self._visitor, self._item
-        changed = visitor.attempt(
-            lambda: visitor.service.settings.change(
-                visitor.actor,
-                item.section,
-                item.name,
-                nested(self._leaves),
-                reason=self._reason.value,
-                version=item.version,
-            ),
-            self._text("settings.changed"),
-        )
-        if changed:
-            self._on_change()
+        said, version = self._text("settings.changed"), self._item.version
+        self._enter(nested(self._leaves), success=said, version=version)
+
+    def _enter(self, document: Mapping[str, Any] | None, **options: Any) -> bool:
+        settings, item = self._visitor.service.settings, self._item
+        options |= {"reason": self._reason.value, "then": self._on_change}
+        return self._visitor.act(settings.change, item.section, item.name, document, **options)
 
     def _ask_delete(self) -> None:
-        text, visitor, item = self._text, self._visitor, self._item
-
-        def act(_: str) -> bool:
-            settings, reason = visitor.service.settings, self._reason.value
-            gone = visitor.attempt(
-                lambda: settings.change(visitor.actor, item.section, item.name, None, reason=reason)
-            )
-            if gone:
-                self._on_change()
-            return gone
-
+        text = self._text
         ask(
             text,
             text("settings.delete"),
-            text("settings.delete_explained", name=item.name),
-            act,
+            text("settings.delete_explained", name=self._item.name),
+            lambda _: self._enter(None),
             danger=True,
         )

@@ -9,9 +9,9 @@ from torquebench.campaign.fitting import model_title
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.compensation import MODELS
 from torquebench.panel.components.controls import button, set_disabled
-from torquebench.panel.components.elements import box, panel, table
+from torquebench.panel.components.elements import box, panel, refilled, table
 from torquebench.panel.pages.records.column_titles import column_title
-from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.pages.view import View
 from torquebench.panel.text import Text
 
 __all__ = ["LogView", "details_said"]
@@ -55,7 +55,7 @@ def _said(text: Text, key: str, value: Any) -> str:
     if isinstance(value, bool):
         return text("log_detail.yes" if value else "log_detail.no")
     if isinstance(value, list):
-        return ", ".join(_said(text, key, each) for each in value)
+        return ", ".join(_said(text, key, item) for item in value)
     if isinstance(value, int | float):
         return f"{value:g}" if isinstance(value, float) else str(value)
     if key in ("model", "models") and value in MODELS:
@@ -69,12 +69,10 @@ def _said(text: Text, key: str, value: Any) -> str:
     return text.core(value) if key in SENTENCES else str(value)
 
 
-class LogView:
+class LogView(View):
     """Fifty events at a time; a metrologist's."""
 
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
-        self._older: int | None = None
+    _older: int | None = None
 
     def build(self) -> None:
         """Make the view's elements."""
@@ -90,19 +88,13 @@ class LogView:
 
     def _show(self, before: int | None) -> None:
         text = self._text
-        found = self._visitor.service.log(AT_ONCE, before)
-        self._older = found[-1].number if found else before
-        set_disabled(self._further, len(found) < AT_ONCE)
+        events = self._visitor.service.log(AT_ONCE, before)
+        self._older = events[-1].number if events else before
+        set_disabled(self._further, len(events) < AT_ONCE)
         rows = [
-            (
-                event.at,
-                event.who,
-                text.core(event.what),
-                details_said(text, event.details),
-            )
-            for event in found
+            (event.at, event.who, text.core(event.what), details_said(text, event.details))
+            for event in events
         ]
         columns = [(text(f"log.{key}"), False) for key in ("when", "who", "what", "details")]
-        self._place.clear()
-        with self._place:
+        with refilled(self._place):
             table(text("settings.log"), columns, rows)

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from itertools import chain, count
 from typing import Any
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.components.controls import button
+from torquebench.panel.components.controls import button, file_entry
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import (
     box,
@@ -16,18 +17,19 @@ from torquebench.panel.components.elements import (
     moment,
     note,
     panel,
+    refilled,
     table,
     tag,
     to_the_top,
     words,
 )
-from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.settings.editor import SettingEditor, change_lines
 from torquebench.panel.pages.settings.log import LogView
 from torquebench.panel.pages.settings.tokens import TokensView
 from torquebench.panel.pages.users import UsersView
+from torquebench.panel.pages.view import View, tabs
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, read_upload
 
@@ -40,11 +42,8 @@ READ_FILE = (
 )
 
 
-class _Bench:
+class _Bench(View):
     """Channels and limits of the open bench."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor = visitor
 
     def build(self) -> None:
         self._place = box("div", "stack")
@@ -53,24 +52,23 @@ class _Bench:
     def _show(self) -> None:
         visitor, text = self._visitor, self._visitor.text
         item = visitor.service.settings.get("bench", "bench")
-        self._place.clear()
-        with self._place:
+        with refilled(self._place):
             if visitor.service.reopen_needed:
                 with note(text("settings.reopen_explained"), "warn"):
                     button(text("settings.reopen"), self._reopen, "primary", picture="refresh")
             SettingEditor(visitor, item, self._show).build()
 
     def _reopen(self) -> None:
-        visitor = self._visitor
-        visitor.attempt(lambda: visitor.service.reopen(visitor.actor))
+        self._visitor.act(self._visitor.service.reopen)
         self._show()
 
 
-class _Documents:
+class _Documents(View):
     """Profiles or reducers: packaged ones and the user's."""
 
     def __init__(self, visitor: Visitor, section: str) -> None:
-        self._visitor, self._text, self._section = visitor, visitor.text, section
+        super().__init__(visitor)
+        self._section = section
 
     def build(self) -> None:
         self._editor = box("div", "stack")
@@ -88,8 +86,7 @@ class _Documents:
             )
             for item in items
         ]
-        self._list.clear()
-        with self._list, panel(text(f"settings.{self._section}")), box("div", "stack"):
+        with refilled(self._list), panel(text(f"settings.{self._section}")), box("div", "stack"):
             table(
                 text(f"settings.{self._section}"),
                 [(text(f"settings.{key}"), False) for key in ("name", "what", "from")],
@@ -101,12 +98,8 @@ class _Documents:
                 self._upload()
 
     def _upload(self) -> None:
-        text = self._text
         with box("div", "field"):
-            label = words("label", text("settings.upload"))
-            entry = box("input", "control", type="file", accept=".toml")
-            label.props["for"] = entry.html_id
-            entry.on("change", lambda event: self._uploaded(event.args), js_handler=READ_FILE)
+            file_entry(self._text("settings.upload"), ".toml", READ_FILE, self._uploaded)
 
     def _uploaded(self, content: str | None) -> None:
         try:
@@ -131,8 +124,7 @@ class _Documents:
         return SettingsItem(self._section, name, False, document, 0)
 
     def _open(self, item: SettingsItem, *, new: bool = False) -> None:
-        self._editor.clear()
-        with self._editor:
+        with refilled(self._editor):
             SettingEditor(self._visitor, item, self._changed, new=new, on_copy=self._copy).build()
         to_the_top()
 
@@ -155,11 +147,8 @@ class _Documents:
         self._show()
 
 
-class _History:
+class _History(View):
     """All changes, each with an undo button."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
 
     def build(self) -> None:
         self._place = box("div")
@@ -167,13 +156,12 @@ class _History:
 
     def _show(self) -> None:
         text = self._text
-        found = self._visitor.service.settings.history(limit=50)
-        self._place.clear()
-        with self._place, panel(text("settings.history")):
-            if not found:
+        changes = self._visitor.service.settings.history(limit=50)
+        with refilled(self._place), panel(text("settings.history")):
+            if not changes:
                 empty(text("settings.no_history"), "history")
             with box("ul", "stack"):
-                for change in found:
+                for change in changes:
                     self._line(change)
 
     def _line(self, change: SettingsChange) -> None:
@@ -203,29 +191,24 @@ class _History:
             change_lines(text, change.differences)
 
     def _undo(self, number: int) -> None:
-        visitor = self._visitor
-        settings = visitor.service.settings
-        visitor.attempt(lambda: settings.undo(visitor.actor, number), self._text("settings.undone"))
+        undo = self._visitor.service.settings.undo
+        self._visitor.act(undo, number, success=self._text("settings.undone"))
         self._show()
 
 
 @page("settings", "/settings", picture="build", place=5)
 def settings_page(visitor: Visitor) -> None:
     """Build the page of the settings."""
-    text = visitor.text
-    views: Mapping[str, Any] = {
-        "bench": lambda: _Bench(visitor).build(),
-        "profiles": lambda: _Documents(visitor, "profiles").build(),
-        "reducers": lambda: _Documents(visitor, "reducers").build(),
-        "users": lambda: UsersView(visitor).build(),
-        **(
-            {"tokens": lambda: TokensView(visitor).build()}
-            if visitor.has_role("administrator")
-            else {}
-        ),
-        **({"log": lambda: LogView(visitor).build()} if visitor.has_role("metrologist") else {}),
-        "history": lambda: _History(visitor).build(),
+    views: dict[str, Callable[[Visitor], View]] = {
+        "bench": _Bench,
+        "profiles": partial(_Documents, section="profiles"),
+        "reducers": partial(_Documents, section="reducers"),
+        "users": UsersView,
     }
+    if visitor.has_role("administrator"):
+        views["tokens"] = TokensView
+    if visitor.has_role("metrologist"):
+        views["log"] = LogView
+    views["history"] = _History
     with frame(visitor, "settings"):
-        titles = {name: text(f"settings.{name}") for name in views}
-        Tabs(text("settings.title"), titles, views, visitor.query.get("part", ""))
+        tabs(visitor, "settings", views)

@@ -3,22 +3,27 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Any
 
-from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.dialogs import ask
-from torquebench.panel.components.elements import box, empty, note, panel, table, words
-from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import ROLES, Client
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    note,
+    panel,
+    refilled,
+    table,
+    words,
+)
+from torquebench.panel.pages.users import role_choice
+from torquebench.panel.pages.view import View
+from torquebench.panel.service import Actor, Client
 
 __all__ = ["TokensView"]
 
 
-class TokensView:
+class TokensView(View):
     """Programs that may use the API; an administrator's."""
-
-    def __init__(self, visitor: Visitor) -> None:
-        self._visitor, self._text = visitor, visitor.text
 
     def build(self) -> None:
         """Make the view's elements."""
@@ -31,29 +36,27 @@ class TokensView:
                 text("tokens.name"), hint=text("tokens.name_hint"), maxlength="64",
                 autocomplete="off",
             )  # fmt: skip
-            roles: dict[str, str] = {role: text.core(role) for role in ROLES}
-            self._role = Choice(text("users.role"), roles, "operator")
+            self._role = role_choice(text)
             with box("div", "line"):
                 button(text("tokens.add"), self._add, "primary", picture="key")
         self._show()
 
     def _show(self) -> None:
         text, visitor = self._text, self._visitor
-        clients = [each for each in visitor.service.clients.list(visitor.looker)
-                   if each.revoked is None]  # fmt: skip
-        self._list.clear()
-        with self._list, panel(text("settings.tokens")):
+        listed = visitor.service.clients.list(visitor.looker)
+        clients = [client for client in listed if client.revoked is None]
+        with refilled(self._list), panel(text("settings.tokens")):
             if not clients:
                 empty(text("tokens.none"), "key_off")
                 return
             rows = [
                 (
-                    each.name,
-                    text.core(each.role),
-                    datetime.fromisoformat(each.created),
-                    each.created_by,
+                    client.name,
+                    text.core(client.role),
+                    datetime.fromisoformat(client.created),
+                    client.created_by,
                 )
-                for each in clients
+                for client in clients
             ]
             headings = ("tokens.name", "users.role", "users.created", "tokens.by")
             table(
@@ -66,35 +69,28 @@ class TokensView:
 
     def _add(self) -> None:
         visitor, text = self._visitor, self._text
-        made: list[str] = []
-        role: Any = self._role.value
+        name, role = self._name.value, self._role.value
 
-        def add() -> None:
-            made.append(visitor.service.clients.add(visitor.actor, self._name.value, role)[1])
+        def add(actor: Actor) -> None:
+            _, token = visitor.service.clients.add(actor, name, role)  # type: ignore[arg-type]
+            said = text("tokens.shown_once", name=name)
+            with refilled(self._made), note(said, "good"):
+                words("code", token)
+            self._name.set("")
 
-        if not visitor.attempt(add):
-            return
-        self._made.clear()
-        with self._made, note(text("tokens.shown_once", name=self._name.value), "good"):
-            words("code", made[0])
-        self._name.set("")
-        self._show()
+        visitor.act(add, then=self._show)
 
     def _ask_revoke(self, client: Client) -> None:
         text, visitor = self._text, self._visitor
 
-        def act(_: str) -> bool:
-            clients = visitor.service.clients
-            gone = visitor.attempt(lambda: clients.revoke(visitor.actor, client.client_id))
-            if gone:
-                self._made.clear()
-                self._show()
-            return gone
+        def revoked() -> None:
+            self._made.clear()
+            self._show()
 
         ask(
             text,
             text("tokens.revoke"),
             text("tokens.revoke_explained", name=client.name),
-            act,
+            lambda _: visitor.act(visitor.service.clients.revoke, client.client_id, then=revoked),
             danger=True,
         )

@@ -118,7 +118,7 @@ class NetworkParameters(JobRequest):
     random_state: Annotated[int, Field(ge=0, le=2**32 - 1), WHOLE] | None = None
 
     @property
-    def given(self) -> dict[str, Any]:
+    def stated(self) -> dict[str, Any]:
         """Those that were given."""
         return self.model_dump(exclude_none=True)
 
@@ -246,7 +246,7 @@ def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple
     )
     due = standard.certificate_due
     expired = expired_standard(station.registry, what, standard.serial, due)
-    return tuple(each for each in (said, expired) if each)
+    return tuple(doubt for doubt in (said, expired) if doubt)
 
 
 def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
@@ -282,16 +282,16 @@ def _choices(
     *,
     rising_only: bool = False,
 ) -> list[ModelChoice]:
-    if network.given and NETWORK not in names:
+    if network.stated and NETWORK not in names:
         raise InputError(
             Message(
-                "parameters of the network ({names}) for another model", ", ".join(network.given)
+                "parameters of the network ({names}) for another model", ", ".join(network.stated)
             ),
             Message("the model {name}", NETWORK),
             "choose that model, or leave them out",
         )
     choices = [
-        ModelChoice(name, network.given if name == NETWORK else {}, rising_only)
+        ModelChoice(name, network.stated if name == NETWORK else {}, rising_only)
         for name in dict.fromkeys(names)
     ]
     for choice in choices:
@@ -489,7 +489,7 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
         side,
         _verification_profile(context, request),
         seed,
-        metadata={REGISTERS: {"models": {name: each.model_id for name, each in models.items()}}},
+        metadata={REGISTERS: {"models": {name: model.model_id for name, model in models.items()}}},
         progress=context.job,
     )
     data = measured.result.data

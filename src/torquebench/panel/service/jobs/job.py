@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import secrets
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
@@ -61,47 +60,47 @@ class Points:
 
 def _values(data: Mapping[str, Any]) -> dict[str, float]:
     """Return an event's numbers by field; by device and field for equal field names."""
-    found: dict[str, float] = {}
+    values: dict[str, float] = {}
     for key, value in data.items():
         if not isinstance(value, int | float):
             continue
         device, _, name = key.rpartition("-")
         short = name or key
-        if short in found:
+        if short in values:
             short = f"{device.partition('-')[0]}_{name}"
-        found[short] = float(value)
-    if "reading_nm" in found and "standard_nm" in found:
-        found["error_nm"] = found["reading_nm"] - found["standard_nm"]
-    return found
+        values[short] = float(value)
+    if "reading_nm" in values and "standard_nm" in values:
+        values["error_nm"] = values["reading_nm"] - values["standard_nm"]
+    return values
 
 
-@dataclass(eq=False)
 class Job:
-    """A job under way; also the campaign's progress watcher. Safe to use from any thread."""
+    """A job under way; also the campaign's progress watcher. Safe to use from any thread.
 
-    kind: str
-    title: str
-    request: Mapping[str, Any]
-    actor: Actor
-    can_pause: bool
-    can_finish: bool = False
-    job_id: str = field(default_factory=lambda: secrets.token_hex(6))
-    points: Points = field(default_factory=Points)
-    state: JobState = "running"
-    started: datetime = field(default_factory=lambda: datetime.now(UTC))
-    finished: datetime | None = None
-    problem: Problem | None = None
-    result: JobResult | None = None
-    cancelled: threading.Event = field(default_factory=threading.Event)
-    finishing: threading.Event = field(default_factory=threading.Event)
-    ended: threading.Event = field(default_factory=threading.Event)
-    _lock: threading.RLock = field(default_factory=threading.RLock)
-    _stage: str = ""
-    _stage_since: float = 0.0
-    _done: int = 0
-    _total: int | None = None
-    _detail: str = ""
-    _stages: list[JobStage] = field(default_factory=list)
+    Parameters
+    ----------
+    state : JobView
+        At its start.
+    actor : Actor
+    """
+
+    def __init__(self, state: JobView, actor: Actor) -> None:
+        self.actor = actor
+        self.points = Points()
+        self.cancelled, self.finishing, self.ended = (threading.Event() for _ in range(3))
+        self._state = state
+        self._lock = threading.RLock()
+        self._stage_since = 0.0
+
+    def view(self) -> JobView:
+        """Return the present state of the job."""
+        with self._lock:
+            may_finish = self._state.can_finish and not self.finishing.is_set()
+            return replace(self._state, points=len(self.points), can_finish=may_finish)
+
+    def _set(self, **changes: Any) -> None:
+        with self._lock:
+            self._state = replace(self._state, **changes)
 
     # -- events of a campaign ---------------------------------------------------------------
 
@@ -109,31 +108,30 @@ class Job:
         """Begin a stage; ends the stage before."""
         with self._lock:
             self.finish()
-            self._stage, self._total, self._done = title, total, 0
-            self._stage_since, self._detail = time.monotonic(), ""
+            self._set(stage=title, total=total, done=0, detail="")
+            self._stage_since = time.monotonic()
 
     def reach(self, done: int, detail: str = "") -> None:
         """Report the number of finished steps and the present one."""
-        with self._lock:
-            self._done, self._detail = done, detail
+        self._set(done=done, detail=detail)
 
     def finish(self, detail: str = "") -> None:
         """End the stage."""
         with self._lock:
-            if not self._stage:
-                return
-            seconds = time.monotonic() - self._stage_since
-            self._stages.append(JobStage(self._stage, detail, seconds))
-            self._stage, self._total, self._done, self._detail = "", None, 0, ""
+            if self._state.stage:
+                seconds = time.monotonic() - self._stage_since
+                stage = JobStage(self._state.stage, detail, seconds)
+                stages = (*self._state.stages, stage)
+                self._set(stages=stages, stage="", total=None, done=0, detail="")
 
     # -- requests of people -----------------------------------------------------------------
 
     def change(self, before: Sequence[JobState], after: JobState) -> bool:
         """Change from one of some states to another; False where it is in none of them."""
         with self._lock:
-            if self.state not in before:
+            if self._state.state not in before:
                 return False
-            self.state = after
+            self._set(state=after)
             return True
 
     # -- its end ----------------------------------------------------------------------------
@@ -145,30 +143,5 @@ class Job:
         with self._lock:
             if state == "done":
                 self.finish()
-            self.state, self.problem, self.result = state, problem, result
-            self.finished = datetime.now(UTC)
+            self._set(state=state, problem=problem, result=result, finished=datetime.now(UTC))
         self.ended.set()
-
-    def view(self) -> JobView:
-        """Return the present state of the job."""
-        with self._lock:
-            return JobView(
-                job_id=self.job_id,
-                kind=self.kind,
-                title=self.title,
-                request=self.request,
-                started_by=self.actor.label,
-                state=self.state,
-                can_pause=self.can_pause,
-                can_finish=self.can_finish and not self.finishing.is_set(),
-                stage=self._stage,
-                done=self._done,
-                total=self._total,
-                detail=self._detail,
-                stages=tuple(self._stages),
-                points=len(self.points),
-                started=self.started,
-                finished=self.finished,
-                problem=self.problem,
-                result=self.result,
-            )

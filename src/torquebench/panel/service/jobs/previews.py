@@ -39,5 +39,5 @@ def _is_torque(device: str, side: Side) -> bool:
 
 
 def _mounts(rehearsal: Rehearsal[Any]) -> tuple[str, ...]:
-    found: Sequence[Any] = [move.value for move in rehearsal.moves if move.device == "mounting"]
-    return tuple(str(value).replace("_", " ") for value in found)
+    mountings: Sequence[Any] = [move.value for move in rehearsal.moves if move.device == "mounting"]
+    return tuple(str(value).replace("_", " ") for value in mountings)

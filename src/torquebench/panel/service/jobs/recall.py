@@ -67,18 +67,18 @@ def interrupted_calibration(registry: Registry, run_id: str = "") -> Interrupted
             if newest is None:
                 return None
             run_id = newest.run_id
-        found = read_interrupted(registry, find_interrupted(registry, run_id))
-        kept = len(found.kept)
+        interrupted = read_interrupted(registry, find_interrupted(registry, run_id))
+        kept = len(interrupted.kept)
     except TorquebenchError:
         return None
     return InterruptedView(
         run_id=run_id,
-        side=found.side,
-        profile=found.profile.title,
-        interrupted=found.interrupted,
-        points=len(found.points),
+        side=interrupted.side,
+        profile=interrupted.profile.title,
+        interrupted=interrupted.interrupted,
+        points=len(interrupted.points),
         kept=kept,
-        total=sum(step.recorded for step in found.steps),
+        total=sum(step.recorded for step in interrupted.steps),
     )
 
 
@@ -114,20 +114,23 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
         fitted.append(_fitted(name, loaded[key], model))
     measured = calibration_result(entry, data, fitted, numbers)
     verifications = [
-        (found, key)
+        (verification, key)
         for key, model in entries.items()
-        for found in station.registry.verifications(model.model_id)
-        if found.run_id is not None
+        for verification in station.registry.verifications(model.model_id)
+        if verification.run_id is not None
     ]
     if not verifications:
         return measured, None
-    last = max((found for found, _ in verifications), key=lambda found: found.performed)
+    last = max(
+        (verification for verification, _ in verifications),
+        key=lambda verification: verification.performed,
+    )
     folder = RunFolder(station.registry.run(str(last.run_id)).folder)
     fresh = run_data(folder)
     judged = {
         key: used_chain(entries[key], folder.metadata, fresh)
-        for found, key in verifications
-        if found.run_id == last.run_id
+        for verification, key in verifications
+        if verification.run_id == last.run_id
     }
     verified = verification_result(
         folder.metadata,

@@ -93,10 +93,10 @@ def crossing(
     >>> crossing(time, np.array([9.0, 8.0, 7.0, 6.0]), 4.0, rising=True, armed=False)
     (None, False)
     """
-    for moment, found in zip(time_s.tolist(), value.tolist(), strict=True):
-        if found != found:
+    for moment, number in zip(time_s.tolist(), value.tolist(), strict=True):
+        if number != number:
             continue
-        beyond = found >= level if rising else found <= level
+        beyond = number >= level if rising else number <= level
         if beyond and armed:
             return moment, False
         armed = not beyond
@@ -179,14 +179,14 @@ def _await_level(context: JobContext, trigger: Trigger, viewer: Viewer) -> tuple
         block = viewer.get(timeout_s=POLL_INTERVAL_S)
         if block is None:
             continue
-        found, armed = crossing(
+        crossed_s, armed = crossing(
             *_signal(block, trigger.signal),
             trigger.level,
             rising=trigger.direction == "rising",
             armed=armed,
         )
-        if found is not None:
-            return found, said
+        if crossed_s is not None:
+            return crossed_s, said
 
 
 def _still_wanted(context: JobContext) -> None:

@@ -93,12 +93,12 @@ def preview_standard(place: Workplace, request: StandardReducerRequest) -> JobPr
     settings = _standard(place, request).settings(
         request.repeats, both_directions=request.both_directions
     )
-    found = rehearse(station.devices, friction_sweep(station.devices, settings))
+    rehearsal = rehearse(station.devices, friction_sweep(station.devices, settings))
     return JobPreview(
         kind="standard-reducer",
         title=STANDARD_TITLE,
-        duration_s=found.duration_s,
-        points=found.points,
+        duration_s=rehearsal.duration_s,
+        points=rehearsal.points,
         largest_speed_rpm={"input": settings.speeds_rpm[-1]},
         mounts=("reducer",),
     )
@@ -112,7 +112,7 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
         named = request.reducer
         station.drivers.hold(None if named is None else context.settings.reducer(named), "")
     active = station.devices.context.acquisition.compensation("input")
-    found = check_standard_reducer(
+    record = check_standard_reducer(
         station,
         mounted,
         mounted.settings(request.repeats, both_directions=request.both_directions),
@@ -122,7 +122,7 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
         else Message("compensated by model-{model_id}", active.model_id),
         progress=context.job,
     )
-    check = found.check
+    check = record.check
     return JobResult(
         headline=Message(
             "Standard reducer: error {error:.3g} % FS, repeatability {spread:.3g} % "
@@ -132,12 +132,12 @@ def run_standard(context: JobContext, request: StandardReducerRequest) -> JobRes
             check.tolerance_percent,
         ),
         verdict="pass" if check.kept else "fail",
-        simulated=found.simulated,
-        run_ids=(found.run_id,),
+        simulated=record.simulated,
+        run_ids=(record.run_id,),
         details=StandardReducerDetails(
-            reducer=found.reducer.name,
-            certificate=found.reducer.certificate,
-            compensation=found.compensation,
+            reducer=record.reducer.name,
+            certificate=record.reducer.certificate,
+            compensation=record.compensation,
             tolerance_percent_fs=check.tolerance_percent,
             error_percent_fs=check.error_percent,
             repeatability_percent_fs=check.repeatability_percent,
@@ -203,9 +203,9 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
         serial=request.serial,
         progress=context.job,
     )
-    found = [quantity for outcome in record.outcomes for quantity in outcome.quantities]
-    judged = [each for each in found if each.verdict]
-    kept = sum(not each.verdict.failed for each in judged)
+    quantities = [quantity for outcome in record.outcomes for quantity in outcome.quantities]
+    judged = [quantity for quantity in quantities if quantity.verdict]
+    kept = sum(not quantity.verdict.failed for quantity in judged)
     short = f" ({SHORT_TEST})" if record.short else ""
     said = (
         Message("; {kept} of {count} limits of the data sheet kept", kept, len(judged))
@@ -216,7 +216,7 @@ def run_test(context: JobContext, request: ReducerTestRequest) -> JobResult:
         headline=Message(
             "{reducer_name}: {count} quantities found{said}{short}.",
             record.reducer_name,
-            len(found),
+            len(quantities),
             said,
             short,
         ),

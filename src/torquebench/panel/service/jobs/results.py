@@ -50,22 +50,22 @@ def calibration_result(
 ) -> JobResult:
     """Describe a calibration's errors, before and after each model."""
     best = min(fitted, key=lambda item: errors_of(item, data).worst_percent_fs, default=None)
-    found = ""
+    judged = ""
     if best is not None:
-        found = Message(
+        judged = Message(
             "; largest residual of {title}: {worst_nm:.3g} N·m",
             best.title,
             errors_of(best, data).worst_nm,
         )
     raw = summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
     if any(item.contradictions for item in fitted):
-        found = "; the points contradict each other, the model or the last calibration"
+        judged = "; the points contradict each other, the model or the last calibration"
     return JobResult(
         headline=Message(
             "{count} points; the raw reading is wrong by up to {worst_nm:.3g} N·m{found}.",
             len(data),
             raw.worst_nm,
-            found,
+            judged,
         ),
         simulated=data.simulated,
         run_ids=(str(entry.run_id),),

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from datetime import UTC, datetime
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict
@@ -126,7 +128,17 @@ class JobKind:
 
     def job(self, asked: JobRequest, document: Mapping[str, Any], actor: Actor) -> Job:
         """Return a job of this kind."""
-        return Job(self.name, self.title(asked), document, actor, self.can_pause, self.can_finish)
+        state = JobView(
+            job_id=secrets.token_hex(6),
+            kind=self.name,
+            title=self.title(asked),
+            request=document,
+            started_by=actor.label,
+            started=datetime.now(UTC),
+            can_pause=self.can_pause,
+            can_finish=self.can_finish,
+        )
+        return Job(state, actor)
 
 
 class JobRunner:
@@ -199,19 +211,19 @@ class JobRunner:
         BusyError
             A job is under way.
         """
-        found = self._kind(kind)
-        if found.preview is None:
+        job_kind = self._kind(kind)
+        if job_kind.preview is None:
             raise InputError(Message("a preview of {kind}", kind), "a job that moves the bench")
-        asked = self._request(found, request)
+        asked = self._request(job_kind, request)
         with self._rehearsing:  # in a separate thread: starting or ending a job doesn't wait for it
             self._refuse_busy()
-            shown = found.preview(self._place, asked)
+            shown = job_kind.preview(self._place, asked)
         self._refuse_busy()
         limits = {side: self._station.description.module(side).limits for side in SIDES}
         return replace(
             shown,
-            limit_torque_nm={side: each.torque_nm for side, each in limits.items()},
-            limit_speed_rpm={side: each.speed_rpm for side, each in limits.items()},
+            limit_torque_nm={side: limits[side].torque_nm for side in SIDES},
+            limit_speed_rpm={side: limits[side].speed_rpm for side in SIDES},
         )
 
     def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
@@ -240,27 +252,28 @@ class JobRunner:
         return self.start_kind(actor, self._kind(kind), request)
 
     def start_kind(
-        self, actor: Actor, found: JobKind, request: Mapping[str, Any] | JobRequest
+        self, actor: Actor, kind: JobKind, request: Mapping[str, Any] | JobRequest
     ) -> JobView:
         """Start a job of a kind that may not be among `kinds`; raises like `start`."""
-        require(actor, found.role)
-        asked = self._request(found, request)
+        require(actor, kind.role)
+        asked = self._request(kind, request)
         self.command(actor)
         self._refuse_busy()
         self._confirm_clear(asked)
-        found.check(self._place, asked)
+        kind.check(self._place, asked)
         with self._lock:
             self._refuse_busy()
-            if found.moves:
+            if kind.moves:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
-            job = found.job(asked, document, actor)
-            self._note(actor, "started a job", job_id=job.job_id, kind=job.kind, request=document)
-            self.log.began(actor, job.view())
+            job = kind.job(asked, document, actor)
+            view = job.view()
+            self._note(actor, "started a job", job_id=view.job_id, kind=view.kind, request=document)
+            self.log.began(actor, view)
             self._current = job
             self._keep(job)
             self._thread = threading.Thread(
-                target=self._work, args=(found, job, asked), name=f"job {job.kind}", daemon=True
+                target=self._work, args=(kind, job, asked), name=f"job {kind.name}", daemon=True
             )
             self._thread.start()
         return job.view()
@@ -290,28 +303,27 @@ class JobRunner:
         InputError, NotFoundError
             The request is wrong.
         """
-        found = self._kind(kind)
-        asked = self._request(found, request)
+        job_kind = self._kind(kind)
+        asked = self._request(job_kind, request)
         with self.idle():
             document = asked.model_dump(mode="json")
-            job = found.job(asked, document, actor)
+            job = job_kind.job(asked, document, actor)
             job.end("done", result=result)
             self._keep(job)
         return job.view()
 
     def _keep(self, job: Job) -> None:
-        self._jobs[job.job_id] = job
+        self._jobs[job.view().job_id] = job
         while len(self._jobs) > KEPT:
             self._jobs.popitem(last=False)
 
     def _kind(self, kind: str) -> JobKind:
-        found = self.kinds.get(kind)
-        if found is None:
+        if kind not in self.kinds:
             raise NotFoundError(
                 Message("no job {name!r}", kind[:40]),
                 Message("one of {list}", ", ".join(self.kinds)),
             )
-        return found
+        return self.kinds[kind]
 
     @staticmethod
     def _request(kind: JobKind, request: Mapping[str, Any] | JobRequest) -> JobRequest:
@@ -334,7 +346,7 @@ class JobRunner:
             raise BusyError("the panel is being closed", "an open panel")
         if self._current is not None:
             raise BusyError(
-                Message("{title} is under way", self._current.title),
+                Message("{title} is under way", self._current.view().title),
                 "one job at a time",
                 "wait or abort it",
             )
@@ -358,16 +370,17 @@ class JobRunner:
         with self._lock:  # an observer of the end may start the next job
             job.end(state, problem=problem, result=result)
             self._current = None
-        self.log.ended(job.view())
+        view = job.view()
+        self.log.ended(view)
         self.ended += 1
         found = "" if problem is None else problem.found
-        self._note(job.actor, "a job ended", job_id=job.job_id, state=state, found=found)
+        self._note(job.actor, "a job ended", job_id=view.job_id, state=state, found=found)
 
     def _document(self, name: str, document: Mapping[str, Any]) -> None:
         job = self._current
         if job is None:
             return
-        if name == "start" and job.state == "pausing":  # requested between two runs
+        if name == "start" and job.view().state == "pausing":  # requested between two runs
             self._station.pause()
         job.points(name, document)
 
@@ -434,10 +447,10 @@ class JobRunner:
         BusyError
             The job has ended, or can't be paused.
         """
-        job = self._commanded(actor, job_id)
-        if not (job.can_pause and job.change(("running", "pausing"), "pausing")):
+        job, view = self._commanded(actor, job_id)
+        if not (view.can_pause and job.change(("running", "pausing"), "pausing")):
             raise BusyError(
-                Message("{title} can't be paused now", job.title), "a running job with points"
+                Message("{title} can't be paused now", view.title), "a running job with points"
             )
         self._station.pause()
         self._note(actor, "paused a job", job_id=job_id)
@@ -445,25 +458,25 @@ class JobRunner:
 
     def resume(self, actor: Actor, job_id: str) -> JobView:
         """Let a paused job go on; raises like `pause`."""
-        job = self._commanded(actor, job_id)
+        job, view = self._commanded(actor, job_id)
         if not job.change(("pausing",), "running"):
-            raise BusyError(Message("{title} isn't paused", job.title), "a paused job")
+            raise BusyError(Message("{title} isn't paused", view.title), "a paused job")
         self._station.resume()
         self._note(actor, "resumed a job", job_id=job_id)
         return self._view(job)
 
     def finish(self, actor: Actor, job_id: str) -> JobView:
         """End a job that continues until then, with its result; raises like `pause`."""
-        job = self._commanded(actor, job_id)
-        if not job.can_finish:
-            raise BusyError(Message("{title} can't be finished", job.title), "a recording")
+        job, view = self._commanded(actor, job_id)
+        if not (view.can_finish or job.finishing.is_set()):
+            raise BusyError(Message("{title} can't be finished", view.title), "a recording")
         job.finishing.set()
         self._note(actor, "finished a job", job_id=job_id)
         return self._view(job)
 
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
         """End a job with zero torque; raises like `pause`."""
-        job = self._commanded(actor, job_id)
+        job, _ = self._commanded(actor, job_id)
         reason = plain(reason, 200)
         self._abort(job, reason or Message("aborted by {who}", actor.label))
         self._note(actor, "aborted a job", job_id=job_id, reason=reason)
@@ -501,12 +514,13 @@ class JobRunner:
             )
         self._note(actor, "answered a prompt", number=number, done=done)
 
-    def _commanded(self, actor: Actor, job_id: str) -> Job:
+    def _commanded(self, actor: Actor, job_id: str) -> tuple[Job, JobView]:
         job = self._job(job_id)
         self.command(actor)
-        if job.finished is not None:
-            raise BusyError(Message("{title} has ended", job.title), "a job under way")
-        return job
+        view = job.view()
+        if not view.open:
+            raise BusyError(Message("{title} has ended", view.title), "a job under way")
+        return job, view
 
     @contextmanager
     def idle(self) -> Iterator[None]:

@@ -205,16 +205,16 @@ class JobView:
     title: str
     request: Mapping[str, Any]
     started_by: str
-    state: JobState
-    can_pause: bool
-    can_finish: bool
-    stage: str
-    done: int
-    total: int | None
-    detail: str
-    stages: tuple[JobStage, ...]
-    points: int
     started: datetime
+    can_pause: bool
+    can_finish: bool = False
+    state: JobState = "running"
+    stage: str = ""
+    done: int = 0
+    total: int | None = None
+    detail: str = ""
+    stages: tuple[JobStage, ...] = ()
+    points: int = 0
     finished: datetime | None = None
     problem: Problem | None = None
     result: JobResult | None = None

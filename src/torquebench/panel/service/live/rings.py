@@ -73,12 +73,7 @@ class LevelRing:
 
     def last_s(self, seconds: float) -> Rows:
         """Copy of the rows of the last seconds before the newest one."""
-        kept = self.newest(self.capacity)
-        if kept.time_s.size == 0:
-            return kept
-        first = int(np.searchsorted(kept.time_s, kept.time_s[-1] - seconds))
-        part = slice(first, None)
-        return Rows(kept.time_s[part], kept.low[:, part], kept.high[:, part], kept.mean[:, part])
+        return self.between(self.newest_s - seconds, np.inf)
 
     def between(self, start_s: float, stop_s: float) -> Rows:
         """Copy of the rows that end within a span of bench time."""
@@ -90,19 +85,20 @@ class LevelRing:
         return Rows(kept.time_s[part], kept.low[:, part], kept.high[:, part], kept.mean[:, part])
 
     @property
+    def newest_s(self) -> float:
+        """End of the newest row, s; 0 before the first."""
+        return float(self._time[(self.count - 1) % self.capacity]) if self.count else 0.0
+
+    @property
     def oldest_s(self) -> float:
         """End of the oldest row that is kept, s; 0 before the first."""
-        kept = min(self.count, self.capacity)
-        return float(self._time[(self.count - kept) % self.capacity]) if kept else 0.0
+        place = max(0, self.count - self.capacity)
+        return float(self._time[place % self.capacity]) if self.count else 0.0
 
     @property
     def covered_s(self) -> float:
         """Bench time between the oldest and the newest row, s."""
-        kept = min(self.count, self.capacity)
-        if kept < 2:
-            return 0.0
-        oldest, newest = (self.count - kept) % self.capacity, (self.count - 1) % self.capacity
-        return float(self._time[newest] - self._time[oldest])
+        return self.newest_s - self.oldest_s
 
     @property
     def full(self) -> bool:

@@ -327,7 +327,7 @@ class TableImport:
             branch=tuple(points.branch.tolist()),
             raw=summarise_errors(points.reading_nm, points.standard_nm, points.range_nm),
             deviations=deviations[:MOST_DEVIATIONS],
-            certifiable=not any(each.consequence == "refuse" for each in deviations),
+            certifiable=not any(deviation.consequence == "refuse" for deviation in deviations),
             directions=_directions(evaluable_points(read, points, profile, deviations), asked),
         )
 
@@ -430,13 +430,13 @@ def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDire
         resolution_nm=asked.resolution_nm,
         reference=asked.uncertainty(points.data),
     )
-    found = []
+    evaluated = []
     for direction in results.directions:
         evaluation, kept = direction.before.evaluation, direction.before.classification
         decreasing = evaluation.reversibility_percent is not None
         degree = max(evaluation.interpolations)
         uncertainty = evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)
-        found.append(
+        evaluated.append(
             TableDirection(
                 direction.name,
                 None if kept is None else kept.whole_range,
@@ -445,7 +445,7 @@ def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDire
                 tuple(uncertainty.tolist()),
             )
         )
-    return tuple(found)
+    return tuple(evaluated)
 
 
 def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> ExternalCalibration:
