@@ -362,6 +362,11 @@ def test_a_file_takes_the_limits_of_the_bench_that_it_is_used_on(
         {"apply": Told(cells["torque_nm"][0], cells["expanded_uncertainty_nm"][0])}, expected
     )
     assert "temperature of zero" in {part.name for part in expected.components}
+    options = ("--reading", READING_NM, "--branch", "up", "--bench", "bench.toml", "--json")
+    (found,) = json.loads(run("budget", "model.json", *options, cwd=tmp_path).stdout)["answer"][
+        "readings"
+    ]
+    told_alike({"budget": Told(found["torque_nm"], found["expanded_uncertainty_nm"])}, expected)
     refused = run("apply", file, *command[2:], "--bench", "bench.toml", cwd=tmp_path)
     assert refused.returncode == 2
     assert "SIM-T2000" in refused.stderr

@@ -234,7 +234,8 @@ def evaluate_module(
         Runs that hold the raw data.
     """
     data = verified.data
-    result = verify(data, {item.name: item.chain for item in fitted})
+    torques = {item.name: item.chain.torque(data.readings()) for item in fitted}
+    result = verify(data, {item.name: item.chain for item in fitted}, torques)
     raw = CompensationResult(
         name=RAW,
         title=model_title(RAW),
@@ -252,7 +253,7 @@ def evaluate_module(
             recommended=item.name == recommended,
             model=item.model,
             fit_seconds=item.seconds,
-            torque_nm=item.chain.torque(data.readings()).value_nm,
+            torque_nm=torques[item.name].value_nm,
             verification=result.of(item.name),
             **_dense(item.chain, dense, data.range_nm),
         )

@@ -40,7 +40,7 @@ if TYPE_CHECKING:
     from torquebench.compensation import StoredModel
     from torquebench.records import ReadingsTable
 
-__all__ = ["apply", "fit", "verify", "write_verification"]
+__all__ = ["LimitsOption", "apply", "chain_of", "fit", "verify", "write_verification"]
 
 ModelArgument = Annotated[Path, typer.Argument(help="A model file that `fit` wrote.")]
 LimitsOption = Annotated[
@@ -299,7 +299,7 @@ def apply(
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.records.streams.readings_stream import compensate_file
 
-    chain = _chain(stored, bench)
+    chain = chain_of(stored, bench)
     filtering = None
     if dynamics is not None:
         from torquebench.campaign.dynamics import load_dynamics
@@ -404,7 +404,7 @@ def verify(
     from torquebench.chain import SwitchedOff
     from torquebench.cli.tables import cells_table, print_kept, print_verification
 
-    chains = {name: _chain(each, bench) for name, each in {"model": stored, **compared}.items()}
+    chains = {name: chain_of(each, bench) for name, each in {"model": stored, **compared}.items()}
     if without:
         off = SwitchedOff.of("stated with verify", *without)
         chains = {name: each.with_effects([off]) for name, each in chains.items()}
@@ -446,7 +446,7 @@ def verify(
         raise typer.Exit(CHECK_FAILED)
 
 
-def _chain(stored: StoredModel, bench: Path | None) -> MeasuringChain:
+def chain_of(stored: StoredModel, bench: Path | None) -> MeasuringChain:
     """Return the chain of a file, or as it is in use on a bench."""
     from torquebench.chain import MeasuringChain
 

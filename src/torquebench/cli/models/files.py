@@ -10,6 +10,7 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.answers import BUDGETED_READING, EXPORTED_MODEL
+from torquebench.cli.models.commands import LimitsOption, chain_of
 from torquebench.cli.options import ReferenceOption, check_output, stated_reference
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 from torquebench.units import HOURS_PER_DAY
@@ -109,6 +110,7 @@ def budget(
         float, typer.Option(min=1, help="Number of separate loadings in the mean.")
     ] = 1.0,
     seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
+    bench: LimitsOption = None,
 ) -> None:
     """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
 
@@ -124,10 +126,10 @@ def budget(
     stored = load_model(model)
 
     from torquebench.campaign.chains import stated_effects
-    from torquebench.chain import MeasuredTemperature, MeasuringChain, Readings, Temperature
+    from torquebench.chain import MeasuredTemperature, Readings, Temperature
     from torquebench.cli.chain_words import tell_missing
 
-    chain = MeasuringChain.of(stored)
+    chain = chain_of(stored, bench)
     chain = chain.with_effects(
         stated_effects(
             chain,
