@@ -102,7 +102,7 @@ class CalibrationRecords(EntryRecords):
             files=files or {},
             summary={**(summary or {}), "span_error_percent": span_errors(data)},
         )
-        return self.calibration(self.add(entry))
+        return self.calibration(self._add(entry))
 
     def calibration(self, calibration_id: int) -> CalibrationEntry:
         """Return one calibration.
@@ -179,7 +179,7 @@ class CalibrationRecords(EntryRecords):
             created=created or datetime.now(UTC),
             simulated=calibration.simulated,
         )
-        return self.model(self.add(entry))
+        return self.model(self._add(entry))
 
     def model(self, model_id: int) -> ModelEntry:
         """Return one model.
@@ -260,7 +260,7 @@ class CalibrationRecords(EntryRecords):
             if contradictions:
                 reason = Message("although its calibration contradicts itself: {reason}", reason)
             chain = model.transducer_serial, model.counter_identity
-            self.add(Activation(model_id, *chain, datetime.now(UTC), operator, reason))
+            self._add(Activation(model_id, *chain, datetime.now(UTC), operator, reason))
 
     def deactivate(
         self,
@@ -272,7 +272,7 @@ class CalibrationRecords(EntryRecords):
     ) -> None:
         """Deactivate the compensation of a chain; the history keeps earlier ones."""
         chain = transducer_serial, counter_identity
-        self.add(Activation(None, *chain, datetime.now(UTC), operator, reason))
+        self._add(Activation(None, *chain, datetime.now(UTC), operator, reason))
 
     def active_model(self, transducer_serial: str, counter_identity: str) -> ModelEntry | None:
         """Return the model in use for a transducer read by a counter, or None.
@@ -334,7 +334,7 @@ class CalibrationRecords(EntryRecords):
             simulated=result.simulated,
             summary=as_json(result),
         )
-        self.add(entry)
+        self._add(entry)
 
     def verifications(self, model_id: int) -> list[VerificationEntry]:
         """Return the verifications of a model, the oldest first."""
@@ -350,7 +350,7 @@ class CalibrationRecords(EntryRecords):
         RecordError
             Where its run isn't registered.
         """
-        self.add(entry)
+        self._add(entry)
 
     def checks(self, transducer_serial: str) -> list[CheckEntry]:
         """Return the checks of a transducer, the oldest first."""

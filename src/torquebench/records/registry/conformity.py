@@ -64,7 +64,7 @@ class ConformityRecords(EntryRecords):
                     Message("certificate {supersedes} isn't registered", entry.supersedes),
                     "an issued one",
                 )
-            self.add(entry)
+            self._add(entry)
 
     def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
         """Return certificates, all or of one calibration, the newest first."""
@@ -114,7 +114,7 @@ class ConformityRecords(EntryRecords):
                     "have a second person look over it",
                 )
             now = datetime.now(UTC)
-            self.add(Review(subject, subject_id, now, checked_by.strip(), accepted, remark))
+            self._add(Review(subject, subject_id, now, checked_by.strip(), accepted, remark))
 
     def reviews(self, subject: Subject, subject_id: int) -> list[Review]:
         """Return the reviews of a record, the oldest first."""
@@ -171,7 +171,7 @@ class ConformityRecords(EntryRecords):
                         Message("{subject} have no field {name}", subject, name), known
                     )
             now, by = datetime.now(UTC), amended_by.strip()
-            self.add(Amendment(subject, subject_id, now, by, reason.strip(), changes))
+            self._add(Amendment(subject, subject_id, now, by, reason.strip(), changes))
 
     def amendments(self, subject: Subject, subject_id: int) -> list[Amendment]:
         """Return the amendments of a record, the oldest first."""

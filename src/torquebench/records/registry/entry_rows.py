@@ -43,15 +43,8 @@ _NUMBERS = {
 class EntryRecords(Database):
     """Entries are added and listed by the names of their fields."""
 
-    def add(self, entry: Any, /, **others: Any) -> int:
+    def _add(self, entry: Any) -> int:
         """Append an entry, and new equipment that it names; return its number.
-
-        Parameters
-        ----------
-        entry : object
-            An entry of `torquebench.records.registry.entries`.
-        **others
-            Columns for which it has no field.
 
         Raises
         ------
@@ -60,15 +53,16 @@ class EntryRecords(Database):
         """
         table = TABLES[type(entry)]
         with self.writing() as session:
-            return insert(session, table, **self.columns(session, entry, table, **others))
+            return insert(session, table, **self._columns(session, entry, table))
 
-    def columns(
-        self, session: Session, entry: Any, table: Table, /, **others: Any
-    ) -> dict[str, Any]:
+    def _columns(self, session: Session, entry: Any, table: Table) -> dict[str, Any]:
         """Return the columns of a table, without the row's number, from the fields of an entry."""
         low, high = getattr(entry, "valid_nm", None) or (None, None)
-        values = {"recorded": datetime.now(UTC), "valid_low_nm": low, "valid_high_nm": high}
-        values |= others
+        values: dict[str, Any] = {
+            "recorded": datetime.now(UTC),
+            "valid_low_nm": low,
+            "valid_high_nm": high,
+        }
         for column in table.columns:
             name = column.name
             if name == "id" or name in values:

@@ -51,7 +51,7 @@ class EquipmentRecords(EntryRecords):
     ) -> None:
         """Append an entry unless the latest row of its equipment says the same."""
         with self.writing() as session:
-            values = self.columns(session, entry, table)
+            values = self._columns(session, entry, table)
             query = select(table).where(table.c.equipment_key == values["equipment_key"])
             latest = session.execute(query.order_by(table.c.id.desc()).limit(1)).one_or_none()
             compared = values.keys() - {"recorded", *unimportant}
@@ -102,7 +102,7 @@ class EquipmentRecords(EntryRecords):
 
     def add_adjustment(self, adjustment: Adjustment) -> None:
         """Register work on a piece of equipment that may change its indication."""
-        self.add(adjustment)
+        self._add(adjustment)
 
     def adjustments(self, serial: str) -> list[Adjustment]:
         """Return the work on a piece of equipment, the oldest first."""
@@ -140,7 +140,7 @@ class EquipmentRecords(EntryRecords):
         RecordError
             Where its run isn't registered.
         """
-        self.add(zeroing)
+        self._add(zeroing)
 
     def zeroings(self, transducer_serial: str) -> list[Zeroing]:
         """Return the zeros of a transducer, the oldest first."""

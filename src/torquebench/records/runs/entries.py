@@ -39,9 +39,9 @@ class RunRecords(EntryRecords):
                 raise RecordError(
                     Message("run {run_id} is registered", summary.run_id), "a new identifier"
                 )
-            self.add(summary)
+            self._add(summary)
             if summary.status != "running" and summary.finished is not None:
-                insert(session, run_ends, **self.columns(session, summary, run_ends))
+                insert(session, run_ends, **self._columns(session, summary, run_ends))
 
     def finish_run(self, folder: "RunFolder", finished: datetime | None = None) -> None:
         """Enter how a sealed run ended, and the hash of its manifest.
@@ -108,7 +108,7 @@ class RunRecords(EntryRecords):
         The end of a chain that such a folder notes may be that of a registry that is lost.
         """
         reason = "rebuilt from run folders" if anew else "completed from run folders"
-        self.add(Amendment(REBUILT, 0, datetime.now(UTC), by, reason, {"runs": run_ids}))
+        self._add(Amendment(REBUILT, 0, datetime.now(UTC), by, reason, {"runs": run_ids}))
 
     def rebuilt(self) -> list[tuple[datetime, str, str, list[str]]]:
         """Return when, by whom, how and with which runs the registry was rebuilt."""

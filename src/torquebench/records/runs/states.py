@@ -129,7 +129,7 @@ class RunStateRecords(RunRecords):
                         "review the result with `torquebench records review --reject`",
                     )
             now, changes = datetime.now(UTC), {"status": DISCARDED}
-            self.add(Amendment(run_ends.name, end, now, by.strip(), reason.strip(), changes))
+            self._add(Amendment(run_ends.name, end, now, by.strip(), reason.strip(), changes))
 
 
 def _discarded_ends() -> Any:
