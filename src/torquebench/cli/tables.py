@@ -9,6 +9,7 @@ from rich.console import RenderableType
 from rich.table import Table
 from rich.text import Text
 
+from torquebench.cli.terminal.console import narrow_table, out, say
 from torquebench.reports.errors_table import module_errors, number
 
 if TYPE_CHECKING:
@@ -136,8 +137,6 @@ def print_verification(result: VerificationResult, titles: Sequence[str]) -> Non
 
     The first model is marked.
     """
-    from torquebench.cli.terminal.console import out, say
-
     simulated = " - simulated" if result.simulated else ""
     groups = f"{result.groups} group{'s' if result.groups > 1 else ''}"
     say(
@@ -160,8 +159,6 @@ def print_verification(result: VerificationResult, titles: Sequence[str]) -> Non
 
 def print_kept(what: str, percent: float, tolerance: float) -> bool:
     """Print whether a value keeps its tolerance, both in % of full scale, and return it."""
-    from torquebench.cli.terminal.console import say
-
     kept = percent <= tolerance
     verdict = "[green]within[/green]" if kept else "[red]out of[/red]"
     say(f"{what} {number(percent)} % FS: {verdict} the tolerance of {tolerance:g} % FS")
@@ -177,8 +174,6 @@ def comparison_table(comparison: Comparison, taken: str) -> Table:
     taken : str
         Name of the candidate that is marked.
     """
-    from torquebench.cli.terminal.console import narrow_table
-
     table = narrow_table(
         columns=(
             "|model",
@@ -211,8 +206,6 @@ def friction_blocks(sweep: FrictionSweep, *, simulated: bool) -> Iterable[Render
     """Yield the no-load friction of a sweep: mean over repeats and branches at each speed."""
     import numpy as np
 
-    from torquebench.cli.terminal.console import narrow_table
-
     words = "compensated" if sweep.compensated else "not compensated"
     marked = " - simulated" if simulated else ""
     repeats = np.unique(sweep.repeat).size
@@ -241,8 +234,6 @@ def _mean_and_spread(values: NDArray[np.float64]) -> list[str]:
 
 def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
     """Return what was identified of a chain that turns: largest value and U of each part."""
-    from torquebench.cli.terminal.console import narrow_table
-
     table = narrow_table(
         "identified, largest where it was measured, % FS",
         columns=("|effect", ">|value", ">|± (k = 2)", ">|measured"),
@@ -257,7 +248,6 @@ def effects_table(effects: Sequence[Effect], range_nm: float) -> RenderableType:
 def cells_table(points: CalibrationData, torque: Torque) -> RenderableType:
     """Return errors and coverage of U in cells of speed, temperature and torque."""
     from torquebench.calibration import cell_rows
-    from torquebench.cli.terminal.console import narrow_table
 
     table = narrow_table(
         "error in % FS and coverage of U (k = 2), by speed, temperature, torque",
