@@ -11,7 +11,13 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
-__all__ = ["COAXIALITY_LIMIT_MM", "MOUNTED", "MountingRecord", "mounting_facts"]
+__all__ = [
+    "COAXIALITY_LIMIT_MM",
+    "MOUNTED",
+    "MOUNTING_WORDS",
+    "MountingRecord",
+    "mounting_facts",
+]
 
 COAXIALITY_LIMIT_MM = 0.03
 """Largest coaxiality error that the source papers allow, mm."""
@@ -106,16 +112,17 @@ class MountingRecord(BaseModel):
 
 
 MOUNTED = "mounting_record"
-_WORDS: Mapping[str, str] = {
+MOUNTING_WORDS: Mapping[str, str] = {
     "coaxiality": "Coaxiality found",
     "clamp_pressure": "Clamp pressure",
     "mounting_time": "Time to mount",
     "lubrication": "Lubrication",
     "mounted_by": "Mounted by",
 }
+"""Label of each statement of a mounting."""
 
 
 def mounting_facts(record: MountingRecord | None) -> tuple[tuple[str, str], ...]:
     """Return the report's lines about a mounting; empty if nothing was entered."""
     stated = {} if record is None else record.stated()
-    return tuple((_WORDS[key], value) for key, value in stated.items())
+    return tuple((MOUNTING_WORDS[key], value) for key, value in stated.items())

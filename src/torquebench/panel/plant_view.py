@@ -297,7 +297,7 @@ def _table(text: Text, found: Answer) -> str:
 
 
 def _heading(text: Text, name: str) -> str:
-    return text.maybe(f"plant.column_{name}", name.replace("_", " "))
+    return text.title(text.maybe(f"plant.column_{name}", name.replace("_", " ")))
 
 
 def _shown(value: Any, text: Text) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
+from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM, MOUNTING_WORDS
 from torquebench.panel.components.controls import Field
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.quick import BenchClear
@@ -13,11 +13,11 @@ from torquebench.panel.pages.visitor import Visitor
 __all__ = ["MountingForm"]
 
 NUMBERS = {
-    "coaxiality_mm": "mm",
-    "clamp_pressure_bar": "bar",
-    "duration_min": "min",
-    "lubricant_amount_g": "g",
-    "lubricant_hours": "h",
+    "coaxiality_mm": (MOUNTING_WORDS["coaxiality"], "mm"),
+    "clamp_pressure_bar": (MOUNTING_WORDS["clamp_pressure"], "bar"),
+    "duration_min": (MOUNTING_WORDS["mounting_time"], "min"),
+    "lubricant_amount_g": ("Amount of lubricant", "g"),
+    "lubricant_hours": ("Lubricant in use for", "h"),
 }
 
 
@@ -33,7 +33,7 @@ class MountingForm:
                 with box("div", "columns"):
                     self._fields = {
                         name: Field(
-                            text(f"mounting_record.{name}"),
+                            text.core(label),
                             kind="number",
                             unit=unit,
                             hint=text("mounting_record.limit", limit=f"{COAXIALITY_LIMIT_MM:g}")
@@ -42,10 +42,10 @@ class MountingForm:
                             min="0",
                             step="any",
                         )
-                        for name, unit in NUMBERS.items()
+                        for name, (label, unit) in NUMBERS.items()
                     }
                     self._fields["lubricant"] = Field(
-                        text("mounting_record.lubricant"), maxlength="100", autocomplete="off"
+                        text.core("Lubricant"), maxlength="100", autocomplete="off"
                     )
         self._clear = BenchClear(visitor)
 

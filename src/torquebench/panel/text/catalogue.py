@@ -136,8 +136,18 @@ class Text:
         >>> Text("en").alarm("torque limit"), Text("en").alarm("operator missing")
         ('Torque limit', 'Nobody at the bench')
         """
-        title = self.maybe(f"alarm.{kind.replace(' ', '_')}", kind)
-        return title[:1].upper() + title[1:]
+        return self.title(self.maybe(f"alarm.{kind.replace(' ', '_')}", kind))
+
+    def title(self, term: str) -> str:
+        """Return a term of the core as a heading.
+
+        Examples
+        --------
+        >>> Text("en").title("standard deviation")
+        'Standard deviation'
+        """
+        heading = self.core(term)
+        return heading[:1].upper() + heading[1:]
 
     def sentence(self, said: str) -> str:
         """Return what the core says as a sentence.

@@ -7,6 +7,7 @@ from datetime import date
 from types import UnionType
 from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
 
+from torquebench.bench.mounting_record import MOUNTING_WORDS
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
@@ -476,11 +477,11 @@ class CertificateRecord:
     static: tuple[StaticTable, ...] = ()
     zero_hysteresis: ZeroHysteresisStatement | None = None
     unreviewed: tuple[str, ...] = ()
-    coaxiality: str = stated("Coaxiality found", default="")
-    clamp_pressure: str = stated("Clamp pressure", default="")
-    mounting_time: str = stated("Time to mount", default="")
-    lubrication: str = stated("Lubrication", default="")
-    mounted_by: str = stated("Mounted by", default="")
+    coaxiality: str = stated(MOUNTING_WORDS["coaxiality"], default="")
+    clamp_pressure: str = stated(MOUNTING_WORDS["clamp_pressure"], default="")
+    mounting_time: str = stated(MOUNTING_WORDS["mounting_time"], default="")
+    lubrication: str = stated(MOUNTING_WORDS["lubrication"], default="")
+    mounted_by: str = stated(MOUNTING_WORDS["mounted_by"], default="")
     loading_accuracy: str = stated("Loading accuracy", default="")
     turning: str = stated("While it turns, the compensation holds for", default="")
     turning_budget: TurningBudget | None = None

@@ -218,7 +218,7 @@ class MeasureStep(StepView):
             chosen = [point for point in points if (point.get("branch", 1) >= 0) == (branch > 0)]
             lines.append(
                 Line(
-                    text(f"measure.{key}"),
+                    text.core(key),
                     [point["standard_nm"] for point in chosen],
                     [point["error_nm"] for point in chosen],
                     "--series-2" if branch > 0 else "--series-1",

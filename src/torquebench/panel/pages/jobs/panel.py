@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any
 
 from torquebench.errors import TorquebenchError
-from torquebench.message import Message
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, refilled, tag, words
@@ -128,10 +127,9 @@ class JobControls:
 
     def _abort(self, number: str) -> None:
         visitor, text = self._visitor, self._text
-        reason = Message("aborted on the panel by {who}", visitor.looker.name)
 
         def abort(_: str) -> bool:
-            return visitor.act(visitor.service.jobs.abort, number, reason)
+            return visitor.act(visitor.service.jobs.abort, number)
 
         ask(text, text("job.abort"), text("job.abort_explained"), abort, danger=True)
 

@@ -102,7 +102,7 @@ class _Tile:
             with box("span", "stale-note"):
                 tag(text("live.stale"), "bad", "history_toggle_off")
             if state is None:
-                tag(text("live.uncompensated"), "warn", "warning")
+                tag(text.title("not compensated"), "warn", "warning")
                 with refilled(self._about):
                     words("span", text.core(side.compensation_problem))
                 return

@@ -249,7 +249,7 @@ def drift_lines(text: Text, series: DriftSeries) -> list[Line]:
     if chart is not None:
         ends = (moments[0], moments[-1])
         lines += [
-            Line(text("records.centre"), ends, [chart.centre] * 2, "--series-3"),
+            Line(text.core("centre"), ends, [chart.centre] * 2, "--series-3"),
             limit_lines(text("records.limits"), *ends, chart.lower, chart.upper),
         ]
     return lines

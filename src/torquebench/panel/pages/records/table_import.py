@@ -270,7 +270,7 @@ class TableEntry:
             rows = [
                 (
                     text.core(direction.name),
-                    text("external.no_class") if direction.accuracy_class is None
+                    text.core("none") if direction.accuracy_class is None
                     else f"{direction.accuracy_class:g}",
                     f"{max(direction.uncertainty_percent):.3g}",
                 )

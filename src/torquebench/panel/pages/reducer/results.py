@@ -77,7 +77,7 @@ def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
     text = visitor.text
     with panel(), box("div", "spread"):
         serial = details["serial"] or text("reducer.no_serial")
-        words("h2", f"{text.core(details['reducer_name'])}, {text('reducer.specimen')} {serial}")
+        words("h2", f"{text.core(details['reducer_name'])}, {text.title('specimen')} {serial}")
         if run_id := details.get("report"):
             button(
                 text("reducer.report"), partial(_fetch_report, visitor, run_id), picture="download"
@@ -103,7 +103,7 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
             torque = [loop["torque_nm"][row] for row in inside]
             branches = (("rising", "--series-2"), ("falling", "--series-1"))
             lines = [
-                Line(text(f"measure.{branch}"), torque,
+                Line(text.core(branch), torque,
                      [loop[f"{branch}_arcmin"][row] for row in inside], colour)
                 for branch, colour in branches
             ]  # fmt: skip
@@ -181,7 +181,7 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
         empty(text("reducer.no_earlier"), "compare")
         return
     keys = list(found[0][1])
-    columns = [(text("reducer.specimen"), False)]
+    columns = [(text.title("specimen"), False)]
     columns += [
         (f"{text.core(found[0][1][key].title)}, {found[0][1][key].unit}", True) for key in keys[:6]
     ]
@@ -199,7 +199,7 @@ def comparison(visitor: Visitor, result: JobResult) -> None:
         title = text.core(found[0][1][key].title)
         Chart(
             text("reducer.compare_label", title=title),
-            text("reducer.specimen"),
+            text.title("specimen"),
             f"{title}, {found[0][1][key].unit}",
             [
                 Line(text("records.values"), [], values, "--series-1", points=True),

@@ -35,7 +35,7 @@ class StandardForm:
         }
         if visitor.service.snapshot().simulated:
             certified = {"": text("standard.simulated"), **certified}
-        with panel(text("standard.title")), box("div", "stack"):
+        with panel(text.core("Check the bench with a standard reducer")), box("div", "stack"):
             words("p", text("standard.explained"), "muted")
             if not certified:
                 words("p", text("standard.none"), "muted")

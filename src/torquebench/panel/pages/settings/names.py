@@ -13,7 +13,7 @@ def setting_title(text: Text, key: str) -> str:
     Examples
     --------
     >>> setting_title(Text("en"), "output.limits.torque_nm")
-    'Torque limit'
+    'Torque at most'
     >>> setting_title(Text("en"), "input.drive.torque_rate_nm_per_s")
     'Torque ramp'
     """
@@ -32,4 +32,6 @@ def group_title(text: Text, group: str) -> str:
     """
     if not group:
         return text("settings.general")
-    return ": ".join(text.maybe(f"setting_group.{part}", part) for part in group.split("."))
+    return ": ".join(
+        text.title(text.maybe(f"setting_group.{part}", part)) for part in group.split(".")
+    )

@@ -55,7 +55,12 @@ class _Bench(View):
         with refilled(self._place):
             if visitor.service.reopen_needed:
                 with note(text("settings.reopen_explained"), "warn"):
-                    button(text("settings.reopen"), self._reopen, "primary", picture="refresh")
+                    button(
+                        text.title("open the bench again"),
+                        self._reopen,
+                        "primary",
+                        picture="refresh",
+                    )
             SettingEditor(visitor, item, self._show).build()
 
     def _reopen(self) -> None:
