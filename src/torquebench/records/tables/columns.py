@@ -49,7 +49,11 @@ Source = tuple[str, float]
 """A header, and the factor from its values to the unit of `UNITS`."""
 
 _ENDINGS = {
-    kind: next(end for end, unit in UNIT_OF_ENDING.items() if plain_unit(unit) == next(iter(units)))
+    kind: next(
+        end
+        for end, unit in UNIT_OF_ENDING.items()
+        if "%" not in unit and plain_unit(unit) == next(iter(units))
+    )
     for kind, units in UNITS.items()
 }
 """How torquebench's own column names end, such as ``torque_nm``, by kind."""
