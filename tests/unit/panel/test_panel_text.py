@@ -51,7 +51,6 @@ def test_chinese_is_chinese_nearly_everywhere() -> None:
     assert english <= {
         "chart.between",
         "chart.table",
-        "column.of_side",
         "live.uncertainty",
         "job.ended",
         "job.stage",
