@@ -137,7 +137,7 @@ def test_its_certificate_states_what_was_said_of_it(
     torque = abs(record.results[record.budget_step].torque_nm)
     of_torque = 0.05 / 100.0 * torque / 2.0
     assert budget["reference standard"] == pytest.approx(of_torque, rel=1e-3)
-    assert budget["resolution"] == pytest.approx(0.02 / 6.0**0.5)
+    assert budget["resolution of indication and zero"] == pytest.approx(0.02 / 6.0**0.5)
 
 
 def test_a_model_for_another_range_is_refused(
