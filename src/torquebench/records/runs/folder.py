@@ -15,8 +15,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from numpy.typing import ArrayLike
-
 import torquebench
 from torquebench.atomic_write import atomic_write, create_private, private_folder, sync_folder
 from torquebench.errors import InputError, RecordError, TorquebenchError
@@ -38,6 +36,8 @@ from torquebench.records.runs.event_lines import (
 )
 
 if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
     from torquebench.records.edges.stream import RecordedEdges
     from torquebench.records.streams.raw_stream import RawReading
     from torquebench.signals import EdgeBlock
