@@ -63,6 +63,8 @@ class Message(str):
         'few loops; 2 positions'
         """
         said = tuple(parts)
+        if not said:
+            return _made("", "", {})
         return _made(joint.join(said), joint, {str(place): each for place, each in enumerate(said)})
 
     @staticmethod

@@ -120,3 +120,8 @@ def test_the_panels_log_keeps_messages(tmp_path: Path) -> None:
         assert same(said.what)
     finally:
         store.close()
+
+
+def test_nothing_joined_stays_nothing_in_json() -> None:
+    """The joint alone was read back."""
+    assert Message.restored(Message.joined([]).as_plain()) == ""

@@ -19,7 +19,7 @@ __all__ = ["has_words", "templates", "translated"]
 
 WORD = re.compile(r"[^\W\d_]{2,}")
 NOT_WORDS = re.compile(
-    r"\{\w+\}|`[^`]*`|\b(Hz|N·m|Pa|arcmin|arcsec|bar|kHz|kg|min|mm|ms|ppm|rad|rpm|torquebench)\b"
+    r"\{\w+\}|`[^`]*`|\b(Hz|N·m|Pa|arcmin|arcsec|bar|kHz|kg|min|mm|ms|ppm|rad/s²|rad|rpm|torquebench)\b"
 )
 NUMBER = re.compile(r"-?\d+(\.\d+)?(e[-+]?\d+)?")
 

@@ -256,7 +256,8 @@ def test_a_chain_that_turns_states_its_ranges_and_its_budget_while_it_turns(
     ):
         text = "".join(pages(certificate_pdf(turning, language)))
         assert title in text
-        assert "-1200 … 1200 1/min" in text
+        assert "−1200 … 1200 1/min" in text
+        assert ("31,4 rad/s²" if language == "de" else "31.4 rad/s²") in text
     assert not schema_findings(certificate_xml(turning))
     assert "31.4 rad/s²" in certificate_xml(turning).decode()
 

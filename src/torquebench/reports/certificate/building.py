@@ -242,7 +242,7 @@ def build_record(
 
 def _loading(data: CalibrationData) -> str:
     percent = data.loading_accuracy_percent
-    return "" if percent is None else f"{percent:.2g} %"
+    return "" if percent is None else Message("{percent:.2g} %", percent)
 
 
 def _mounting(source: Source) -> dict[str, Any]:

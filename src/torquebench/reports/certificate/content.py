@@ -127,7 +127,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
             _method(record, words),
         ),
         (words["reference"], traceability),
-        *((words.said(label), [text]) for label, text in record.stated()),
+        *((words.said(label), [words.said(text)]) for label, text in record.stated()),
         *([(words["not_in_u"], [not_in_u_words(record, words)])] if record.not_in_u else []),
         (words["environment"], [_environment(record, words)]),
         (words["date_calibration"], [_period(record)]),

@@ -499,7 +499,7 @@ class CertificateRecord:
             for each in fields(part):
                 value = getattr(part, each.name)
                 if "label" in each.metadata and value not in ("", None, ()):
-                    yield each.metadata["label"], str(value)
+                    yield each.metadata["label"], value if isinstance(value, str) else str(value)
 
     @property
     def payload(self) -> str:

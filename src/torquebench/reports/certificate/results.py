@@ -20,6 +20,7 @@ from torquebench.chain import (
 )
 from torquebench.chain import Reference as ReferenceEffect
 from torquebench.compensation import make_model
+from torquebench.message import Message
 from torquebench.reports.certificate.record import (
     BudgetRow,
     Conformity,
@@ -153,12 +154,12 @@ def turning_range(chain: MeasuringChain) -> str:
     said = []
     for each in chain.stored:
         if isinstance(each, MeasuredRotation):
-            said.append(f"{each.low_rpm:.4g} … {each.high_rpm:.4g} 1/min")
+            said.append(Message("{low:.4g} … {high:.4g} 1/min", each.low_rpm, each.high_rpm))
         elif isinstance(each, MeasuredTemperature):
-            said.append(f"{each.low_c:.3g} … {each.high_c:.3g} °C")
+            said.append(Message("{low:.3g} … {high:.3g} °C", each.low_c, each.high_c))
         elif isinstance(each, Inertia):
-            said.append(f"≤ {each.largest_rad_s2:.3g} rad/s²")
-    return ", ".join(said)
+            said.append(Message("≤ {largest:.3g} rad/s²", each.largest_rad_s2))
+    return Message.joined(said)
 
 
 def turning_budget(
