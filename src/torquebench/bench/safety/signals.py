@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -236,7 +236,7 @@ class SignalJudge:
             if samples.torque_nm.size:
                 highest = float(np.fmax.reduce(np.abs(samples.torque_nm)))  # NaN isn't a maximum
                 self._torque(samples.side, samples.channel, highest)
-                self._rate_of_block(samples.side, samples.channel, block, samples.torque_nm)
+                self._rate_of_block(samples)
         self._note_readout(block)
         if self._violation is None and self._commands.any_enabled:
             self._missing(block)
@@ -275,19 +275,27 @@ class SignalJudge:
             (limit - TEMPERATURE_WARNING_K, TEMPERATURE_HYSTERESIS_K),
         )
 
-    def _rate_of_block(
-        self, side: Side, name: str, block: AcquiredBlock, torque_nm: np.ndarray[Any, Any]
-    ) -> None:
-        if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
+    def _rate_of_block(self, samples: ChannelSamples) -> None:
+        """Judge the change from window to window, by the time from one to the next.
+
+        After a gap, as an instrument leaves whose connection was lost for a moment, that is longer
+        than a window.
+        """
+        if math.isinf(self._limits.side(samples.side).torque_rate_nm_per_s):
             return
-        before = self._last_torque.get((name, False))
-        self._last_torque[name, False] = (block.stop_s, float(torque_nm[-1]))
-        steps = np.abs(torque_nm[1:] - torque_nm[:-1])
-        highest = abs(float(torque_nm[0]) - before[1]) if before is not None else math.nan
-        if steps.size:
-            highest = float(np.fmax.reduce(steps, initial=highest))  # NaN isn't a maximum
-        if steps.size or before is not None:
-            self._torque_rate(side, name, highest / self._description.counter.window_s)
+        window_s = self._description.counter.window_s
+        time_s, torque_nm = samples.time_s, samples.torque_nm
+        before = self._last_torque.get((samples.channel, False))
+        self._last_torque[samples.channel, False] = (float(time_s[-1]), float(torque_nm[-1]))
+        highest = math.nan
+        if before is not None:
+            highest = abs(float(torque_nm[0]) - before[1])
+            highest /= max(float(time_s[0]) - before[0], window_s)
+        if time_s.size > 1:
+            rates = np.abs(np.diff(torque_nm)) / np.maximum(np.diff(time_s), window_s)
+            highest = float(np.fmax.reduce(rates, initial=highest))  # NaN isn't a maximum
+        if time_s.size > 1 or before is not None:
+            self._torque_rate(samples.side, samples.channel, highest)
 
     def _missing(self, block: AcquiredBlock) -> None:
         for side in SIDES:

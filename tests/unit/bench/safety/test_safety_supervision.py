@@ -133,6 +133,32 @@ def test_a_standard_that_repeats_one_value_while_its_module_moves_is_named(
         assert "output_reference: the counter delivers the same value" in found[-1].found
 
 
+@pytest.mark.parametrize(("gap_s", "kinds"), [(0.5, set()), (0.0, {AlarmKind.RATE_LIMIT})])
+def test_a_rate_counts_the_time_from_one_sample_to_the_next(
+    bench: LowBench, gap_s: float, kinds: set[AlarmKind]
+) -> None:
+    """A standard whose connection was lost for a moment seemed to change all at once."""
+    bench.load_output(500.0)
+    bench.clock.wait(0.5)
+    block = bench.acquisition.latest_block
+    judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
+    found = set()
+    with bench.supervisor.limits.within(StepLimits("output", torque_rate_nm_per_s=1000.0)):
+        for torque_nm, later_s in ((500.0, 0.0), (600.0, 0.05 + gap_s)):
+            channels = {
+                name: replace(
+                    block.channels[name],
+                    torque_nm=torque_nm + 0.1 * np.arange(5),
+                    time_s=block.stop_s + later_s + 0.01 * np.arange(-5, 0),
+                )
+                for name in ("output_torque", "output_reference")
+            }
+            moment = block.stop_s + later_s
+            violation, _ = judge.judge(replace(block, stop_s=moment, channels=channels))
+            found |= set() if violation is None else {violation.kind}
+    assert found == kinds
+
+
 def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
     with open_bench(safety__presence_s=600.0) as bench:
         with pytest.raises(InterlockError, match="nobody at the bench"):
