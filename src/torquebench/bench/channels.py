@@ -33,9 +33,6 @@ KEPT_S = 120.0
 STUCK_SPREAD = 8.0
 """Largest spread of a stuck frequency, in standard uncertainties of the counter. 25 windows with
 only the counter's own noise spread over 4 of them; a transducer's output is never that quiet.
-
-25 windows of nothing but the counter's own noise spread over 4 of them; a transducer's output
-is never that quiet.
 """
 
 

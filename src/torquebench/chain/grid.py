@@ -54,5 +54,5 @@ def between(nodes: FloatArray, low: float, high: float) -> FloatArray:
 
 
 def numbers(values: object) -> Numbers:
-    """Return numbers of a file or an array as a tuple."""
+    """Return the numbers of an array as a tuple."""
     return tuple(float(each) for each in np.asarray(values, dtype=np.float64).reshape(-1))

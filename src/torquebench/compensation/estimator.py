@@ -133,6 +133,7 @@ class Estimator:
             setattr(cls, name, each.default)
         if own:
             cls.declared = own | {n: each for n, each in cls.declared.items() if n not in own}
+            # It comes from the declared parameters, which typing doesn't know.
             cls.__init__ = _constructor(cls.declared)  # type: ignore[method-assign]
 
     @classmethod
@@ -274,6 +275,7 @@ def _constructor(declared: Mapping[str, Parameter]) -> Callable[..., None]:
         model = given.arguments.pop("self")
         vars(model).update(given.arguments)
 
+    # `inspect` reads the arguments from this attribute, which typing doesn't know.
     construct.__signature__ = signature  # type: ignore[attr-defined]
     construct.__name__ = "__init__"
     return construct

@@ -72,6 +72,7 @@ class TokensView(View):
         name, role = self._name.value, self._role.value
 
         def add(actor: Actor) -> None:
+            # The choice offers roles only, as texts.
             _, token = visitor.service.clients.add(actor, name, role)  # type: ignore[arg-type]
             said = text("tokens.shown_once", name=name)
             with refilled(self._made), note(said, "good"):
