@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.chain import Readings, readings_of_rows
-from torquebench.compensation import FEATURES, branch_values, features
+from torquebench.compensation import FEATURES, NoiseFloor, branch_values, features, noise_floor
 from torquebench.errors import InputError
 from torquebench.html_table import html_table
 from torquebench.message import Message
@@ -436,11 +436,11 @@ class CalibrationData:
         >>> data.averaged().reading_nm.tolist()
         [5.1, 10.1]
         """
-        if tolerance_nm is None:
-            tolerance_nm = (0.005 if self.nominal_nm is None else 1e-6) * self.range_nm
-        steps = self.step_labels(tolerance_nm)
         _, first, label, count = np.unique(
-            steps, return_index=True, return_inverse=True, return_counts=True
+            self.step_labels(tolerance_nm),
+            return_index=True,
+            return_inverse=True,
+            return_counts=True,
         )
         order = np.argsort(first)
 
@@ -464,12 +464,22 @@ class CalibrationData:
             **changes,
         )
 
-    def step_labels(self, tolerance_nm: float) -> NDArray[np.int64]:
+    def noise_floor(self) -> NoiseFloor | None:
+        """Return the scatter of points that repeat a step, its branch and its direction.
+
+        Zeros after clockwise and after counter-clockwise load aren't repeats: hysteresis parts
+        them. None where no step was repeated.
+        """
+        return noise_floor(self.features(2), self.standard_nm, self.step_labels())
+
+    def step_labels(self, tolerance_nm: float | None = None) -> NDArray[np.int64]:
         """Return the number of the step that each point repeats, shape (n,).
 
         Points belong to one step where branch and direction agree and where no gap between
-        neighbouring torques exceeds the tolerance, in N·m.
+        neighbouring torques exceeds the tolerance, in N·m, by default that of `averaged`.
         """
+        if tolerance_nm is None:
+            tolerance_nm = (0.005 if self.nominal_nm is None else 1e-6) * self.range_nm
         torque = self.standard_nm if self.nominal_nm is None else self.nominal_nm
         labels = np.zeros(len(self), dtype=np.int64)
         taken = 0

@@ -37,7 +37,6 @@ from torquebench.compensation import (
     compare,
     load_model,
     make_model,
-    noise_floor,
     save_model,
     worse_than_raw,
 )
@@ -372,12 +371,11 @@ def fit_table(
         progress.finish()
     outlying = [replace(each, series=int(data.series[each.row])) for each in model.outliers_]
     good = np.delete(np.arange(len(data)), [each.row for each in outlying])
-    rows = data.features(COMPARED_COLUMNS)[good]
     return FitResult(
         source=source,
         data=data,
         comparison=comparison,
-        noise=noise_floor(rows, data.standard_nm[good]),
+        noise=data.subset(good).noise_floor(),
         name=name,
         title=model_title(model.kind, model.kind_parameters),
         model=model,

@@ -31,8 +31,6 @@ from torquebench.compensation.estimator import clone
 from torquebench.compensation.factory import make_model
 from torquebench.compensation.repeats import (
     IntArray,
-    NoiseFloor,
-    noise_floor,
     repeat_groups,
     spread_folds,
 )
@@ -231,8 +229,6 @@ class Comparison:
         Every candidate, fitted to all points.
     refused : mapping of str to str
         Candidates that refused the data, with their messages.
-    noise : NoiseFloor or None
-        Scatter of repeats; None where no step was repeated.
     full_scale_nm : float
     folds, steps, points : int
         Number of folds, of steps (groups of points) and of points that were scored.
@@ -246,7 +242,6 @@ class Comparison:
     best: str
     models: Mapping[str, CompensationModel]
     refused: Mapping[str, str]
-    noise: NoiseFloor | None
     full_scale_nm: float
     folds: int
     steps: int
@@ -395,11 +390,6 @@ def compare(
         best=best,
         models=fitted,
         refused=refused,
-        noise=noise_floor(
-            np.delete(features, outlying_rows, axis=0),
-            np.delete(torque, outlying_rows),
-            np.delete(step, outlying_rows),
-        ),
         full_scale_nm=full_scale,
         folds=fold_count,
         steps=int(step.max()) + 1,

@@ -11,7 +11,6 @@ from torquebench.calibration import CalibrationData, summarise_errors
 from torquebench.campaign.finishing import FinishedCalibration
 from torquebench.campaign.fitting import feature_columns
 from torquebench.campaign.results import FitResult
-from torquebench.compensation import noise_floor
 from torquebench.figures import Curve
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
@@ -34,7 +33,7 @@ def calibration_page(finished: FinishedCalibration) -> Page:
         source=f"{data.side} module, run {measured.record.run_id}",
         data=data,
         comparison=None,
-        noise=noise_floor(data.features(2), data.standard_nm),
+        noise=data.noise_floor(),
         name=fitted.name,
         title=fitted.title,
         model=fitted.model,

@@ -206,3 +206,19 @@ def test_averaging_equal_repeats_changes_nothing(repeats, seed):
     data = CalibrationData.concatenate([one] * repeats).averaged()
     np.testing.assert_allclose(data.reading_nm, one.reading_nm, rtol=1e-14)
     np.testing.assert_allclose(data.standard_nm, one.standard_nm, rtol=1e-14)
+
+
+def test_zeros_after_opposite_loads_are_no_repeats() -> None:
+    torque = np.concatenate(
+        [np.linspace(0, 50, 11), np.linspace(45, -50, 20), np.linspace(-45, 0, 10)]
+    )
+    rising = np.sign(np.diff(torque, prepend=-1.0))
+    remanence = 0.05 * rising * (1.0 - np.abs(torque) / 50.0)
+    series = np.ones(torque.size, dtype=int)
+    data = CalibrationData(torque + remanence, torque, series, infer_branch(torque, series), 50.0)
+    assert data.noise_floor() is None
+    twice = CalibrationData.concatenate([data, data])
+    noise = twice.noise_floor()
+    assert noise is not None
+    assert noise.degrees_of_freedom == len(data)
+    assert noise.standard_deviation_nm == pytest.approx(0.0, abs=1e-12)

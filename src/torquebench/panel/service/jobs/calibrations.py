@@ -344,6 +344,7 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
         progress=job,
         cancelled=job.cancelled.is_set,
     )
+    good = np.delete(np.arange(len(data)), [point.row for point in comparison.outliers])
     title = model_title(comparison.best)
     sentence = Message("Least error at points left out: {model}.", title)
     return JobResult(
@@ -359,7 +360,7 @@ def run_comparison(context: JobContext, request: CompareRequest) -> JobResult:
             best=comparison.best,
             sentence=sentence,
             refused=comparison.refused,
-            noise=comparison.noise,
+            noise=data.subset(good).noise_floor(),
             steps=comparison.steps,
             folds=comparison.folds,
         ),
