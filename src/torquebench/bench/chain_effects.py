@@ -113,12 +113,13 @@ def standard_effect(
     largest_k = max(abs(each - standard.certificate_temperature_c) for each in reached)
     if standard_c:
         largest_k += PROBE_K
-    drift = transducer.drift_percent_per_year or 0.0
+    drift = transducer.drift_percent_per_year
+    years = _years_since_certificate(standard, calibrated_on)
     return Reference(
         f"certificate {standard.certificate_number} of {standard.serial}",
         standard.uncertainty(side),
         1e-3 * transducer.temperature_span_percent_per_10k * largest_k,
-        1e-2 * drift * _years_since_certificate(standard, calibrated_on),
+        None if drift is None else 1e-2 * drift * years,
     )
 
 

@@ -76,7 +76,7 @@ def _recorded_standard(standard: Mapping[str, Any], data: CalibrationData) -> Re
         standard["certificate_number"] or "unknown",
         standard["serial"],
     )
-    limits = {name: standard.get(name, 0.0) for name in Reference.LIMITS}
+    limits = {name: standard.get(name) for name in Reference.LIMITS}
     return Reference(record, certified, **limits)
 
 

@@ -139,6 +139,7 @@ def judge_check(
     if standard is None:
         missing.append(CHECK_STANDARD["reference standard"])
     else:
+        missing += [CHECK_STANDARD[name] for name in standard.gaps()]
         parts = standard.components(Readings(data.standard_nm), data.standard_nm)
         torque = torque.and_also(*(each._replace(name=CHECK_STANDARD[each.name]) for each in parts))
     tolerance = Tolerance(-tolerance_percent_fs, tolerance_percent_fs, "full scale")

@@ -268,7 +268,7 @@ def _stated(uncertainty: CertifiedUncertainty | float, data: CalibrationData) ->
 
 def _limits(
     uncertainty: CertifiedUncertainty | float, reference: Reference | None
-) -> dict[str, float]:
+) -> dict[str, float | None]:
     """Return the limits of a standard whose uncertainty is the table's own."""
     if reference is None or reference.certified != uncertainty:
         return {}

@@ -39,11 +39,11 @@ def reference_remarks(reference: Reference | None) -> dict[str, str]:
     """
     if reference is None:
         return {}
-    limits = {name: 1e2 * getattr(reference, field) for name, field in _LIMITS.items()}
+    limits = {name: getattr(reference, field) for name, field in _LIMITS.items()}
     return {
         _NAME: str(reference.record),
         UNCERTAINTY: reference.certified.text,
-        **{name: repr(limit) for name, limit in limits.items() if limit},
+        **{name: repr(1e2 * limit) for name, limit in limits.items() if limit is not None},
     }
 
 
@@ -81,8 +81,10 @@ def reference_in(remarks: Mapping[str, str], range_nm: float, origin: str) -> Re
     return Reference(remarks.get(_NAME) or f"stated in {origin}", certified, **limits)
 
 
-def _limit(remarks: Mapping[str, str], name: str, origin: str) -> float:
-    stated = remarks.get(name, "0")
+def _limit(remarks: Mapping[str, str], name: str, origin: str) -> float | None:
+    stated = remarks.get(name)
+    if stated is None:
+        return None
     try:
         percent = float(stated)
     except ValueError:

@@ -72,7 +72,12 @@ def test_every_example_is_a_valid_description(path: Path) -> None:
             "input.temperature_probe = 'nowhere'",
             "ambient",
         ),
-        ("nominal_torque_nm = 50\n\n[cal", "nominal_torque_nm = 20\n\n[cal", "calibrator", "50"),
+        (
+            'CAL-1-IN"\nnominal_torque_nm = 50',
+            'CAL-1-IN"\nnominal_torque_nm = 20',
+            "calibrator",
+            "50",
+        ),
         ("seed = 1", "seed = ", "line", "valid TOML"),
     ],
 )

@@ -12,7 +12,7 @@ from torquebench.chain import MeasuringChain, Reference
 from torquebench.compensation import make_model
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
-CHECK = Reference("certificate 2", CertifiedUncertainty.of_range(2e-4, 100.0))
+CHECK = Reference("certificate 2", CertifiedUncertainty.of_range(2e-4, 100.0), 0.0, 0.0)
 
 
 def points(error):
@@ -67,6 +67,8 @@ def test_what_a_check_s_u_does_not_contain_is_stated():
     assert not unknown.torque.expanded_uncertainty_nm.any()
     assert "check standard" in unknown.missing
     assert "check standard" not in judge_check(data, None, standard=CHECK, **known).missing
+    undated = replace(CHECK, drift_of_torque=None)
+    assert "drift of check standard" in judge_check(data, None, standard=undated, **known).missing
 
 
 def test_temperature_and_drift_of_the_check_standard_count_beside_the_calibrators():

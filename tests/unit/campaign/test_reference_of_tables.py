@@ -16,6 +16,7 @@ from torquebench.campaign.turning import joined_tables
 from torquebench.chain import Reference
 from torquebench.errors import InputError
 from torquebench.records import calibration_csv, parse_calibration_csv
+from torquebench.records.reference_remarks import reference_remarks
 from torquebench.uncertainty import CertifiedUncertainty
 
 RANGE_NM = 50.0
@@ -55,6 +56,8 @@ def test_a_table_of_the_bench_states_the_standard_of_its_chain() -> None:
     assert found is not None
     assert (found.certified, found.record) == (effect.certified, effect.record)
     assert found.temperature_of_torque == pytest.approx(effect.temperature_of_torque)
+    assert found.drift_of_torque == 0.0
+    assert not found.gaps()
     assert read(text).sha256() == written.sha256() == table().sha256()
 
 
@@ -77,6 +80,8 @@ def test_a_person_states_it_in_words(stated: str, expected: CertifiedUncertainty
     found = read(f"# reference_uncertainty = {stated}\n{calibration_csv(table())}").reference
     assert found is not None
     assert (found.certified, found.record) == (expected, "stated in a.csv")
+    assert found.gaps() == ("temperature of standard", "drift of standard")
+    assert reference_remarks(found).keys() == {"reference", "reference_uncertainty"}
 
 
 @pytest.mark.parametrize(
@@ -95,7 +100,7 @@ def test_a_comment_that_is_no_uncertainty_is_refused(comment: str) -> None:
 
 
 def test_of_several_standards_the_larger_uncertainty_counts_everywhere() -> None:
-    one = Reference("A", CertifiedUncertainty((5.0, 50.0), (0.001, 0.03)), 1e-4)
+    one = Reference("A", CertifiedUncertainty((5.0, 50.0), (0.001, 0.03)), 1e-4, 0.0)
     two = Reference("B", CertifiedUncertainty((-50.0, 2.0, 50.0), (0.02, 0.01, 0.011)), 0.0, 2e-4)
     said: list[str] = []
     tables = {
@@ -120,6 +125,11 @@ def test_of_several_standards_the_larger_uncertainty_counts_everywhere() -> None
     assert unstated.startswith("c.csv without U of the standard")
     assert several.startswith("tables of several standards")
     assert joined_tables({"c.csv": table(), "d.csv": table()}, pytest.fail).reference is None
+    undated = joined_tables(
+        {**tables, "d.csv": table(reference=replace(one, drift_of_torque=None))}
+    )
+    assert undated.reference is not None
+    assert undated.reference.gaps() == ("drift of standard",)
     same = {"a.csv": table(reference=one), "b.csv": table(reference=one)}
     assert joined_tables(same, pytest.fail).reference == one
 

@@ -43,7 +43,7 @@ from torquebench.uncertainty import CertifiedUncertainty, Distribution
 
 RANGE_NM = 2000.0
 EFFECTS_OF_ALL_KINDS = (
-    Reference("certificate", CertifiedUncertainty.flat(0.4, 40.0, 2000.0)),
+    Reference("certificate", CertifiedUncertainty.flat(0.4, 40.0, 2000.0), 0.0, 0.0),
     Temperature("data sheet", 0.1, 5e-5, 23.0, 18.0, 30.0),
     Rotation("data sheet", 0.2, 0.2, 15.0),
     Counter("counter", 0.02),

@@ -79,4 +79,12 @@ def test_its_drift_counts_from_its_own_calibration():
     )
     found = standard_effect(bench, "output", date(2026, 7, 15)).drift_of_torque
     assert found == pytest.approx(1.5e-4, rel=0.01)
-    assert standard_effect(bench, "input", date(2026, 7, 15)).drift_of_torque == 0.0
+
+
+def test_a_drift_that_nobody_states_is_named() -> None:
+    stated = default_bench().calibrator.output
+    bench = described(output=stated.model_copy(update={"drift_percent_per_year": None}))
+    effect = standard_effect(bench, "output")
+    assert effect.gaps() == ("drift of standard",)
+    assert effect_from(json.loads(json.dumps(effect.specification()))) == effect
+    assert not standard_effect(default_bench(), "output").gaps()  # it states that it has none

@@ -25,11 +25,12 @@ class Reference(Effect):
     ----------
     certified : CertifiedUncertainty
         U (k = 2) over the torque, as its certificate states it.
-    temperature_of_torque : float
+    temperature_of_torque : float, optional
         Limit by which its span may have changed because it had another temperature in the
-        calibration than in its own, as a share of the torque.
-    drift_of_torque : float
-        Limit of the drift of its span since its own calibration, as a share of the torque.
+        calibration than in its own, as a share of the torque; None if it isn't known, and then it
+        isn't in U.
+    drift_of_torque : float, optional
+        Limit of the drift of its span since its own calibration, likewise.
     """
 
     title: ClassVar[str] = "reference standard"
@@ -39,8 +40,12 @@ class Reference(Effect):
     }
     """Fields with limits as a share of the torque, and their components."""
     certified: CertifiedUncertainty
-    temperature_of_torque: float = field(default=0.0, metadata={"least": 0.0})
-    drift_of_torque: float = field(default=0.0, metadata={"least": 0.0})
+    temperature_of_torque: float | None = field(default=None, metadata={"least": 0.0})
+    drift_of_torque: float | None = field(default=None, metadata={"least": 0.0})
+
+    def gaps(self) -> tuple[str, ...]:
+        """Name temperature or drift if no limit of it is known."""
+        return tuple(name for each, name in self.LIMITS.items() if getattr(self, each) is None)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return half of U, and the limits; a span error affects both directions of torque."""
@@ -56,18 +61,16 @@ class Reference(Effect):
                     distribution=Distribution.RECTANGULAR,
                 )
                 for name, share in limits
-                if share > 0.0
+                if share
             ),
         )
 
     def larger(self, other: Reference) -> Reference:
         """Return the effect of two standards whose points are fitted together."""
         records = dict.fromkeys([*self.record.split("; "), *other.record.split("; ")])
-        return Reference(
-            "; ".join(records),
-            self.certified.larger(other.certified),
-            **{each: max(getattr(self, each), getattr(other, each)) for each in self.LIMITS},
-        )
+        pairs = {each: (getattr(self, each), getattr(other, each)) for each in self.LIMITS}
+        limits = {each: None if None in pair else max(pair) for each, pair in pairs.items()}
+        return Reference("; ".join(records), self.certified.larger(other.certified), **limits)
 
     def specification(self) -> dict[str, Any]:
         """Return kind and fields as JSON-ready values."""

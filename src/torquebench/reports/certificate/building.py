@@ -38,6 +38,7 @@ from torquebench.reports.certificate.record import (
     VerificationSummary,
 )
 from torquebench.reports.certificate.results import (
+    chain_against,
     conformity_of,
     evaluate_results,
     turning_budget,
@@ -235,7 +236,9 @@ def build_record(
         turning_budget=None
         if source.chain is None
         else turning_budget(data, source.chain, source.reference),
-        not_in_u=() if source.chain is None else source.chain.missing(),
+        not_in_u=()
+        if source.chain is None
+        else chain_against(source.reference, data.range_nm, source.chain).missing(),
         **_mounting(source),
     )
 

@@ -180,7 +180,7 @@ def turning_budget(
     farthest = max((rotation.low_c, rotation.high_c), key=lambda c: abs(c - rotation.calibrated_c))
     fastest = max((rotation.low_rpm, rotation.high_rpm), key=abs)
     largest = float(data.reading_nm[np.argmax(np.abs(data.standard_nm))])
-    torque = chain.with_effects([reference_of(reference, data.range_nm, chain)]).torque(
+    torque = chain_against(reference, data.range_nm, chain).torque(
         Readings(
             np.array([largest]),
             branch=np.ones(1),
@@ -269,8 +269,7 @@ class _Compensated:
         reference: Reference,
         resolution_nm: float,
     ) -> None:
-        standard = reference_of(reference, data.range_nm, chain)
-        self.torque = chain.with_effects([standard]).torque(data.readings())
+        self.torque = chain_against(reference, data.range_nm, chain).torque(data.readings())
         if resolution_nm > 0.0:  # of the indication and of the zero, together
             half_width = resolution_nm / sqrt(2.0)
             self.torque = self.torque.and_also(
@@ -293,14 +292,14 @@ class _Compensated:
         return replace(mean, value_nm=mean.value_nm - self.standard_nm[place]).budget()
 
 
-def reference_of(reference: Reference, range_nm: float, chain: MeasuringChain) -> ReferenceEffect:
-    """Return the effect of the standard that a certificate names, with a chain's other limits."""
+def chain_against(reference: Reference, range_nm: float, chain: MeasuringChain) -> MeasuringChain:
+    """Return a chain with the standard that a certificate names; its limits stay the chain's."""
     record = f"certificate {reference.certificate_number} of {reference.serial}"
     certified = reference.uncertainty(range_nm)
     known = chain.find(ReferenceEffect)
     if known is None:
-        return ReferenceEffect(record, certified)
-    return replace(known, record=record, certified=certified)
+        known = ReferenceEffect(record, certified)
+    return chain.with_effects([replace(known, record=record, certified=certified)])
 
 
 class _Raw:
