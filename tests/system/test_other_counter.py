@@ -13,7 +13,7 @@ from torquebench.calibration import load_profile
 from torquebench.campaign.checking import check_module
 from torquebench.chain import Timebase
 from torquebench.cli.chain_words import compensated
-from torquebench.cli.options import accepted_counter
+from torquebench.cli.options import CounterOptions
 from torquebench.errors import ModelMismatchError
 from torquebench.records import RunFolder
 from torquebench.station import Station
@@ -104,6 +104,6 @@ def test_a_recorded_stretch_carries_what_the_other_counter_adds(station: Station
 
 def test_commands_that_measure_say_whose_model_they_use(station: Station) -> None:
     assert compensated(station, "output").startswith("not compensated")
-    said = compensated(station, "output", accepted_counter(OTHER, 50.0))
+    said = compensated(station, "output", CounterOptions(OTHER, 50.0).accepted())
     assert f"made with {OTHER}: 50 ppm added" in said
-    assert accepted_counter(None, 50.0) is None
+    assert CounterOptions(None, 50.0).accepted() is None

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,7 +13,7 @@ from torquebench.bench.prompts import PromptQueue, QueuedOperator
 from torquebench.campaign.measuring import OnPause, RunAbortedError
 from torquebench.cli.models.compiling import telling_compilation
 from torquebench.cli.recovered import tell_recovered, tell_warnings
-from torquebench.cli.terminal.console import note, stderr_console
+from torquebench.cli.terminal.console import note, say, stderr_console
 from torquebench.cli.terminal.interrupts import BenchInterrupts
 from torquebench.cli.terminal.presence import attending
 from torquebench.cli.terminal.progress import TerminalProgress
@@ -22,7 +23,7 @@ from torquebench.station import Station
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
 
-__all__ = ["BenchSession", "open_bench"]
+__all__ = ["BenchSession", "open_bench", "rehearsing"]
 
 
 @dataclass(frozen=True)
@@ -113,3 +114,14 @@ def open_bench(
     ):
         tell_recovered(station, but=resumed)
         yield BenchSession(station, prompts, yes)
+
+
+@contextlib.contextmanager
+def rehearsing(description: BenchDescription) -> Iterator[Station]:
+    """Open the bench on a scratch folder to rehearse a plan; say that nothing was moved."""
+    with (
+        tempfile.TemporaryDirectory() as scratch,
+        Station.open(description, Path(scratch)) as station,
+    ):
+        yield station
+    say("Limits and interlocks checked; nothing was moved.")

@@ -16,7 +16,7 @@ from torquebench.cli.options import BenchOptions
 from torquebench.cli.reports import check_reports
 from torquebench.cli.resume import resume_run
 from torquebench.cli.terminal.confirming import confirm_start
-from torquebench.cli.terminal.console import answer, out, say
+from torquebench.cli.terminal.console import answer, out
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -178,19 +178,13 @@ def _choice(name: str | None, parameters: list[str] | None) -> ModelChoice | Non
 
 def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> None:
     """Rehearse the same plans as the real run, and print what they would load."""
-    import tempfile
-
     from torquebench.campaign.measuring import rehearse_calibration
+    from torquebench.cli.bench_session import rehearsing
     from torquebench.cli.staircase import staircase_tables
-    from torquebench.station import Station
 
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        Station.open(description, Path(scratch)) as station,
-    ):
+    with rehearsing(description) as station:
         for side in sides:
             rehearsal = rehearse_calibration(station, side, profile)
             for part in staircase_tables(description, side, profile, rehearsal):
                 out().print(part)
             answer(plans=[PLAN.of(rehearsal, side=side)])
-    say("Limits and interlocks checked; nothing was moved.")

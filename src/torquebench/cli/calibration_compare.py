@@ -15,6 +15,7 @@ from torquebench.cli.options import (
     DataOption,
     check_output,
     data_directory,
+    numbered,
 )
 from torquebench.cli.reports import check_reports, report_option, write_reports
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
@@ -64,14 +65,14 @@ def compare(
 
 
 def _number(name: str) -> int:
-    kind, _, number = name.rpartition("-")
-    if kind not in ("calibration", "") or not number.isdigit():
+    named = numbered(name, "calibration", "")
+    if named is None:
         raise InputError(
             Message("a calibration {name!r}", name),
             "a name such as calibration-2",
             "torquebench records list calibrations",
         )
-    return int(number)
+    return named[1]
 
 
 def _print(found: CalibrationComparison) -> None:

@@ -13,7 +13,13 @@ from rich.markup import escape
 from torquebench.cli.answers import CERTIFICATE, CERTIFICATE_CHECKED
 from torquebench.cli.export import find_run
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output_folder, data_directory
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    DataOption,
+    check_output_folder,
+    data_directory,
+    numbered,
+)
 from torquebench.cli.terminal.console import answer, note, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -143,9 +149,8 @@ def find_calibration(registry: Registry, name: str) -> CalibrationEntry:
     RecordError
         Where the run isn't sealed.
     """
-    kind, _, number = name.partition("-")
-    if kind == "calibration" and number.isdecimal():
-        return registry.calibration(int(number))
+    if named := numbered(name, "calibration"):
+        return registry.calibration(named[1])
     if name == "latest":
         newest = registry.calibrations(limit=1)
         if not newest:

@@ -19,6 +19,7 @@ from torquebench.cli.options import (
     data_directory,
     day_or_time,
     moment_in_utc,
+    named_values,
     performed_at,
 )
 from torquebench.cli.terminal.console import answer, print_facts, say, warn
@@ -64,7 +65,8 @@ def add_equipment(
     """Enter a piece of equipment, or new data of one."""
     from torquebench.records import Equipment, Registry
 
-    described = Equipment(kind.value, _named(serial), manufacturer, model, range_nm, _pairs(detail))
+    details = named_values(detail, "--detail", "span_hz=30000")
+    described = Equipment(kind.value, _named(serial), manufacturer, model, range_nm, details)
     with Registry.open(data) as registry:
         registry.add_equipment(described)
     say(f"{kind.value} {escape(serial)} entered.")
@@ -185,8 +187,8 @@ def adjust(
                 _named(by, "who has done it"),
                 checked_by,
                 reason,
-                _pairs(before),
-                _pairs(after),
+                named_values(before, "--before", "span_hz=30000"),
+                named_values(after, "--after", "span_hz=30000"),
             )
         )
         newest = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
@@ -272,13 +274,3 @@ def _named(text: str, what: str = "a serial number") -> str:
     if not text.strip():
         raise InputError(Message("no {what}", what), "a text that isn't empty")
     return text
-
-
-def _pairs(given: list[str] | None) -> dict[str, str]:
-    pairs = {}
-    for each in given or ():
-        name, mark, value = each.partition("=")
-        if not (mark and name):
-            raise InputError(Message("{each!r}", each), "name=value", "such as span_hz=30000")
-        pairs[name] = value
-    return pairs

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from torquebench.cli.options import named_values
 from torquebench.cli.terminal.console import warn
-from torquebench.errors import InputError
-from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.mounting_record import MountingRecord
@@ -47,20 +46,8 @@ def mounting_record(given: list[str] | None) -> MountingRecord | None:
     from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM, MountingRecord
     from torquebench.validation import validated
 
-    found: dict[str, Any] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        name = name.strip()
-        if not equals or not name:
-            raise InputError(
-                Message("--mounting {text!r}", text),
-                "NAME=VALUE",
-                "write it as coaxiality_mm=0.012",
-            )
-        if name in found:
-            raise InputError(Message("--mounting {name} twice", name), "once")
-        found[name] = value.strip()
-    record: MountingRecord = validated(MountingRecord, found, "--mounting")
+    values = named_values(given, "--mounting", "coaxiality_mm=0.012")
+    record: MountingRecord = validated(MountingRecord, values, "--mounting")
     if record.within_limit is False:
         warn(
             f"coaxiality of {record.coaxiality_mm:g} mm, more than {COAXIALITY_LIMIT_MM:g} mm: "

@@ -22,15 +22,14 @@ if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
     from torquebench.cli.bench_session import BenchSession
+    from torquebench.panel.address import Address
     from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
-    "CLOCK_TOLERANCE_PPM",
     "CSV_ENDINGS",
-    "AcceptCounterOption",
+    "AddressOptions",
     "BenchOption",
     "BenchOptions",
-    "ClockToleranceOption",
     "ColumnOption",
     "CounterOptions",
     "DataOption",
@@ -42,7 +41,6 @@ __all__ = [
     "ReferenceOption",
     "WithoutOption",
     "YesOption",
-    "accepted_counter",
     "bench_description",
     "check_kept",
     "check_output",
@@ -51,6 +49,8 @@ __all__ = [
     "day_or_time",
     "has_registry",
     "moment_in_utc",
+    "named_values",
+    "numbered",
     "performed_at",
     "stated_reference",
 ]
@@ -129,20 +129,6 @@ RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")
 ]
 
-AcceptCounterOption = Annotated[
-    str | None,
-    typer.Option(
-        "--accept-counter",
-        help="Also use models that were made with this counter (serial/clock), with more "
-        "uncertainty.",
-    ),
-]
-ClockToleranceOption = Annotated[
-    float,
-    typer.Option(min=0.001, max=1000, help="Largest difference of the two counters' clocks."),
-]
-CLOCK_TOLERANCE_PPM = 100.0
-
 
 @dataclass(frozen=True)
 class BenchOptions:
@@ -172,21 +158,99 @@ class BenchOptions:
 class CounterOptions:
     """The options of commands that may use models of another counter."""
 
-    accept_counter: AcceptCounterOption = None
-    clock_tolerance_ppm: ClockToleranceOption = CLOCK_TOLERANCE_PPM
+    accept_counter: Annotated[
+        str | None,
+        typer.Option(
+            help="Also use models that were made with this counter (serial/clock), with more "
+            "uncertainty.",
+        ),
+    ] = None
+    clock_tolerance_ppm: Annotated[
+        float,
+        typer.Option(min=0.001, max=1000, help="Largest difference of the two counters' clocks."),
+    ] = 100.0
 
     def accepted(self) -> Timebase | None:
         """Return the other counter that the command accepts, None if none is named."""
-        return accepted_counter(self.accept_counter, self.clock_tolerance_ppm)
+        from torquebench.chain import Timebase
+
+        if not self.accept_counter:
+            return None
+        return Timebase("accepted by its name", self.accept_counter, self.clock_tolerance_ppm)
 
 
-def accepted_counter(identity: str | None, tolerance_ppm: float) -> Timebase | None:
-    """Return the other counter that a command accepts, None if none is named."""
-    from torquebench.chain import Timebase
+@dataclass(frozen=True)
+class AddressOptions:
+    """The options of every command that serves pages."""
 
-    if not identity:
-        return None
-    return Timebase("accepted by its name", identity, tolerance_ppm)
+    host: Annotated[
+        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
+    ] = "127.0.0.1"
+    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None
+    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None
+    insecure_network: Annotated[
+        bool,
+        typer.Option(
+            "--insecure-network",
+            help="Allow other machines without TLS: passwords are sent unencrypted.",
+        ),
+    ] = False
+    host_name: Annotated[
+        list[str] | None,
+        typer.Option(help="A further host name of this machine; may be repeated."),
+    ] = None
+
+    def address(self, port: int, proxy: str = "") -> Address:
+        """Return the address, checked before imports that take seconds."""
+        from torquebench.panel.address import Address
+
+        names = tuple(self.host_name or ())
+        address = Address(
+            self.host,
+            port,
+            self.tls_cert,
+            self.tls_key,
+            self.insecure_network,
+            names,
+            proxy,
+        )
+        address.check()
+        return address
+
+
+def named_values(texts: Sequence[str] | None, option: str, example: str) -> dict[str, str]:
+    """Return the values of texts `NAME=VALUE` by their names.
+
+    Examples
+    --------
+    >>> named_values(["epochs=2000"], "--parameter", "epochs=20000")
+    {'epochs': '2000'}
+    """
+    values: dict[str, str] = {}
+    for text in texts or ():
+        name, equals, value = (part.strip() for part in text.partition("="))
+        if not equals or not name:
+            raise InputError(
+                Message("{option} {text!r}", option, text),
+                "NAME=VALUE",
+                Message("write it as {example}", example),
+            )
+        if name in values:
+            raise InputError(Message("{option} {name} twice", option, name), "once")
+        values[name] = value
+    return values
+
+
+def numbered(name: str, *kinds: str) -> tuple[str, int] | None:
+    """Return kind and number of a record's name, None if it isn't one of these kinds.
+
+    Examples
+    --------
+    >>> numbered("model-14", "model", "calibration")
+    ('model', 14)
+    """
+    kind, _, number = name.rpartition("-")
+    return (kind, int(number)) if kind in kinds and number.isdecimal() else None
 
 
 def bench_description(path: Path | None) -> BenchDescription:

@@ -9,7 +9,13 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.options import DEFAULT_DATA, BenchOption, DataOption, bench_description
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    AddressOptions,
+    BenchOption,
+    DataOption,
+    bench_description,
+)
 from torquebench.cli.terminal.console import note, say, warn
 
 __all__ = ["panel"]
@@ -18,25 +24,9 @@ __all__ = ["panel"]
 def panel(
     bench: BenchOption = None,
     data: DataOption = DEFAULT_DATA,
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
-    ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
     ] = 8080,
-    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None,
-    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
-    insecure_network: Annotated[
-        bool,
-        typer.Option(
-            "--insecure-network",
-            help="Allow other machines without TLS: passwords are sent unencrypted.",
-        ),
-    ] = False,
-    host_name: Annotated[
-        list[str] | None,
-        typer.Option(help="A further host name of this machine; may be repeated."),
-    ] = None,
     behind_proxy: Annotated[
         str,
         typer.Option(
@@ -61,6 +51,8 @@ def panel(
             help="Publish the bench by MQTT Sparkplug B, as this settings file (.toml) says."
         ),
     ] = None,
+    *,
+    serving: AddressOptions,
 ) -> None:
     """Open the bench and serve the operator panel and the HTTP API.
 
@@ -68,11 +60,9 @@ def panel(
     a code with which the administrator is set up in the browser. Ctrl-C ends it; the bench is
     without torque before the process ends.
     """
-    from torquebench.panel.address import ANY_ADDRESS, Address
+    from torquebench.panel.address import ANY_ADDRESS
 
-    names = tuple(host_name or ())
-    address = Address(host, port, tls_cert, tls_key, insecure_network, names, behind_proxy)
-    address.check()  # before imports that take seconds
+    address = serving.address(port, behind_proxy)
     endpoint = None
     if opcua is not None:
         import_module("asyncua")  # first, so that the error names this extra
@@ -111,7 +101,7 @@ def panel(
             code = service.people.setup_code
             if code is not None:
                 say(f"Set up the administrator there with the code {code}")
-            if insecure_network and not address.secure:
+            if address.insecure_network and not address.secure:
                 warn(
                     "without TLS everybody in this network can read passwords and measured "
                     "values; it answers to its own addresses and to "

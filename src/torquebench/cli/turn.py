@@ -112,26 +112,26 @@ def _run(
 
 def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
     """Rehearse the same plan as the real run, and print it."""
-    import tempfile
-
     from torquebench.campaign.turning_runs import rehearse_turning
-    from torquebench.station import Station
+    from torquebench.cli.bench_session import rehearsing
 
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        Station.open(description, Path(scratch)) as station,
-    ):
-        rehearsal = rehearse_turning(station, side.value, profile)
     table = narrow_table(
         f"{profile.title or profile.name}, {side.value}", columns=("|", ""), headings=False
     )
-    if profile.kind == "dynamics":
-        _describe_steps(table, description, side, profile)
-        table.add_row("duration", f"{rehearsal.duration_s / MINUTE:.3g} min")
+    with rehearsing(description) as station:
+        rehearsal = rehearse_turning(station, side.value, profile)
+        if profile.kind == "dynamics":
+            _describe_steps(table, description, side, profile)
+        else:
+            _describe_speeds(table, side, profile, rehearsal.points)
+        waiting = "" if profile.temperatures is None else " and the waiting"
+        table.add_row("duration", f"{rehearsal.duration_s / MINUTE:.3g} min{waiting}")
         out().print(table)
-        say("Limits and interlocks checked; nothing was moved.")
-        answer(**TURN_PLANNED.of(rehearsal))
-        return
+    answer(**TURN_PLANNED.of(rehearsal))
+
+
+def _describe_speeds(table: Any, side: Module, profile: TurningProfile, points: int) -> None:
+    """Add speeds, torques and temperatures."""
     top = profile.top_rpm(side.value)
     speeds = ", ".join(f"{share * top:g}" for share in profile.speed_shares)
     if profile.random is not None:
@@ -139,7 +139,7 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
         lowest = profile.speed_shares[0] * top
         table.add_row("speeds", f"random, {lowest:g} to {top:g} rpm, both directions")
         table.add_row("torques", f"random, {torque}; seed {profile.random.seed}")
-        table.add_row("points", f"{rehearsal.points} in {profile.series()} series")
+        table.add_row("points", f"{points} in {profile.series()} series")
     else:
         table.add_row("speeds", f"{speeds} rpm, both directions")
     if profile.kind == "empty":
@@ -149,16 +149,11 @@ def _dry_run(description: Any, side: Module, profile: TurningProfile) -> None:
     elif profile.kind == "calibration":
         torques = ", ".join(f"{100 * share:g}" for share in profile.torque_shares)
         table.add_row("torques", f"±{torques} % of range, and 0")
-        table.add_row("points", str(rehearsal.points))
+        table.add_row("points", str(points))
     if profile.temperatures is not None:
         wanted = ", ".join(f"{each:g}" for each in profile.temperatures.wanted_c)
         table.add_row("temperatures", f"{wanted} °C, waited for up to "
                       f"{profile.temperatures.longest_h:g} h each")  # fmt: skip
-    waiting = " and the waiting" if profile.temperatures is not None else ""
-    table.add_row("duration", f"{rehearsal.duration_s / MINUTE:.3g} min{waiting}")
-    out().print(table)
-    say("Limits and interlocks checked; nothing was moved.")
-    answer(**TURN_PLANNED.of(rehearsal))
 
 
 def _describe_steps(

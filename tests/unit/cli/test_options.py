@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from torquebench.cli.options import check_output, data_directory
+from torquebench.cli.options import check_output, data_directory, named_values, numbered
 from torquebench.errors import InputError
 
 
@@ -34,3 +34,18 @@ def test_a_folder_without_records_is_refused_and_not_created(tmp_path: Path) -> 
     with pytest.raises(InputError, match="no records"):
         data_directory(missing)
     assert not missing.exists()
+
+
+def test_a_name_given_twice_is_refused() -> None:
+    assert named_values(["serial = 4", "by=Ann"], "change", "by=Ann") == {
+        "serial": "4",
+        "by": "Ann",
+    }
+    with pytest.raises(InputError, match="change by twice"):
+        named_values(["by=Ann", "by=Bob"], "change", "by=Ann")
+
+
+def test_a_records_number_has_digits_only() -> None:
+    assert numbered("model-14", "model") == ("model", 14)
+    assert numbered("model-²", "model") is None
+    assert numbered("run-14", "model") is None

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from torquebench.cli.options import named_values
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -47,25 +48,17 @@ def model_parameters(kind: str, given: list[str] | None) -> dict[str, Any]:
         return {}
     from torquebench.campaign.fitting import CHOSEN_ELSEWHERE, ModelChoice
 
-    found: dict[str, Any] = {}
-    for text in given:
-        name, equals, value = text.partition("=")
-        name = name.strip()
-        if not equals or not name:
-            raise InputError(
-                Message("--parameter {name!r}", text), "NAME=VALUE", "write it as epochs=20000"
-            )
-        if name in found:
-            raise InputError(Message("parameter {name} twice", name), "once")
+    texts = named_values(given, "--parameter", "epochs=20000")
+    for name in texts:
         if name in CHOSEN_ELSEWHERE:
             raise InputError(
                 Message("--parameter {name}", name),
                 "parameters of the model alone",
                 "use --range, --outliers",
             )
-        found[name] = _value(value.strip())
-    ModelChoice(kind, found).check()
-    return found
+    parameters = {name: _value(text) for name, text in texts.items()}
+    ModelChoice(kind, parameters).check()
+    return parameters
 
 
 def _value(text: str) -> Any:

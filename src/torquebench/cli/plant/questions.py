@@ -12,7 +12,7 @@ import typer
 from rich.text import Text
 
 from torquebench.cli.answers import PLANT_ANSWER
-from torquebench.cli.options import moment_in_utc
+from torquebench.cli.options import AddressOptions, moment_in_utc
 from torquebench.cli.plant.commands import PlantOption, app, opened
 from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
 from torquebench.errors import InputError
@@ -322,22 +322,9 @@ def reevaluate(
 
 @app.command("view")
 def view(
-    host: Annotated[
-        str, typer.Option(help="Address to listen on; others than loopback need TLS.")
-    ] = "127.0.0.1",
     port: Annotated[
         int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
     ] = 8090,
-    tls_cert: Annotated[Path | None, typer.Option(help="Certificate chain, PEM.")] = None,
-    tls_key: Annotated[Path | None, typer.Option(help="Its private key, PEM.")] = None,
-    insecure_network: Annotated[
-        bool,
-        typer.Option("--insecure-network", help="Allow other machines without TLS."),
-    ] = False,
-    host_name: Annotated[
-        list[str] | None,
-        typer.Option(help="A further host name of this machine; may be repeated."),
-    ] = None,
     password: Annotated[
         str,
         typer.Option(
@@ -346,16 +333,14 @@ def view(
         ),
     ] = "",
     plant: PlantOption = "",
+    *,
+    serving: AddressOptions,
 ) -> None:
     """Serve the plant's view in a browser; it needs no bench and only reads.
 
     Use the URL of a reader (`plant add-reader`). Ctrl-C ends it.
     """
-    from torquebench.panel.address import Address
-
-    names = tuple(host_name or ())
-    address = Address(host, port, tls_cert, tls_key, insecure_network, names)
-    address.check()
+    address = serving.address(port)
     from torquebench.panel.plant_view import serve_plant_view
 
     with opened(plant) as found:

@@ -9,7 +9,7 @@ import typer
 
 from torquebench.cli.answers import DEFECT, RECORDS_VERIFIED
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
+from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory, named_values, numbered
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -118,7 +118,7 @@ def amend(
     from torquebench.records import Registry
 
     subject, number = _subject(record)
-    fields = dict(_assignment(each) for each in changes)
+    fields = named_values(changes, "change", "measured_by=Anna")
     with Registry.open(data_directory(data)) as registry:
         registry.amend(subject, number, fields, amended_by=by, reason=reason)
     answer(record=record)
@@ -126,23 +126,14 @@ def amend(
 
 
 def _subject(record: str) -> tuple[Any, int]:
-    kind, _, number = record.rpartition("-")
-    if kind not in SUBJECTS or not number.isdecimal():
+    named = numbered(record, *SUBJECTS)
+    if named is None:
         raise InputError(
             Message("record {record!r}", record),
             ", ".join(f"{name}-NUMBER" for name in SUBJECTS),
             "see `torquebench records list`",
         )
-    return SUBJECTS[kind], int(number)
-
-
-def _assignment(text: str) -> tuple[str, str]:
-    name, mark, value = text.partition("=")
-    if not mark or not name:
-        raise InputError(
-            Message("change {text!r}", text), "field=value", "such as measured_by=Anna"
-        )
-    return name, value
+    return SUBJECTS[named[0]], named[1]
 
 
 def use(
@@ -158,8 +149,8 @@ def use(
     """
     from torquebench.records import Registry
 
-    kind, _, number = model.partition("-")
-    if kind != "model" or not number.isdigit():
+    named = numbered(model, "model")
+    if named is None:
         raise InputError(
             Message("{model!r}", model), "a model such as model-14", "see `records list models`"
         )
@@ -169,7 +160,7 @@ def use(
                 Message("an empty {split}", option.split()[0]), "a name and a reason", option
             )
     with Registry.open(data_directory(data)) as registry:
-        entry = registry.model(int(number))
+        entry = registry.model(named[1])
         entry.check_file()
         for contradiction in entry.contradictions:
             warn(str(contradiction))

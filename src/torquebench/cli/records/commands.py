@@ -26,6 +26,7 @@ from torquebench.cli.options import (
     REGISTRY_URL,
     DataOption,
     data_directory,
+    numbered,
 )
 from torquebench.cli.records.backup import backup, rebuild, restore
 from torquebench.cli.records.checks import amend, review, use, verify
@@ -135,13 +136,12 @@ def show_record(
     from torquebench.records import Registry
 
     with Registry.open(data_directory(data)) as registry:
-        kind, _, number = name.partition("-")
-        if kind == "model" and number.isdigit():
-            _show_model(registry, int(number))
-        elif kind == "calibration" and number.isdigit():
-            _show_calibration(registry, int(number))
-        else:
+        named = numbered(name, "model", "calibration")
+        if named is None:
             _show_run(find_run(registry, name))
+            return
+        kind, number = named
+        (_show_model if kind == "model" else _show_calibration)(registry, number)
 
 
 def _list_runs(registry: Registry, limit: int) -> None:

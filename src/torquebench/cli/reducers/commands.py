@@ -21,7 +21,7 @@ from torquebench.cli.reducers.compare import compare
 from torquebench.cli.reducers.standard import standard_reducer
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.terminal.confirming import confirm_test
-from torquebench.cli.terminal.console import answer, out, say
+from torquebench.cli.terminal.console import answer, out
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -235,25 +235,19 @@ def _mounted(
 
 
 def _dry_run(described: BenchDescription, wanted: _Wanted) -> None:
-    import tempfile
-
     from torquebench.campaign.reducers.tests import rehearse_reducer_test
+    from torquebench.cli.bench_session import rehearsing
     from torquebench.cli.reducers.evaluating import rehearsal_table
-    from torquebench.station import Station
 
-    with (
-        tempfile.TemporaryDirectory() as scratch,
-        Station.open(described, Path(scratch)) as station,
-    ):
+    with rehearsing(described) as station:
         parts = rehearse_reducer_test(station, wanted.name, wanted.reducer, wanted.settings)
-    out().print(rehearsal_table(wanted.reducer, parts, simulated=described.simulated))
+        out().print(rehearsal_table(wanted.reducer, parts, simulated=described.simulated))
     answer(
         reducer=wanted.reducer.name,
         serial=wanted.serial,
         simulated=described.simulated,
         plans=[TEST_PLAN.of(part) for part in parts],
     )
-    say("Limits and interlocks checked; nothing was moved.")
 
 
 def _run(described: BenchDescription, wanted: _Wanted, options: BenchOptions) -> ReducerTestRecord:
