@@ -8,7 +8,7 @@ import numpy as np
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.quantities import Contribution, budget
+from torquebench.reducers.quantities import Contribution, budget, together
 from torquebench.uncertainty import Budget, BudgetLine, Shared
 
 __all__ = [
@@ -116,18 +116,10 @@ def change_between(
                 else:
                     parts.append(replace(Contribution.of(line), name=f"{name}, {when}"))
         if cancels:
-            parts.append(_together(cancels))
+            parts.append(together(cancels))
     change = budget(after.value - before.value, before.unit, parts)
     relative = 100.0 * change.value / abs(before.value) if before.value else float("nan")
     return Change(key, change, relative, abs(change.value) > change.expanded_uncertainty())
-
-
-def _together(weighted: Sequence[tuple[float, BudgetLine]]) -> Contribution:
-    """Return the contribution of one source to a weighted sum of results that share its error."""
-    signed = sum(weight * line.sensitivity * line.contribution for weight, line in weighted)
-    freedom = min(line.degrees_of_freedom for _, line in weighted)
-    line = weighted[0][1]
-    return Contribution(line.name, abs(signed), freedom, float(np.sign(signed)) or 1.0, line.shared)
 
 
 def compare_specimens(
@@ -176,7 +168,7 @@ def compare_specimens(
     systematic = [line for line in every if line.shared is Shared.CALIBRATION]
     for name in sorted({line.name for line in systematic}):
         here = [(1.0 / values.size, line) for line in systematic if line.name == name]
-        parts.append(_together(here))
+        parts.append(together(here))
     serials = list(specimens)
     outliers = tuple(
         serial

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from math import inf, sqrt
 from typing import TYPE_CHECKING, Protocol, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -31,7 +32,12 @@ __all__ = [
     "budget",
     "common_of_both",
     "refuse",
+    "together",
+    "unsteady_temperature",
 ]
+
+LARGEST_TEMPERATURE_RANGE_K = 2.0
+"""Change of temperature during a test above which it is treated as unsteady."""
 
 
 @dataclass(frozen=True)
@@ -212,19 +218,32 @@ def common_of_both(first: Budget, second: Budget) -> list[Contribution]:
     for line in (*first.lines, *second.lines):
         if line.common:
             lines.setdefault((line.name, line.shared), []).append(line)
-    return [_added(each, 0.5) for each in lines.values()]
+    return [together([(0.5, line) for line in each]) for each in lines.values()]
 
 
-def _added(lines: list[BudgetLine], factor: float) -> Contribution:
-    """Return the common error of lines of one source."""
-    signed = factor * sum(line.sensitivity * line.contribution for line in lines)
-    return Contribution(
-        lines[0].name,
-        abs(signed),
-        min(line.degrees_of_freedom for line in lines),
-        float(np.sign(signed)) or 1.0,
-        lines[0].shared,
+def together(weighted: Sequence[tuple[float, BudgetLine]]) -> Contribution:
+    """Return the contribution of one source to a weighted sum of results that share its error."""
+    signed = sum(weight * line.sensitivity * line.contribution for weight, line in weighted)
+    freedom = min(line.degrees_of_freedom for _, line in weighted)
+    line = weighted[0][1]
+    return Contribution(line.name, abs(signed), freedom, float(np.sign(signed)) or 1.0, line.shared)
+
+
+def unsteady_temperature(
+    temperature_c: NDArray[np.float64], remedy: str, *, effect: str = "", severe: bool = False
+) -> tuple[Finding, ...]:
+    """Report a temperature that changed during a test; NaN where none was measured."""
+    if np.all(np.isnan(temperature_c)) or np.ptp(temperature_c) <= LARGEST_TEMPERATURE_RANGE_K:
+        return ()
+    found = Message(
+        "{lowest_c:.1f} to {highest_c:.1f} °C during the test (allowed: a range of "
+        "{limit_k:g} K){effect}",
+        temperature_c.min(),
+        temperature_c.max(),
+        LARGEST_TEMPERATURE_RANGE_K,
+        effect,
     )
+    return (Finding("unsteady temperature", found, remedy, severe),)
 
 
 def refuse(estimate: Budget, share: float, what: str) -> None:

@@ -127,10 +127,10 @@ def test_too_few_speeds_give_a_curve_but_no_fit():
 @pytest.mark.parametrize(
     ("speed", "torque", "branch", "message"),
     [
-        ([], [], None, "without points"),
-        ([100.0, 200.0], [1.0], None, "torque of shape"),
-        ([100.0, np.nan], [1.0, 1.0], None, "speed nan at point 2"),
-        ([100.0, 200.0], [1.0, np.inf], None, "torque inf at point 2"),
+        ([], [], None, "0 values of speed_rpm"),
+        ([100.0, 200.0], [1.0], None, "torque_nm of shape"),
+        ([100.0, np.nan], [1.0, 1.0], None, "speed_rpm is nan in row 2"),
+        ([100.0, 200.0], [1.0, np.inf], None, "torque_nm is inf in row 2"),
         ([100.0, 200.0], [1.0, 1.0], [1], "branch of shape"),
         ([0.0, 200.0], [1.0, 1.0], None, "a point at 0 rpm"),
         ([100.0, 200.0], [-1.0, -1.0], None, "help the motion"),

@@ -27,6 +27,7 @@ from torquebench.reducers.quantities import (
     ResultQuantity,
     budget,
     refuse,
+    unsteady_temperature,
 )
 from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty
 from torquebench.uncertainty import Budget, Shared
@@ -164,7 +165,6 @@ def evaluate_efficiency(
     nominal_speed_rpm: ArrayLike | None = None,
     input_uncertainty: KnownTorque | None = None,
     output_uncertainty: KnownTorque | None = None,
-    largest_temperature_range_k: float = 2.0,
     largest_share: float | None = None,
 ) -> EfficiencyMap:
     """Evaluate the efficiency from steady points.
@@ -187,8 +187,6 @@ def evaluate_efficiency(
         within 1 % of the largest torque and of the largest speed count as one.
     input_uncertainty, output_uncertainty : TorqueUncertainty or sequence of them, optional
         The same at all points, or of each.
-    largest_temperature_range_k : float
-        Above this the temperature counts as unsteady, which is a finding.
     largest_share : float, optional
         Refuse the result where U exceeds this share of the efficiency at any point.
 
@@ -231,7 +229,7 @@ def evaluate_efficiency(
         drive, load, speed, warmth, share, driving, np.abs(set_torque), set_speed, float(ratio)
     )
     points = points_of(steady, known)
-    findings += _findings(points, warmth, largest_temperature_range_k, speed.size)
+    findings += _findings(points, warmth, speed.size)
     for each in points:
         if largest_share is not None:
             refuse(
@@ -293,7 +291,7 @@ def _check_gain(
 
 
 def _findings(
-    points: tuple[EfficiencyPoint, ...], warmth: NDArray[np.float64], limit_k: float, size: int
+    points: tuple[EfficiencyPoint, ...], warmth: NDArray[np.float64], size: int
 ) -> list[Finding]:
     findings = []
     over = [each for each in points if each.efficiency.value > 100.0]
@@ -321,18 +319,5 @@ def _findings(
                 "measure each point twice or more",
             )
         )
-    if not np.all(np.isnan(warmth)) and np.ptp(warmth) > limit_k:
-        findings.append(
-            Finding(
-                "unsteady temperature",
-                Message(
-                    "{low:.1f} to {high:.1f} °C over the map (allowed: a range of {limit:g} K)",
-                    warmth.min(),
-                    warmth.max(),
-                    limit_k,
-                ),
-                "warm up until the temperature is steady, and measure again",
-                severe=True,
-            )
-        )
-    return findings
+    remedy = "warm up until the temperature is steady, and measure again"
+    return [*findings, *unsteady_temperature(warmth, remedy, severe=True)]

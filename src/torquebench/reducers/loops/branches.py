@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["RawLoop", "cut_loops", "smoothed", "turning_points"]
+__all__ = ["RawLoop", "cut_loops", "moving_mean", "smoothed", "turning_points"]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -46,6 +46,12 @@ class RawLoop:
     falling: Indices
 
 
+def moving_mean(values: Floats, width: int) -> Floats:
+    """Return means over so many samples around each; the ends continue as they are."""
+    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+
+
 def turning_points(torque: Floats) -> Indices:
     """Return the samples at which a torque turns, the first and the last sample included.
 
@@ -54,11 +60,7 @@ def turning_points(torque: Floats) -> Indices:
     >>> turning_points(np.array([0.0, 1.0, 2.0, 1.0, -1.0, -2.0, 0.0])).tolist()
     [0, 2, 5, 6]
     """
-    width = max(1, torque.size // 400)
-    smooth = torque
-    if width > 1:
-        padded = np.pad(torque, (width // 2, width - 1 - width // 2), mode="edge")
-        smooth = np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+    smooth = moving_mean(torque, max(1, torque.size // 400))
     least = TURN_SHARE * float(np.ptp(smooth))
     turns, direction, extreme = [0], 0, 0
     lowest = highest = 0
@@ -101,12 +103,7 @@ def smoothed(torque: Floats, angle: Floats, branches: int) -> tuple[Floats, Floa
     width -= 1 - width % 2
     if width < 3:
         return torque, angle, 1
-    weights = np.full(width, 1.0 / width)
-    both = [
-        np.convolve(np.pad(row, width // 2, mode="edge"), weights, mode="valid")
-        for row in (torque, angle)
-    ]
-    return both[0], both[1], width
+    return moving_mean(torque, width), moving_mean(angle, width), width
 
 
 def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator[RawLoop]:

@@ -40,6 +40,7 @@ def features_of(
     curve = _curve(up, down, low, high)
     share = settings.lost_motion_rule.share * settings.rated_torque_nm
     places = np.array([0.0, share, -share])
+    first_nm, last_nm = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
     at_up, at_down = up.curved_at(places), down.curved_at(places)
     middle = 0.5 * (at_up.value + at_down.value)
     energy = float(np.trapezoid(curve.falling_rad - curve.rising_rad, curve.torque_nm))
@@ -49,10 +50,8 @@ def features_of(
         curve=curve,
         backlash_rad=float(at_down.value[0] - at_up.value[0]),
         lost_motion_rad=float(middle[1] - middle[2]),
-        stiffness_positive_nm_per_rad=_stiffness(rising, 1, settings.stiffness_interval, settings),
-        stiffness_negative_nm_per_rad=_stiffness(
-            falling, -1, settings.stiffness_interval, settings
-        ),
+        stiffness_positive_nm_per_rad=_stiffness(rising, 1, first_nm, last_nm, settings),
+        stiffness_negative_nm_per_rad=_stiffness(falling, -1, first_nm, last_nm, settings),
         regions_nm_per_rad=_regions(rising, falling, min(high, -low), settings),
         energy_j=energy,
         closure_rad=_closure(raw, torque, angle, up, down),
@@ -106,22 +105,21 @@ def _curve(up: LocalLines, down: LocalLines, low: float, high: float) -> LoopCur
 def _stiffness(
     branch: tuple[Floats, Floats],
     sign: int,
-    interval: tuple[float, float],
+    low_nm: float,
+    high_nm: float,
     settings: LoopSettings,
-    scale: float | None = None,
 ) -> float:
     """Return ΔT/Δθ by least squares over an interval of the loading branch, N·m/rad."""
-    unit = settings.rated_torque_nm if scale is None else scale
     torque, angle = branch
     load = sign * torque
-    inside = (load >= interval[0] * unit) & (load <= interval[1] * unit)
+    inside = (load >= low_nm) & (load <= high_nm)
     if np.count_nonzero(inside) < settings.least_samples:
         raise InputError(
             Message(
                 "{count} samples between {lower_nm:.4g} and {upper_nm:.4g} N·m",
                 np.count_nonzero(inside),
-                interval[0] * unit,
-                interval[1] * unit,
+                low_nm,
+                high_nm,
             ),
             Message("at least {limit}", settings.least_samples),
             "record more samples per loop",
@@ -152,9 +150,8 @@ def _regions(
     for k, (low, high) in enumerate(ends):
         if min(high, largest) < low + 0.1 * (second - first):
             continue
-        inside = (low, min(high, largest))
         both = [
-            1.0 / _stiffness(branch, sign, inside, settings, 1.0)
+            1.0 / _stiffness(branch, sign, low, min(high, largest), settings)
             for branch, sign in ((rising, 1), (falling, -1))
         ]
         found[k] = 1.0 / float(np.mean(both))

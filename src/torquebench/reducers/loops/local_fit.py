@@ -26,14 +26,11 @@ class LocalFit:
     ----------
     value, slope, standard_error : array of float, shape (n,)
         At each place; the slope per unit of the abscissa.
-    samples : array of int, shape (n,)
-        In each window.
     """
 
     value: Floats
     slope: Floats
     standard_error: Floats
-    samples: NDArray[np.int64]
 
 
 class LocalLines:
@@ -103,7 +100,6 @@ class LocalLines:
                 np.where(agree, wider.value, best.value),
                 np.where(agree, wider.slope, best.slope),
                 np.where(agree, wider.standard_error, best.standard_error),
-                np.where(agree, wider.samples, best.samples),
             )
             open_ = agree & (half < self._widest)
         return best
@@ -116,12 +112,10 @@ class LocalLines:
         x = np.atleast_1d(np.asarray(places, dtype=np.float64))
         half = self._least_half_width(x)
         found = [self._curved(place, least) for place, least in zip(x, half, strict=True)]
-        value, slope, error, samples, _ = zip(*found, strict=True)
-        return LocalFit(
-            np.array(value), np.array(slope), np.array(error), np.array(samples, dtype=np.int64)
-        )
+        value, slope, error, _ = zip(*found, strict=True)
+        return LocalFit(np.array(value), np.array(slope), np.array(error))
 
-    def _curved(self, place: float, half: float) -> tuple[float, float, float, int, float]:
+    def _curved(self, place: float, half: float) -> tuple[float, float, float, float]:
         best = self._parabola(place, half)
         low, high = -np.inf, np.inf
         while True:
@@ -131,14 +125,14 @@ class LocalLines:
                 return best
             half = min(half * GROWTH, self._widest)
             wider = self._parabola(place, half)
-            if wider[4] > BEND * best[4]:
+            if wider[3] > BEND * best[3]:
                 return best
             reach = CONFIDENCE * wider[2]
             if max(low, wider[0] - reach) > min(high, wider[0] + reach):
                 return best
             best = wider
 
-    def _parabola(self, place: float, half: float) -> tuple[float, float, float, int, float]:
+    def _parabola(self, place: float, half: float) -> tuple[float, float, float, float]:
         left = int(np.searchsorted(self._x, place - half, side="left"))
         right = int(np.searchsorted(self._x, place + half, side="right"))
         x = (self._x[left:right] - place) / half
@@ -148,7 +142,7 @@ class LocalLines:
         value, slope, _ = inverse @ y
         rough = float(np.sum(np.diff(y, 2) ** 2)) / 6.0 / max(y.size - 2, 1)
         error = float(np.sqrt(rough * np.sum(inverse[0] ** 2)))
-        return float(value), float(slope / half), error, int(y.size), rough
+        return float(value), float(slope / half), error, rough
 
     def _least_half_width(self, places: Floats) -> Floats:
         """Return the smallest half width around each place that contains enough samples."""
@@ -176,5 +170,4 @@ class LocalLines:
             value=mean_y + slope * (x - mean_x) + self._offset,
             slope=slope,
             standard_error=np.sqrt(variance * leverage),
-            samples=n.astype(np.int64),
         )

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.message import Message
-from torquebench.reducers.loops.branches import turning_points
+from torquebench.reducers.loops.branches import moving_mean, turning_points
 from torquebench.reducers.loops.results import LoopFeatures
 from torquebench.reducers.quantities import Finding
 
@@ -284,5 +284,4 @@ def outermost(
 def _averaged(values: Floats, width: int) -> Floats:
     if width < 2 or values.size < 2 * width:
         return values.copy()
-    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
-    return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+    return moving_mean(values, width)

@@ -17,17 +17,19 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns
-from torquebench.reducers.quantities import Contribution, Finding, ResultQuantity, budget
+from torquebench.reducers.columns import finite_columns, labels
+from torquebench.reducers.quantities import (
+    Contribution,
+    Finding,
+    ResultQuantity,
+    budget,
+    unsteady_temperature,
+)
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
 from torquebench.reducers.saturation import missed_speed
 from torquebench.uncertainty import Shared
 
 __all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
-
-
-LARGEST_TEMPERATURE_RANGE_K = 2.0
-"""Change of temperature during a test above which it is treated as unsteady."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,8 +175,8 @@ def friction_curve(
     >>> curve.torque_nm.round(3).tolist(), curve.spread_nm.round(3).tolist()
     ([1.1, 2.1], [0.141, 0.141])
     """
-    speed, torque = _columns(speed_rpm, torque_nm)
-    turn = np.zeros(speed.size) if branch is None else _like(branch, speed, "branch")
+    speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
+    turn = labels(branch, speed.size, 0.0, "branch")
     gap = 0.002 * float(np.max(np.abs(speed))) if tolerance_rpm is None else tolerance_rpm
     order = np.argsort(speed, kind="stable")
     label = np.empty(speed.size, dtype=np.intp)
@@ -253,6 +255,14 @@ def evaluate_friction(
         fits[sign] = None
         if np.any(side):
             fits[sign] = _fit_of_side(curve, side, sign, name, exponent, form)
+    unsteady: tuple[Finding, ...] = ()
+    if temperature_c is not None:
+        (warmth,) = finite_columns(1, temperature_c=temperature_c)
+        unsteady = unsteady_temperature(
+            warmth,
+            "warm up until the temperature is steady, or evaluate as no-load torque at a "
+            "reference temperature",
+        )
     error = np.hypot(np.nan_to_num(curve.standard_error_nm), systematic_uncertainty_nm)
     with np.errstate(divide="ignore"):
         relative = 2.0 * error / np.abs(curve.torque_nm)
@@ -262,29 +272,7 @@ def evaluate_friction(
         counter_clockwise=fits[-1],
         systematic_uncertainty_nm=systematic_uncertainty_nm,
         worst_relative_uncertainty=float(np.max(relative)),
-        findings=(*_unsteady(temperature_c), *_missed(speed_rpm, demanded_rpm)),
-    )
-
-
-def _unsteady(temperature_c: ArrayLike | None) -> tuple[Finding, ...]:
-    """Report a temperature that changed during the test."""
-    if temperature_c is None:
-        return ()
-    (warmth,) = finite_columns(1, temperature_c=temperature_c)
-    if np.ptp(warmth) <= LARGEST_TEMPERATURE_RANGE_K:
-        return ()
-    return (
-        Finding(
-            "unsteady temperature",
-            Message(
-                "{low:.1f} to {high:.1f} °C during the test (allowed: a range of {limit:g} K)",
-                warmth.min(),
-                warmth.max(),
-                LARGEST_TEMPERATURE_RANGE_K,
-            ),
-            "warm up until the temperature is steady, or evaluate as no-load torque at a "
-            "reference temperature",
-        ),
+        findings=(*unsteady, *_missed(speed_rpm, demanded_rpm)),
     )
 
 
@@ -329,30 +317,3 @@ def _mean_where(
     mean = np.full(size, np.nan)
     mean[count > 0] = total[count > 0] / count[count > 0]
     return mean
-
-
-def _columns(
-    speed_rpm: ArrayLike, torque_nm: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    speed = np.atleast_1d(np.asarray(speed_rpm, dtype=np.float64))
-    if speed.ndim != 1 or speed.size == 0:
-        raise InputError("a friction sweep without points", "at least one speed")
-    for name, column in (("speed", speed), ("torque", _like(torque_nm, speed, "torque"))):
-        bad = np.flatnonzero(~np.isfinite(column))
-        if bad.size:
-            raise InputError(
-                Message("{name} {column} at point {bad}", name, column[bad[0]], bad[0] + 1),
-                "finite numbers",
-                "remove it",
-            )
-    return speed, _like(torque_nm, speed, "torque")
-
-
-def _like(values: ArrayLike, speed: NDArray[np.float64], name: str) -> NDArray[np.float64]:
-    column = np.atleast_1d(np.asarray(values, dtype=np.float64))
-    if column.shape != speed.shape:
-        raise InputError(
-            Message("{name} of shape {shape}", name, column.shape),
-            Message("{size} values like the speed", speed.size),
-        )
-    return column

@@ -80,28 +80,25 @@ class FrictionFit:
         """Return the friction torque at speeds in 1/min, N·m, with the sign of the speed."""
         speed = np.asarray(speed_rpm, dtype=np.float64)
         basis, _ = self._basis(np.abs(speed) * RAD_S_PER_RPM)
-        return np.asarray(np.sign(speed) * (basis @ self._linear()), dtype=np.float64)
+        linear = np.array([part.value for part in self.parts.values()])
+        return np.asarray(np.sign(speed) * (basis @ linear), dtype=np.float64)
 
     def standard_uncertainty(self, speed_rpm: ArrayLike) -> NDArray[np.float64]:
         """Return the standard uncertainty of the fitted curve at speeds in 1/min, N·m."""
         speed = np.atleast_1d(np.asarray(speed_rpm, dtype=np.float64))
         basis, slope = self._basis(np.abs(speed) * RAD_S_PER_RPM)
-        jacobian = basis[:, : len(self._names())]
+        jacobian = basis
         if self.stribeck_speed_rpm is not None:
             jacobian = np.column_stack([basis, self.stribeck_nm.value * slope])
         variance = np.einsum("ij,jk,ik->i", jacobian, self.covariance, jacobian)
         return np.asarray(np.sqrt(variance), dtype=np.float64)
 
-    def _names(self) -> tuple[str, ...]:
-        return tuple(name for name in FORMS[self.form] if name != "stribeck_speed")
-
-    def _linear(self) -> NDArray[np.float64]:
-        values = {
-            "coulomb": self.coulomb_nm.value,
-            "viscous": self.viscous_nm_s_per_rad.value,
-            "stribeck": self.stribeck_nm.value,
-        }
-        return np.array([values[name] for name in self._names()])
+    @property
+    def parts(self) -> dict[str, Estimate]:
+        """The linear parts of the form."""
+        every = (self.coulomb_nm, self.viscous_nm_s_per_rad, self.stribeck_nm)
+        named = dict(zip(("coulomb", "viscous", "stribeck"), every, strict=True))
+        return {name: named[name] for name in _linear_parts(self.form)}
 
     def _basis(
         self, speed_rad_s: NDArray[np.float64]
@@ -109,7 +106,11 @@ class FrictionFit:
         speed = 1.0
         if self.stribeck_speed_rpm is not None:
             speed = self.stribeck_speed_rpm.value * RAD_S_PER_RPM
-        return _basis(speed_rad_s, self._names(), speed, self.exponent)
+        return _basis(speed_rad_s, _linear_parts(self.form), speed, self.exponent)
+
+
+def _linear_parts(form: str) -> tuple[str, ...]:
+    return tuple(name for name in FORMS[form] if name != "stribeck_speed")
 
 
 def fit_friction(
@@ -167,16 +168,7 @@ def fit_friction(
 
 
 def _supported(fit: FrictionFit) -> bool:
-    parts = {
-        "coulomb": fit.coulomb_nm,
-        "viscous": fit.viscous_nm_s_per_rad,
-        "stribeck": fit.stribeck_nm,
-    }
-    return all(
-        parts[name].value > SUPPORTED * parts[name].standard_uncertainty
-        for name in FORMS[fit.form]
-        if name in parts
-    )
+    return all(part.value > SUPPORTED * part.standard_uncertainty for part in fit.parts.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,7 +201,7 @@ def _solve(
     exponent: int,
 ) -> _Solution:
     """Return the best fit of one form, or of the simpler one if a part of it vanishes."""
-    names = tuple(name for name in FORMS[form] if name != "stribeck_speed")
+    names = _linear_parts(form)
     root = np.sqrt(weight)
 
     def at(stribeck_speed: float) -> tuple[NDArray[np.float64], float]:
@@ -250,7 +242,7 @@ def _described(
     fit: _Solution, speed: NDArray[np.float64], weight: NDArray[np.float64], exponent: int
 ) -> FrictionFit:
     names = FORMS[fit.form]
-    linear_names = tuple(name for name in names if name != "stribeck_speed")
+    linear_names = _linear_parts(fit.form)
     basis, slope = _basis(speed, linear_names, fit.stribeck_speed, exponent)
     jacobian = basis
     values = dict(zip(linear_names, fit.linear, strict=True))

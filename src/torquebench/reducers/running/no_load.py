@@ -19,6 +19,7 @@ from torquebench.reducers.quantities import (
     ResultQuantity,
     budget,
     refuse,
+    unsteady_temperature,
 )
 from torquebench.reducers.running.friction import FrictionCurve, FrictionResult, evaluate_friction
 from torquebench.reducers.running.no_load_points import (
@@ -127,7 +128,6 @@ def evaluate_no_load(
     uncertainty: KnownTorque | None = None,
     tare: Tare | None = None,
     tolerance_rpm: float | None = None,
-    largest_temperature_range_k: float = 2.0,
     reference_temperature_c: float | None = None,
     largest_share: float | None = None,
 ) -> NoLoadResult:
@@ -160,8 +160,6 @@ def evaluate_no_load(
         of speed and drag.
     tolerance_rpm : float, optional
         Largest gap between points of one speed; by default 0.2 % of the largest.
-    largest_temperature_range_k : float
-        Above this the temperature counts as unsteady, which is a finding.
     reference_temperature_c : float, optional
         Bring all torques to this temperature by the coefficient that the data show.
     largest_share : float, optional
@@ -202,7 +200,15 @@ def evaluate_no_load(
     known = uncertainty or TorqueUncertainty()
     first = evaluate_friction(speed, torque, turn, tolerance_rpm=tolerance_rpm)
     coefficient = _coefficient(first.curve, speed, torque, warmth)
-    findings = _temperature_findings(warmth, largest_temperature_range_k, coefficient)
+    effect = ""
+    if coefficient is not None:
+        change = coefficient.value * np.ptp(warmth)
+        effect = Message(", which changes the torque by {value:.2g} %", change)
+    findings = unsteady_temperature(
+        warmth,
+        "warm up until the temperature is steady, or evaluate at a reference temperature",
+        effect=effect,
+    )
     correction = 0.0
     if reference_temperature_c is not None:
         torque, correction = _at_temperature(torque, warmth, reference_temperature_c, coefficient)
@@ -265,32 +271,6 @@ def _at_temperature(
 
 def _nearest(curve: FrictionCurve, speed: NDArray[np.float64]) -> NDArray[np.intp]:
     return np.asarray(np.argmin(np.abs(speed[:, None] - curve.speed_rpm), axis=1), dtype=np.intp)
-
-
-def _temperature_findings(
-    warmth: NDArray[np.float64], limit_k: float, coefficient: Budget | None
-) -> list[Finding]:
-    if np.all(np.isnan(warmth)) or np.ptp(warmth) <= limit_k:
-        return []
-    effect = ""
-    if coefficient is not None:
-        effect = Message(
-            ", which changes the torque by {value:.2g} %", coefficient.value * np.ptp(warmth)
-        )
-    return [
-        Finding(
-            "unsteady temperature",
-            Message(
-                "{lowest_c:.1f} to {highest_c:.1f} °C during the test (allowed: a range of "
-                "{limit_k:g} K){effect}",
-                warmth.min(),
-                warmth.max(),
-                limit_k,
-                effect,
-            ),
-            "warm up until the temperature is steady, or evaluate at a reference temperature",
-        )
-    ]
 
 
 def _coefficient(

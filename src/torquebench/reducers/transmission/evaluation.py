@@ -41,6 +41,9 @@ __all__ = [
     "evaluate_transmission_error",
 ]
 
+LARGEST_ORDERS = 8
+"""Number of orders that a result lists."""
+
 
 @dataclass(frozen=True)
 class AngleUncertainty:
@@ -190,7 +193,6 @@ def evaluate_transmission_error(
     time_s: ArrayLike | None = None,
     highest_order: float | None = None,
     uncertainty: AngleUncertainty | None = None,
-    largest_orders: int = 8,
 ) -> TransmissionErrorResult:
     """Evaluate θ_o − θ_i/R over whole output revolutions, each direction by itself.
 
@@ -207,8 +209,6 @@ def evaluate_transmission_error(
     highest_order : float, optional
         Highest order per output revolution that is reported; three times the ratio by default.
     uncertainty : AngleUncertainty, optional
-    largest_orders : int
-        Number of listed orders.
 
     Raises
     ------
@@ -248,7 +248,7 @@ def evaluate_transmission_error(
         check_slip(run, ratio)
         revolution = mean_revolution(run, highest)
         means.append(revolution)
-        directions.append(_direction(run, revolution, ratio, known, largest_orders, time))
+        directions.append(_direction(run, revolution, ratio, known, time))
     worst = max(directions, key=lambda each: each.peak_to_peak.value)
     return TransmissionErrorResult(
         ratio=float(ratio),
@@ -265,7 +265,6 @@ def _direction(
     found: Revolution,
     ratio: float,
     known: AngleUncertainty,
-    largest_orders: int,
     time: NDArray[np.float64] | None,
 ) -> DirectionError:
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
@@ -280,7 +279,7 @@ def _direction(
             Contribution("noise at the peaks", found.peak_noise_arcsec),
         ],
     )
-    largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:largest_orders]
+    largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:LARGEST_ORDERS]
     orders = tuple(
         ErrorOrder(
             order=float(found.order[index]),
