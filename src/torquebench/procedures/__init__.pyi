@@ -19,7 +19,6 @@ from .setup import (
 )
 from .zeroing import (
     ZeroResult as ZeroResult,
-    preload as preload,
     zero as zero,
     zero_modules as zero_modules,
 )

@@ -1,4 +1,4 @@
-"""Zero and preload: the beginning of every series."""
+"""Zeros: the beginning of every series."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bluesky.preprocessors as bpp
 
 from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings
 from torquebench.bench.drivers.base import SIDES, Side
-from torquebench.procedures.messages import checkpoint, move, prepare, sleep, take
+from torquebench.procedures.messages import checkpoint, move, prepare, take
 from torquebench.procedures.setup import (
     REST_S,
     Plan,
@@ -20,7 +20,7 @@ from torquebench.procedures.setup import (
     unloaded_after,
 )
 
-__all__ = ["ZeroResult", "preload", "zero", "zero_modules"]
+__all__ = ["ZeroResult", "zero", "zero_modules"]
 
 
 @dataclass(frozen=True)
@@ -114,14 +114,3 @@ def zero_modules(
 
     yield from unloaded_after(devices, lambda: bpp.run_wrapper(measured(), md=metadata))
     return found
-
-
-def preload(
-    devices: BenchDevices, side: Side, torque_nm: float, *, on_s: float, off_s: float
-) -> Plan[None]:
-    """Load a module once and unload it, so that its hysteresis starts from a loaded state."""
-    torque = devices.module(side).drive.torque
-    for target, duration_s in ((torque_nm, on_s), (0.0, off_s)):
-        yield from checkpoint()
-        yield from move(torque, target)
-        yield from sleep(duration_s)

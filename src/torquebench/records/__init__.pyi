@@ -68,7 +68,6 @@ from .tables.readings import (
     read_empty_run as read_empty_run,
     read_readings_csv as read_readings_csv,
     write_calibration_csv as write_calibration_csv,
-    write_torque_csv as write_torque_csv,
 )
 from .runs.unfinished import (
     REGISTERS as REGISTERS,

@@ -1,14 +1,12 @@
-"""Zero and preload as plans of their own."""
+"""Zeros as plans of their own."""
 
-import bluesky.preprocessors as bpp
 import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain
 from torquebench.chain import MeasuringChain, Zero
 from torquebench.compensation import make_model
-from torquebench.procedures import preload, zero_modules
-from torquebench.procedures.setup import Setup, power_on, set_up, unloaded_after
+from torquebench.procedures import zero_modules
 from torquebench.station import Station
 
 
@@ -35,20 +33,3 @@ def test_the_uncertainty_of_a_measured_zero_is_in_u_of_the_live_torque(station: 
     station.clock.wait(0.2)
     torque = list(iter(lambda: viewer.get(0.0), None))[-1].compensated["output"]
     assert torque.component("zero") == pytest.approx(found.standard_uncertainty_nm)
-
-
-def test_a_preload_loads_and_unloads(station: Station) -> None:
-    devices = station.devices
-    torques = []
-
-    def plan():
-        yield from set_up(devices, Setup("calibration", "output", "calibrator", "locked"))
-        yield from power_on(devices, "output")
-        yield from preload(devices, "output", 1000.0, on_s=0.5, off_s=0.5)
-        now = station.clock.now()
-        for start, stop in ((now - 0.9, now - 0.8), (now - 0.1, now)):
-            torques.append(station.drivers.truth.true_torque("output", start, stop))
-
-    station.run(unloaded_after(devices, lambda: bpp.run_wrapper(plan())), kind="preload")
-    assert torques[0] == pytest.approx(1000.0, rel=0.01)
-    assert torques[1] == pytest.approx(0.0, abs=10.0)

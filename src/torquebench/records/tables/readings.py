@@ -7,7 +7,7 @@ from datetime import date
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
 from torquebench.calibration import OPTIONAL_COLUMNS, RANGE_MARGIN, CalibrationData, infer_branch
@@ -36,7 +36,6 @@ __all__ = [
     "read_empty_run",
     "read_readings_csv",
     "write_calibration_csv",
-    "write_torque_csv",
 ]
 
 READING_COLUMNS = ("reading_nm", "time_s", *MEASURED, "standard_error_nm")
@@ -343,55 +342,6 @@ def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> lis
     ]
 
 
-def write_torque_csv(
-    path: Path,
-    readings: ReadingsTable,
-    torque_nm: ArrayLike,
-    additional_torque_nm: ArrayLike,
-    expanded_uncertainty_nm: ArrayLike,
-) -> None:
-    """Write readings with their compensated torque, whole or not at all.
-
-    Separator and decimal mark are those of the readings' file; its columns come first, unchanged.
-
-    Parameters
-    ----------
-    path : pathlib.Path
-        File to write.
-    readings : ReadingsTable
-        The readings.
-    torque_nm, additional_torque_nm, expanded_uncertainty_nm : array of float, shape (n,)
-        Compensated torque, what was added to the reading, and expanded uncertainty (k = 2), all
-        in N·m.
-
-    Raises
-    ------
-    InputError
-        Where the readings' file has one of these columns already, lengths differ, a value isn't
-        finite, or the file can't be written.
-    """
-    table = readings.table
-    values = (torque_nm, additional_torque_nm, expanded_uncertainty_nm)
-    added = dict(zip(ADDED_COLUMNS, values, strict=True))
-    for name in added:
-        if name in table.header:
-            raise InputError(
-                Message("{origin} has a column {name} already", table.origin, name),
-                "readings without it",
-                "rename or remove it",
-            )
-    columns = [_finite(name, values, len(readings)) for name, values in added.items()]
-    comma = any("," in cell for cell in table.texts(_name_of_reading(table)))
-    lines = [_line((*table.names, *added), table.separator)]
-    for row, cells in enumerate(table.rows):
-        numbers = [repr(float(column[row])) for column in columns]
-        if comma:
-            numbers = [number.replace(".", ",") for number in numbers]
-        lines.append(_line((*cells, *numbers), table.separator))
-    remarks = [f"# {key} = {value}\n" for key, value in table.remarks.items()]
-    atomic_write(path, "".join(remarks + lines))
-
-
 def write_calibration_csv(
     path: Path, data: CalibrationData, remarks: Mapping[str, str] | None = None
 ) -> None:
@@ -466,20 +416,6 @@ def _line(cells: tuple[str, ...], separator: str) -> str:
         for cell in cells
     ]
     return separator.join(quoted) + "\n"
-
-
-def _finite(name: str, values: ArrayLike, n: int) -> NDArray[np.float64]:
-    column = np.asarray(values, dtype=np.float64)
-    if column.shape != (n,) or not np.all(np.isfinite(column)):
-        raise InputError(
-            Message("{name} of shape {shape}", name, column.shape),
-            Message("{n} finite values, one a reading", n),
-        )
-    return column
-
-
-def _name_of_reading(table: CsvTable) -> str:
-    return understood(table, ("reading_nm",))[1]["reading_nm"][0]
 
 
 def is_simulated(remarks: Mapping[str, str]) -> bool:

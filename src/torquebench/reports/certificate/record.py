@@ -2,16 +2,14 @@
 
 import json
 from collections.abc import Iterator, Mapping
-from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from dataclasses import MISSING, dataclass, field, fields
 from datetime import date
-from types import UnionType
-from typing import Any, Self, Union, cast, get_args, get_origin, get_type_hints
+from typing import Any
 
 from torquebench.bench.mounting_record import MOUNTING_WORDS
-from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
-from torquebench.records.files import revived, with_messages
+from torquebench.records.files import with_messages
 from torquebench.records.registry.entries import sha256_of_record
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
@@ -507,52 +505,5 @@ class CertificateRecord:
         return f"{PAYLOAD_PREFIX};{self.number};{self.sha256}"
 
     def to_json(self) -> str:
-        """Return the record as indented JSON, from which the same certificate is written again."""
+        """Return the record as indented JSON."""
         return json_text(with_messages(self), indent=2) + "\n"
-
-    @classmethod
-    def from_json(cls, text: str) -> Self:
-        """Return the record that `to_json` wrote.
-
-        Raises
-        ------
-        RecordError
-            Where the text isn't such a record.
-        """
-        try:
-            record = _restored(cls, revived(json.loads(text)))
-        except (ValueError, KeyError, TypeError) as error:
-            raise RecordError(
-                Message("a certificate's record that can't be read ({error})", error),
-                "a .json file written by `torquebench certificate`",
-            ) from error
-        assert isinstance(record, cls)
-        return record
-
-
-def _restored(kind: Any, value: Any) -> Any:
-    """Return a value of JSON as the type that a field asks for."""
-    if is_dataclass(kind):
-        hints = get_type_hints(kind)
-        # A record of an older format lacks newer fields, which have defaults.
-        names = [
-            each.name
-            for each in fields(kind)
-            if each.name in value or each.default is each.default_factory is MISSING
-        ]
-        return cast(Any, kind)(**{name: _restored(hints[name], value[name]) for name in names})
-    origin, inner = get_origin(kind), get_args(kind)
-    if origin in (Union, UnionType):
-        return None if value is None else _restored(inner[0], value)
-    if origin is tuple:
-        return tuple(
-            _restored(inner[0] if inner[-1] is Ellipsis else inner[place], item)
-            for place, item in enumerate(value)
-        )
-    if kind is date:
-        return date.fromisoformat(value)
-    if kind is Verdict:
-        return Verdict(value)
-    if kind is float:
-        return float(value)
-    return value
