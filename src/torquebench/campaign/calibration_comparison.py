@@ -162,11 +162,7 @@ class CalibrationComparison:
 
 def model_of_calibration(registry: Registry, calibration: CalibrationEntry) -> ModelEntry | None:
     """Return the model of a calibration that is in use, or the latest one; None without one."""
-    fitted = [
-        entry
-        for entry in registry.models(calibration.transducer_serial)
-        if entry.calibration_id == calibration.calibration_id
-    ]
+    fitted = registry.models(calibration_id=calibration.calibration_id)
     used = [each.model_id for each in registry.activations(calibration.transducer_serial)]
     for model_id in reversed(used):
         for entry in fitted:

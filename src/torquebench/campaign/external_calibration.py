@@ -166,7 +166,7 @@ def register_table(
             profile_sha256=profile.sha256,
             measured_by=circumstances.measured_by,
             due=propose_due_date(circumstances.performed, None, longest_days=profile.valid_days),
-            files={MANIFEST: sha256_of_file(folder.path / MANIFEST), "table.csv": _sha256(folder)},
+            files={each: sha256_of_file(folder.path / each) for each in (MANIFEST, "table.csv")},
             summary={"table": called, "entered by": operator},
         )
         kept = None
@@ -211,10 +211,6 @@ def _fitting_model(file: Path, data: CalibrationData) -> StoredModel:
             Message("a model for ±{range:g} N·m, the table's range", data.range_nm),
         )
     return replace(stored, provenance=replace(provenance, calibrated_on=str(data.measured_on)))
-
-
-def _sha256(folder: RunFolder) -> str:
-    return sha256_of_file(folder.path / "table.csv")
 
 
 def _metadata(
@@ -290,7 +286,7 @@ def _register_equipment(registry: Registry, circumstances: ExternalCalibration) 
     reference = circumstances.reference
     registry.add_equipment(circumstances.transducer)
     registry.add_equipment(Equipment("counter", circumstances.indicator))
-    if reference.serial not in {each.serial for each in registry.equipment("calibrator")}:
+    if not registry.equipment("calibrator", reference.serial):
         model = circumstances.reference_model
         registry.add_equipment(Equipment("calibrator", reference.serial, model=model))
 

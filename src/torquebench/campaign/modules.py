@@ -143,8 +143,7 @@ def _registered(registry: Registry, entry: CalibrationEntry) -> RegisteredCalibr
     """Return a registered calibration with its models by name."""
     models = {
         model.file.stem.removeprefix(f"{entry.run_id}-"): model
-        for model in registry.models(entry.transducer_serial)
-        if model.calibration_id == entry.calibration_id
+        for model in registry.models(calibration_id=entry.calibration_id)
     }
     return RegisteredCalibration(entry, models)
 

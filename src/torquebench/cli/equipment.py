@@ -204,7 +204,7 @@ def equipment(serial: SerialArgument, data: DataOption = DEFAULT_DATA) -> None:
     from torquebench.records import Registry
 
     with Registry.open(data_directory(data)) as registry:
-        found = [each for each in registry.equipment() if each.serial == serial]
+        found = registry.equipment(serial=serial)
         if not found:
             raise InputError(
                 Message("no equipment {serial!r}", serial), "one of `records list equipment`"
@@ -262,7 +262,7 @@ def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:
 
 
 def _known(registry: Registry, kind: Kind, serial: str) -> None:
-    if serial not in {each.serial for each in registry.equipment(kind.value)}:
+    if not registry.equipment(kind.value, serial):
         raise InputError(
             Message("{value} {serial!r} isn't entered", kind.value, serial),
             "one of `torquebench records list equipment`",

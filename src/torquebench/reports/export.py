@@ -219,7 +219,7 @@ def _write_registry(
     known = []
     for calibration in calibrations:
         number = calibration.calibration_id
-        models = [each for each in registry.models() if each.calibration_id == number]
+        models = registry.models(calibration_id=number)
         known.append(
             {
                 "calibration": calibration,
@@ -245,9 +245,7 @@ def _write_calibration(export: _Export, source: RunFolder, calibration: Calibrat
 
 
 def _write_models(export: _Export, registry: Registry, calibration: CalibrationEntry) -> None:
-    for model in registry.models(calibration.transducer_serial):
-        if model.calibration_id != calibration.calibration_id:
-            continue
+    for model in registry.models(calibration_id=calibration.calibration_id):
         try:
             content = model.check_file().read_bytes()
         except RecordError as error:

@@ -335,7 +335,7 @@ def _show_verification(verification: VerificationEntry) -> None:
 
 def _show_calibration(registry: Registry, calibration_id: int) -> None:
     entry = registry.calibration(calibration_id)
-    models = [m for m in registry.models() if m.calibration_id == calibration_id]
+    models = registry.models(calibration_id=calibration_id)
     reviews = registry.reviews("calibrations", calibration_id)
     amendments = registry.amendments("calibrations", calibration_id)
     certificates = registry.certificates(calibration_id)

@@ -196,11 +196,19 @@ class CalibrationRecords(EntryRecords):
         )
 
     def models(
-        self, transducer_serial: str | None = None, *, limit: int | None = None
+        self,
+        transducer_serial: str | None = None,
+        *,
+        calibration_id: int | None = None,
+        limit: int | None = None,
     ) -> list[ModelEntry]:
-        """Return models, all or of one transducer, the newest first."""
+        """Return models, all or those of a transducer or a calibration, the newest first."""
         return self.entries(
-            ModelEntry, newest_first=True, limit=limit, transducer_serial=transducer_serial
+            ModelEntry,
+            newest_first=True,
+            limit=limit,
+            transducer_serial=transducer_serial,
+            calibration_id=calibration_id,
         )
 
     # Activation

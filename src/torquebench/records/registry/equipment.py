@@ -32,8 +32,10 @@ class EquipmentRecords(EntryRecords):
         """Register equipment, or its changed data."""
         self._add_changed(equipment, descriptions)
 
-    def equipment(self, kind: EquipmentKind | None = None) -> list[Equipment]:
-        """Return the registered equipment, all or of one kind, by kind and serial."""
+    def equipment(
+        self, kind: EquipmentKind | None = None, serial: str | None = None
+    ) -> list[Equipment]:
+        """Return the registered equipment, all or of a kind or a serial, by both."""
         latest = select(func.max(descriptions.c.id)).group_by(descriptions.c.equipment_key)
         of_equipment = descriptions.c.equipment_key == equipment.c.id
         query = (
@@ -41,8 +43,9 @@ class EquipmentRecords(EntryRecords):
             .outerjoin(descriptions, of_equipment & descriptions.c.id.in_(latest))
             .order_by(equipment.c.kind, equipment.c.serial)
         )
-        if kind is not None:
-            query = query.where(equipment.c.kind == kind)
+        for column, wanted in ((equipment.c.kind, kind), (equipment.c.serial, serial)):
+            if wanted is not None:
+                query = query.where(column == wanted)
         with self.session() as session:
             return [entry_of(Equipment, row._mapping) for row in session.execute(query)]
 

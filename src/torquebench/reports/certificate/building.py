@@ -123,9 +123,9 @@ def calibration_of(registry: Registry, run_id: str) -> CalibrationEntry:
             "a completed, sealed run",
             "let it end, or calibrate again",
         )
-    for entry in registry.calibrations():
-        if entry.run_id == run_id:
-            return entry
+    number = registry.calibration_of_run(run_id)
+    if number is not None:
+        return registry.calibration(number)
     raise InputError(
         Message(
             "run {run_id} ({kind}, {status}) has no registered calibration",
@@ -348,10 +348,7 @@ def _extremes(values: NDArray[np.float64] | None) -> tuple[float, float] | None:
 
 def _item(registry: Registry, source: Source, calibration: CalibrationEntry) -> Item:
     serial = calibration.transducer_serial
-    known = next(
-        (each for each in registry.equipment("transducer") if each.serial == serial),
-        Equipment("transducer", serial),
-    )
+    known = next(iter(registry.equipment("transducer", serial)), Equipment("transducer", serial))
     return Item(
         serial=serial,
         manufacturer=known.manufacturer,

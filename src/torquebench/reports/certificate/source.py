@@ -194,10 +194,8 @@ def _reference(
     registry: Registry, calibration: CalibrationEntry, folder: RunFolder, data: CalibrationData
 ) -> Reference:
     serial = calibration.standard_serial
-    described = next(
-        (each for each in registry.equipment("calibrator") if each.serial == serial),
-        Equipment("calibrator", serial),
-    )
+    known = registry.equipment("calibrator", serial)
+    described = next(iter(known), Equipment("calibrator", serial))
     bench = folder.metadata.get("bench")
     # From the bench description or table at the time of the run, not of today.
     standard: Mapping[str, Any] = (bench or {}).get("calibrator", {})
