@@ -45,6 +45,17 @@ def test_calibrate_names_an_expired_calibrator(expired: tuple[Path, Path]) -> No
     assert "verification standard" not in said, "it isn't used"
 
 
+def test_verification_names_an_expired_standard(expired: tuple[Path, Path]) -> None:
+    bench, data = expired
+    done = run(
+        *("verification", "output", "--bench", bench, "--groups", 1, "--points", 4),
+        *("--data", data),
+        cwd=data.parent,
+    )
+    said = words(done.stderr)
+    assert "certificate of the verification standard SIM-VER-1 expired on 2021-03-31" in said
+
+
 def test_doctor_verify_and_certificate_name_it_too(expired: tuple[Path, Path]) -> None:
     bench, data = expired
     done = run("doctor", "--bench", bench, "--data", data, cwd=data.parent)

@@ -223,7 +223,7 @@ def check_steps(profile: Profile) -> None:
     raise InputError(
         Message("profile {name} has no steps: it draws its torques at random", profile.name),
         Message("a profile of steps: {names}, or your own", ", ".join(steps)),
-        "choose the profile that was followed, or the nearest: deviations are named; random "
+        "choose one of them, for an evaluation the nearest: deviations are named; random "
         "torques show the error of a model: torquebench verify MODEL TABLE",
     )
 

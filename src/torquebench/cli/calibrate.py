@@ -111,7 +111,7 @@ def calibrate(
     point. Limits and interlocks are checked for the whole sequence before anything moves.
     With --resume module, profile and bench are those of the interrupted run.
     """
-    from torquebench.calibration import load_profile
+    from torquebench.calibration import check_steps, load_profile
 
     if resume is not None:
         with recorded(mounting_record(mounting)):
@@ -129,12 +129,7 @@ def calibrate(
         points=points,
         target_percent=target,
     )
-    if chosen.loading.pattern == "random":
-        raise InputError(
-            Message("profile {name} for a calibration", chosen.name),
-            "a profile of steps",
-            "give rapid-in-situ, adaptive, staircase, reversing, small-torques or a .toml file",
-        )
+    check_steps(chosen)
     choice, found = _choice(model, parameter), mounting_record(mounting)
     check_reports(report)
     if dry_run:

@@ -8,6 +8,7 @@ import typer
 
 from torquebench.cli.answers import CALIBRATED_MODULE
 from torquebench.cli.failure import CHECK_FAILED
+from torquebench.cli.recovered import tell_doubts
 from torquebench.cli.reports import write_reports
 from torquebench.cli.terminal.console import (
     answer,
@@ -42,11 +43,11 @@ def run_calibrations(
     reports: Sequence[Path] = (),
 ) -> None:
     """Calibrate modules one after the other, or continue with one, and report each."""
+    from torquebench.campaign.doubts import CALIBRATOR
     from torquebench.campaign.finishing import finish_calibration, registers_calibration
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.measuring import measure_calibration
     from torquebench.campaign.resuming import resume_calibration
-    from torquebench.cli.doubts import CALIBRATOR, tell_doubts
     from torquebench.cli.models.compiling import second_process
     from torquebench.compensation import RECOMMENDED
 

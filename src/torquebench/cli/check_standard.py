@@ -10,6 +10,7 @@ from torquebench.cli.answers import CHECK
 from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import BenchOptions, ModuleArgument
+from torquebench.cli.recovered import tell_doubts
 from torquebench.cli.terminal.confirming import confirm_start
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
 
@@ -42,7 +43,7 @@ def check(
     confirm_start(description, side.value, chosen, options.yes)
 
     from torquebench.campaign.checking import check_module
-    from torquebench.cli.doubts import VERIFICATION_STANDARD, tell_doubts
+    from torquebench.campaign.doubts import VERIFICATION_STANDARD
 
     with options.open(description) as session:
         tell_doubts(session.station, VERIFICATION_STANDARD)

@@ -52,6 +52,14 @@ def tell_unfinished(runs: list[UnfinishedRun]) -> None:
         warn(f"{run.found}: {run.remedy}")
 
 
+def tell_doubts(station: Station, standard: str) -> None:
+    """Warn of a clock that is behind, and of the expired standard that is measured against."""
+    from torquebench.campaign.doubts import doubts_before
+
+    for doubt in doubts_before(station, standard):
+        warn(doubt)
+
+
 @contextlib.contextmanager
 def tell_warnings(station: Station, progress: TerminalProgress) -> Iterator[None]:
     """Say every warning of the bench that comes up until the block ends, and when it is over."""

@@ -12,6 +12,7 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.commands import write_verification
 from torquebench.cli.mounting import MountingOption, mounting_record, recorded
 from torquebench.cli.options import BenchOptions, ModuleArgument, data_directory
+from torquebench.cli.recovered import tell_doubts
 from torquebench.cli.reports import ReportOption, check_reports
 from torquebench.cli.terminal.confirming import confirm_start
 from torquebench.cli.terminal.console import answer, say
@@ -19,10 +20,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from torquebench.bench.description import BenchDescription
     from torquebench.bench.roles import Side
-    from torquebench.calibration import CalibrationData, Profile, VerificationResult
-    from torquebench.chain import MeasuringChain
     from torquebench.records import ModelEntry
     from torquebench.station import Station
 
@@ -71,22 +69,39 @@ def verification(
     data_directory(options.data)
     side: Side = module.value
     from torquebench.calibration import load_profile
+    from torquebench.campaign.doubts import VERIFICATION_STANDARD
+    from torquebench.campaign.fitting import model_title
+    from torquebench.campaign.verifying import verify_on_bench
     from torquebench.cli.tables import print_kept, print_verification
 
     profile = load_profile("verification").with_options(
         groups=groups, points=points, same_points=same_points or None
     )
     confirm_start(description, side, profile, options.yes)
-    with recorded(entered):
-        measured, result, run_id, titles, chains = _measured(
-            description, side, profile, models, seed, options
-        )
+    with recorded(entered), options.open(description) as session:
+        tell_doubts(session.station, VERIFICATION_STANDARD)
+        entries = _entries(session.station, side, models)
+        with session.measuring() as (progress, ask):
+            verified = verify_on_bench(
+                session.station,
+                side,
+                profile,
+                entries,
+                seed,
+                progress=progress,
+                on_pause=ask,
+            )
+    result, run_id = verified.result, verified.measured.record.run_id
+    titles = {
+        name: f"{name}: {model_title(chain.model.kind, chain.model.kind_parameters)}"
+        for name, chain in verified.chains.items()
+    }
     _, first, *_ = result.models
     print_verification(result, [titles[each.name] for each in result.models[1:]])
     kept = print_kept("worst error", first.against_standard.worst_percent_fs, tolerance)
     if first.repeatability is not None:
         kept &= print_kept("repeatability", first.repeatability.worst_percent_fs, tolerance)
-    missing = next(iter(chains.values())).missing()
+    missing = next(iter(verified.chains.values())).missing()
     tell_missing(missing)
     say(f"Run: {run_id}")
     answer(
@@ -101,16 +116,17 @@ def verification(
     if report:
         from torquebench.bench.mounting_record import mounting_facts
 
+        data = verified.measured.result.data
         facts = (
             ("Record", run_id),
-            ("Transducer", measured.transducer_serial),
+            ("Transducer", data.transducer_serial),
             ("Groups", "the same torques" if same_points else "each its own torques"),
             *mounting_facts(entered),
         )
         torques = {
-            titles[name]: chain.torque(measured.readings()) for name, chain in chains.items()
+            titles[name]: chain.torque(data.readings()) for name, chain in verified.chains.items()
         }
-        write_verification(measured, torques, facts, tolerance, report)
+        write_verification(data, torques, facts, tolerance, report)
     if not kept:
         raise typer.Exit(CHECK_FAILED)
 
@@ -144,57 +160,3 @@ def _entries(station: Station, side: Side, named: list[str] | None) -> dict[str,
                 ),
             )
     return {name: known[name] for name in named}
-
-
-def _measured(
-    description: BenchDescription,
-    side: Side,
-    profile: Profile,
-    named: list[str] | None,
-    seed: int | None,
-    options: BenchOptions,
-) -> tuple[CalibrationData, VerificationResult, str, dict[str, str], dict[str, MeasuringChain]]:
-    import numpy as np
-
-    from torquebench.bench.stated_limits import with_stated_limits
-    from torquebench.calibration import verify
-    from torquebench.campaign.fitting import model_title
-    from torquebench.campaign.measuring import measure_verification
-    from torquebench.campaign.modules import register_verification
-    from torquebench.campaign.registering import registered_patiently
-    from torquebench.chain import MeasuringChain
-    from torquebench.compensation import load_model
-    from torquebench.records import REGISTERS
-
-    with options.open(description) as session:
-        station = session.station
-        entries = _entries(station, side, named)
-        stored = {name: load_model(entry.check_file()) for name, entry in entries.items()}
-        chains = {
-            name: with_stated_limits(MeasuringChain.of(each), station.description, side)
-            for name, each in stored.items()
-        }
-        titles = {
-            name: f"{name}: {model_title(each.model.kind, each.model.kind_parameters)}"
-            for name, each in stored.items()
-        }
-        ids = {name: entry.model_id for name, entry in entries.items()}
-        drawn = int(np.random.default_rng().integers(2**32)) if seed is None else seed
-        with session.measuring() as (progress, ask):
-            measured = measure_verification(
-                station,
-                side,
-                profile,
-                drawn,
-                metadata={REGISTERS: {"models": ids}},
-                progress=progress,
-                on_pause=ask,
-            )
-            result = verify(measured.result.data, chains)
-            registered_patiently(
-                station.registry,
-                measured.record.run_id,
-                lambda: register_verification(station.registry, entries, result, measured.record),
-                progress,
-            )
-    return measured.result.data, result, measured.record.run_id, titles, chains

@@ -278,6 +278,12 @@ def test_an_expired_standard_and_a_wrong_clock_are_named_before_anything_begins(
     clock, expired = service.jobs.preview("calibrate", request).doubts
     assert "set the clock" in clock
     assert f"the certificate of the calibrator {serial} expired on 2021-01-15" in expired
+    serial = station.description.verification_standard.serial
+    station.registry.add_report(
+        Report("verification-standard", serial, "PTB-2", "PTB", date(2020, 1, 15), date(2021, 2, 1))
+    )
+    _, expired = service.jobs.preview("check", {"side": "output"}).doubts
+    assert f"the certificate of the verification standard {serial} expired on 2021-02-01" in expired
 
 
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:

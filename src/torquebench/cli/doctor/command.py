@@ -178,7 +178,7 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
 
 def _doubts(description: BenchDescription, data: Path) -> Iterator[Finding]:
     """Check the standards' certificates, and the clock against the newest record."""
-    from torquebench.cli.doubts import CALIBRATOR, VERIFICATION_STANDARD, expired_standards
+    from torquebench.campaign.doubts import CALIBRATOR, VERIFICATION_STANDARD, expired_standards
     from torquebench.records import Registry
     from torquebench.records.runs.time_check import clock_behind
 

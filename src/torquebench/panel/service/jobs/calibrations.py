@@ -12,15 +12,14 @@ from typing import Annotated, Any, Literal
 import numpy as np
 from pydantic import Field
 
-from torquebench.bench.description import StandardDescription
 from torquebench.bench.interlocks import check_torque_limit
 from torquebench.bench.roles import Side
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import (
     Profile,
-    verify,
+    check_steps,
 )
 from torquebench.campaign.bench_chains import recorded_effects
+from torquebench.campaign.doubts import CALIBRATOR, VERIFICATION_STANDARD, doubts_before
 from torquebench.campaign.finishing import (
     FinishedCalibration,
     finish_calibration,
@@ -38,13 +37,10 @@ from torquebench.campaign.fitting import (
 from torquebench.campaign.measuring import (
     Measured,
     measure_calibration,
-    measure_verification,
     rehearse_calibration,
 )
-from torquebench.campaign.modules import register_verification
-from torquebench.campaign.registering import registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
-from torquebench.chain import load_chain
+from torquebench.campaign.verifying import verify_on_bench
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -80,8 +76,7 @@ from torquebench.panel.service.jobs.values import JobPreview, JobResult
 from torquebench.procedures import StaircaseResult, rehearse
 from torquebench.procedures import verify as verify_plan
 from torquebench.progress import SHARES
-from torquebench.records import REGISTERS, CalibrationEntry, RunFolder
-from torquebench.records.runs.time_check import expired_standard
+from torquebench.records import CalibrationEntry, RunFolder
 from torquebench.reports.certificate import run_profile
 from torquebench.station import Station
 
@@ -195,12 +190,7 @@ def _calibration_profile(place: Workplace, request: CalibrateRequest) -> Profile
         step_percent=request.step_percent,
         up_to_percent=None if up_to is None else 100.0 * up_to / range_nm,
     )
-    if profile.loading.pattern == "random":
-        raise InputError(
-            Message("profile {name} for a calibration", profile.name),
-            "a profile of steps",
-            "take another one",
-        )
+    check_steps(profile)
     _refuse_long(profile, range_nm, request.repeats or 1)
     return profile
 
@@ -231,22 +221,9 @@ def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPrevi
     station = place.station
     profile = _calibration_profile(place, request)
     rehearsal = rehearse_calibration(station, request.side, profile)
-    doubts = _doubts(station, "calibrator", station.description.calibrator)
+    doubts = tuple(doubts_before(station, CALIBRATOR))
     title = _calibrate_title(request)
     return staircase_preview(request.side, "calibrate", title, rehearsal, doubts)
-
-
-def _doubts(station: Station, what: str, standard: StandardDescription) -> tuple[str, ...]:
-    """Return reasons why measurements against a standard are doubtful now."""
-    behind = station.clock_behind
-    said = (
-        Message("{behind}; set the clock, or every date of what follows is wrong", behind)
-        if behind
-        else ""
-    )
-    due = standard.certificate_due
-    expired = expired_standard(station.registry, what, standard.serial, due)
-    return tuple(doubt for doubt in (said, expired) if doubt)
 
 
 def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult:
@@ -467,8 +444,7 @@ def preview_verification(place: Workplace, request: VerifyRequest) -> JobPreview
     )
     rehearsal = rehearse(station.devices, verify_plan(station.devices, side, profile, steps))
     title = Message("Verify the {side} module", side)
-    standard = station.description.verification_standard
-    doubts = _doubts(station, "verification standard", standard)
+    doubts = tuple(doubts_before(station, VERIFICATION_STANDARD))
     return staircase_preview(side, "verify", title, rehearsal, doubts)
 
 
@@ -477,40 +453,24 @@ def run_verification(context: JobContext, request: VerifyRequest) -> JobResult:
     station = context.station
     entry = station.registry.calibration(request.calibration_id)
     side = _side_of(station, entry)
-    models = models_of(station, entry)
-    loaded = {
-        name: with_stated_limits(load_chain(model.check_file()), station.description, side)
-        for name, model in models.items()
-    }
-    seed = request.seed
-    if seed is None:  # drawn anew for every verification, and stored with its points
-        seed = int(np.random.default_rng().integers(2**32))
-    measured = measure_verification(
+    verified = verify_on_bench(
         station,
         side,
         _verification_profile(context, request),
-        seed,
-        metadata={REGISTERS: {"models": {name: model.model_id for name, model in models.items()}}},
+        models_of(station, entry),
+        request.seed,
         progress=context.job,
     )
-    data = measured.result.data
-    result = verify(data, loaded)
-    run_id = measured.record.run_id
-    registered_patiently(
-        station.registry,
-        run_id,
-        lambda: register_verification(station.registry, models, result, measured.record),
-        context.job,
-    )
+    record = verified.measured.record
     return verification_result(
-        measured.record.metadata,
+        record.metadata,
         entry,
-        loaded,
-        data,
-        result,
-        run_id=run_id,
+        verified.chains,
+        verified.measured.result.data,
+        verified.result,
+        run_id=record.run_id,
         tolerance_percent_fs=request.tolerance_percent_fs,
-        seed=seed,
+        seed=verified.seed,
     )
 
 

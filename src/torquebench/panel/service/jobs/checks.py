@@ -11,6 +11,7 @@ from pydantic import Field
 
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.checking import check_module
+from torquebench.campaign.doubts import VERIFICATION_STANDARD, doubts_before
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.errors import RecordError
 from torquebench.message import Message
@@ -106,7 +107,8 @@ def preview_check(place: Workplace, request: CheckRequest) -> JobPreview:
     steps = profile.staircase(station.description.module(request.side).range_nm)
     plan = verify_plan(station.devices, request.side, profile, steps)
     rehearsal = rehearse(station.devices, plan)
-    return staircase_preview(request.side, "check", _check_title(request), rehearsal)
+    doubts = tuple(doubts_before(station, VERIFICATION_STANDARD))
+    return staircase_preview(request.side, "check", _check_title(request), rehearsal, doubts)
 
 
 def run_check(context: JobContext, request: CheckRequest) -> JobResult:

@@ -1,45 +1,44 @@
-"""Warnings of commands about implausible times: this computer's clock, expired standards."""
+"""What makes a measurement doubtful before it begins: this computer's clock, expired standards."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
-from torquebench.cli.terminal.console import warn
+from torquebench.message import Message
+from torquebench.records.runs.time_check import expired_standard
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.records import Registry
     from torquebench.station import Station
 
-__all__ = ["CALIBRATOR", "VERIFICATION_STANDARD", "expired_standards", "tell_doubts"]
+__all__ = ["CALIBRATOR", "VERIFICATION_STANDARD", "doubts_before", "expired_standards"]
 
 CALIBRATOR = "calibrator"
 VERIFICATION_STANDARD = "verification standard"
 
 
-def tell_doubts(station: Station, *standards: str) -> None:
-    """Warn of a clock earlier than the newest record, and of expired standards, before use.
+def doubts_before(station: Station, *standards: str) -> Iterator[str]:
+    """Yield that the clock is earlier than the newest record, and that standards have expired.
 
     Parameters
     ----------
     station : Station
-        Just opened.
     *standards : str
-        Those that the command measures against.
+        Those that are measured against.
     """
     if station.clock_behind:
-        warn(f"{station.clock_behind}; set the clock, or every date of what follows is wrong")
-    for doubt in expired_standards(station.registry, station.description, *standards):
-        warn(doubt)
+        yield Message(
+            "{behind}; set the clock, or every date of what follows is wrong", station.clock_behind
+        )
+    yield from expired_standards(station.registry, station.description, *standards)
 
 
 def expired_standards(
     registry: Registry, description: BenchDescription, *standards: str
 ) -> Iterator[str]:
     """Yield warnings about standards of a bench without a valid certificate."""
-    from torquebench.records.runs.time_check import expired_standard
-
     for what in standards:
         standard = (
             description.calibrator if what == CALIBRATOR else description.verification_standard
