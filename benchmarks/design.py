@@ -50,8 +50,8 @@ def load(
 ) -> tuple[FloatArray, FloatArray]:
     """Load the proposed points as a bench does: not quite met, with noise."""
     missed = LOADING_ACCURACY * chain.range_nm * generator.uniform(-1, 1, proposal.branch.size)
-    torque = np.clip(proposal.target_nm + missed, -chain.range_nm, chain.range_nm)
-    torque = np.where(torque * proposal.target_nm < 0, -torque, torque)
+    torque = np.clip(proposal.nominal_nm + missed, -chain.range_nm, chain.range_nm)
+    torque = np.where(torque * proposal.nominal_nm < 0, -torque, torque)
     branch = proposal.branch.astype(np.float64)
     noise = chain.range_nm * chain.noise.draw(torque.size, generator)
     reading = chain.reading(torque, branch) + noise

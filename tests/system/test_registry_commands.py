@@ -161,7 +161,7 @@ def test_drift_is_charted_with_its_trend_and_a_due_date(calibrated, tmp_path):
 def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_path):
     profile = load_profile("staircase")
     steps = [step for step in profile.staircase(100.0) if step.recorded]
-    torque = np.array([step.target_nm for step in steps])
+    torque = np.array([step.nominal_nm for step in steps])
     rng = np.random.default_rng(1)
     points = CalibrationData(
         reading_nm=1.0005 * torque + 0.002 * rng.normal(size=torque.size),

@@ -203,7 +203,7 @@ def damage_points(data: Path, numbers: tuple[int, ...], how: str) -> RunFolder:
     for number in numbers:
         line = lines[places[number]]
         lines[places[number]] = {
-            "digit": line.replace(b'target_nm": ', b'target_nm": 1', 1),
+            "digit": line.replace(b'nominal_nm": ', b'nominal_nm": 1', 1),
             "garbage": line[:80] + b"\n\xff\x00{}\n\n" + line[150:],
             "zeros": bytes(len(line)),
         }[how]

@@ -55,7 +55,7 @@ def steps(devices: BenchDevices, torques: list[float], rows: list[dict[str, Any]
     for number, torque in enumerate(torques):
         yield Msg("progress", None, number, len(torques), f"{torque:g} N·m")
         yield from bps.checkpoint()
-        yield from bps.mv(devices.point, Point(step=number, target_nm=torque))
+        yield from bps.mv(devices.point, Point(step=number, nominal_nm=torque))
         yield from bps.mv(devices.output.drive.torque, torque)
         yield from bps.trigger(steady, wait=True)
         yield from bps.create(name="points")
@@ -102,7 +102,7 @@ def test_a_run_leaves_its_result_its_documents_its_samples_and_a_seal(station: S
     (_, descriptor), *_ = folder.documents("descriptor")
     assert descriptor["data_keys"]["output-steady-standard_nm"]["units"] == "N·m"
     events = [document["data"] for _, document in folder.documents("event")]
-    assert [event["point-target_nm"] for event in events] == [0.0, 200.0, 400.0]
+    assert [event["point-nominal_nm"] for event in events] == [0.0, 200.0, 400.0]
     assert events[1]["output-steady-reading_nm"] == record.result[1]["reading_nm"]
 
     raw = folder.raw()

@@ -77,7 +77,7 @@ class Proposed:
 
     Parameters
     ----------
-    target_nm : array of float, shape (k,)
+    nominal_nm : array of float, shape (k,)
         In N·m; empty if the placement is complete.
     branch : array of int8, shape (k,)
         +1 on the way up, -1 on the way down.
@@ -87,14 +87,14 @@ class Proposed:
         The same, predicted for these points.
     """
 
-    target_nm: NDArray[np.float64]
+    nominal_nm: NDArray[np.float64]
     branch: NDArray[np.int8]
     now_percent: float
     predicted_percent: float
 
     def round(self, points: int) -> AdaptiveRound:
         """Return this decision, taken after this number of points, for the record."""
-        count = int(self.target_nm.size)
+        count = int(self.nominal_nm.size)
         return AdaptiveRound(points, self.now_percent, count, self.predicted_percent)
 
 
@@ -238,7 +238,7 @@ def place_points(data: CalibrationData, settings: Adaptive) -> Proposed:
     reached = settings.target_percent is not None and now <= settings.target_percent
     if reached or count < 1:
         return Proposed(np.empty(0), np.empty(0, dtype=np.int8), now, now)
-    return Proposed(found.target_nm, found.branch, now, percent * found.after_nm)
+    return Proposed(found.nominal_nm, found.branch, now, percent * found.after_nm)
 
 
 def even_points(
@@ -289,9 +289,9 @@ def extension_steps(
 
     Examples
     --------
-    >>> point = Step(kind="point", series=2, index=9, target_nm=1.0, branch=-1, duration_s=0.5)
+    >>> point = Step(kind="point", series=2, index=9, nominal_nm=1.0, branch=-1, duration_s=0.5)
     >>> steps = extension_steps((np.array([4.0, 7.0]), np.array([1, -1])), point, (1,), 10.0)
-    >>> [(step.kind, step.series, step.target_nm) for step in steps]
+    >>> [(step.kind, step.series, step.nominal_nm) for step in steps]
     [('point', 3, 4.0), ('turn', 3, 10.0), ('point', 3, 7.0), ('turn', 3, 0.0)]
     """
     target, branch = proposed
@@ -306,7 +306,7 @@ def extension_steps(
                         update={
                             "series": number,
                             "index": index,
-                            "target_nm": float(torque),
+                            "nominal_nm": float(torque),
                             "branch": side,
                         }
                     )
@@ -317,7 +317,7 @@ def extension_steps(
                     kind="turn",
                     series=number,
                     index=-1,
-                    target_nm=turn,
+                    nominal_nm=turn,
                     branch=side,
                     duration_s=0.0,
                     position_deg=template.position_deg,

@@ -72,7 +72,7 @@ class CalibrationData:
     transducer_serial, counter_identity : str
         Serial number of the transducer, and timebase; empty if unknown.
     nominal_nm : array of float, shape (n,), optional
-        Target torque of the step, in N·m.
+        Nominal torque of the step, in N·m.
     position_deg : array of float, shape (n,), optional
         Mounting position of the transducer about its axis, in degrees.
     speed_rpm, temperature_c, time_s : array of float, shape (n,), optional

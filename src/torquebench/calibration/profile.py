@@ -184,10 +184,10 @@ class Profile(_Settings):
     --------
     >>> profile = load_profile("rapid-in-situ")
     >>> points = [step for step in profile.staircase(50.0) if step.recorded]
-    >>> len(points), points[0].target_nm, points[49].target_nm, points[99].target_nm
+    >>> len(points), points[0].nominal_nm, points[49].nominal_nm, points[99].nominal_nm
     (200, 1.0, 50.0, 0.0)
     >>> rising = profile.with_options(rising_only=True, step_percent=10.0)
-    >>> [step.target_nm for step in rising.staircase(50.0) if step.recorded][:3]
+    >>> [step.nominal_nm for step in rising.staircase(50.0) if step.recorded][:3]
     [5.0, 10.0, 15.0]
     """
 
@@ -567,7 +567,7 @@ class _Staircase:
             kind=kind,
             series=self.series,
             index=-1,
-            target_nm=percent * self.range_nm / 100.0,
+            nominal_nm=percent * self.range_nm / 100.0,
             branch=branch,
             duration_s=duration_s,
             settle_limit_s=self.profile.loading.settle_limit_s,

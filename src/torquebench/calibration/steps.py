@@ -19,8 +19,8 @@ class Step(BaseModel):
         Number of the series, from 1; 0 before the first series.
     index : int
         Number of the point in its series, from 0; -1 where the step isn't recorded.
-    target_nm : float
-        Torque to load, in N·m, clockwise positive.
+    nominal_nm : float
+        Nominal torque, which is loaded, in N·m, clockwise positive.
     branch : int
         +1 where |torque| grows to this step, -1 where it falls, 0 for a zero.
     duration_s : float
@@ -38,7 +38,7 @@ class Step(BaseModel):
     kind: Literal["zero", "preload", "turn", "point"]
     series: int
     index: int
-    target_nm: float
+    nominal_nm: float
     branch: int
     duration_s: float
     settle_limit_s: float = 0.0

@@ -233,7 +233,7 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
         step = by_stamp.get(stamp)
         if step is None and profile.adaptive is not None:
             step = _placed(steps, stamp, row, float(start["range_nm"]))
-        if step is None or step.target_nm != row["target_nm"]:
+        if step is None or step.nominal_nm != row.get("nominal_nm"):
             raise RecordError(
                 Message(
                     "run {run}: series {series}, point {point} isn't in its profile",
@@ -402,10 +402,10 @@ def _placed(
     """Return the step of a point placed by an adaptive calibration; None if it can't be rebuilt."""
     last = next(step for step in reversed(steps) if step.recorded)
     series, index = stamp
-    target_nm, branch = float(row["target_nm"]), int(row["branch"])
-    if series <= last.series or abs(target_nm) > range_nm or branch not in (1, -1):
+    nominal_nm, branch = float(row["nominal_nm"]), int(row["branch"])
+    if series <= last.series or abs(nominal_nm) > range_nm or branch not in (1, -1):
         return None
-    place = {"series": series, "index": index, "target_nm": target_nm, "branch": branch}
+    place = {"series": series, "index": index, "nominal_nm": nominal_nm, "branch": branch}
     return last.model_copy(update=place)
 
 

@@ -59,7 +59,7 @@ def staircase_tables(
     yield table
     if profile.adaptive is not None:
         yield Text(_placing(profile, sum(step.recorded for step in steps)))
-    largest = max(abs(step.target_nm) for step in steps)
+    largest = max(abs(step.nominal_nm) for step in steps)
     most = "" if profile.adaptive is None else "at most "
     yield Text(
         f"{most}{rehearsal.points} points in {_minutes(rehearsal.duration_s)} "
@@ -130,7 +130,7 @@ def _by_direction(group: list[Step]) -> Iterable[list[Step]]:
         return
     start = 0
     for number, (before, after) in enumerate(itertools.pairwise(group), start=1):
-        if before.target_nm * after.target_nm < 0:
+        if before.nominal_nm * after.nominal_nm < 0:
             yield group[start:number]
             start = number
     yield group[start:]
@@ -149,7 +149,7 @@ def _alike(
 
     def load(groups: list[list[Step]]) -> list[tuple[object, ...]]:
         return [
-            (step.kind, step.branch, step.target_nm, step.duration_s, step.change)
+            (step.kind, step.branch, step.nominal_nm, step.duration_s, step.change)
             for group in groups
             for step in group
         ]
@@ -175,8 +175,8 @@ def _row(group: list[Step], series: str, times: int) -> list[str]:
         series,
         what,
         f"{times} × {len(group)}" if times > 1 else str(len(group)),
-        f"{first.target_nm:g}",
-        f"{last.target_nm:g}",
+        f"{first.nominal_nm:g}",
+        f"{last.nominal_nm:g}",
         f"{first.duration_s:g}",
         total,
     ]

@@ -40,7 +40,7 @@ class Proposal:
 
     Attributes
     ----------
-    target_nm : float64 array of shape (k,)
+    nominal_nm : float64 array of shape (k,)
         Torques: clockwise up and down again, then counter-clockwise up and down again.
     branch : int8 array of shape (k,)
         +1 on the way up, -1 on the way down.
@@ -49,7 +49,7 @@ class Proposal:
         measured, and as predicted after.
     """
 
-    target_nm: FloatArray
+    nominal_nm: FloatArray
     branch: np.ndarray[tuple[int], np.dtype[np.int8]]
     before_nm: float
     after_nm: float
@@ -93,7 +93,7 @@ def propose_points(
     >>> reading = np.linspace(-100.0, 100.0, 16)
     >>> X, y = features(reading, 1.0), reading + 1e-5 * reading**2 + 0.01 * np.sin(reading)
     >>> proposal = propose_points(make_model("spline").fit(X, y), X, y, count=6)
-    >>> proposal.target_nm.size, bool(proposal.after_nm < proposal.before_nm)
+    >>> proposal.nominal_nm.size, bool(proposal.after_nm < proposal.before_nm)
     (6, True)
     """
     if not 1 <= count <= _MOST:

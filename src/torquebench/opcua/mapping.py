@@ -27,7 +27,7 @@ MachineState = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executin
 _COMMON_CODES = {"N·m": "NU", "rpm": "RPM", "°": "DD", "°C": "CEL", "%": "P1"}
 _SIDE_SIGNALS = {
     "Torque": "torque_nm",
-    "Uncertainty": "uncertainty_nm",
+    "Uncertainty": "expanded_uncertainty_nm",
     "RawTorque": "raw_nm",
     "ReferenceTorque": "reference_nm",
     "Speed": "speed_rpm",

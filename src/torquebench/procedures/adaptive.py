@@ -107,14 +107,14 @@ def load_adaptively(
         proposed = yield from meanwhile(lambda: place_points(data(), settings))
         count = min(settings.points_at_a_time, settings.points - measured)
         if proposed is not None:
-            count = int(proposed.target_nm.size)
+            count = int(proposed.nominal_nm.size)
             decisions.append(proposed.round(measured))
         if count < 1:
             return Placement.of(decisions, settings, even) if decisions else None
         places = (
             even_points(range_nm, count, profile.signs)
             if proposed is None
-            else (proposed.target_nm, proposed.branch)
+            else (proposed.nominal_nm, proposed.branch)
         )
         more = extension_steps(places, template, profile.signs, range_nm)
         template = template.model_copy(update={"series": more[-1].series})

@@ -74,7 +74,7 @@ class _Table:
             self.rows,
             series=[step.series for step in self.steps],
             branch=[step.branch for step in self.steps],
-            nominal_nm=[step.target_nm for step in self.steps],
+            nominal_nm=[step.nominal_nm for step in self.steps],
             position_deg=np.array([step.position_deg for step in self.steps]),
         )
 
@@ -221,7 +221,7 @@ def _staircase(
             earlier=len(table.rows),
         )
 
-    largest_nm = max(abs(step.target_nm) for step in steps)
+    largest_nm = max(abs(step.nominal_nm) for step in steps)
     if profile.adaptive is not None:  # every round reverses at full scale
         largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)

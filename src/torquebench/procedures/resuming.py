@@ -45,7 +45,7 @@ def complete_series(steps: Sequence[Step], taken: Collection[tuple[int, int]]) -
     Examples
     --------
     >>> def point(series, index):
-    ...     return Step(kind="point", series=series, index=index, target_nm=1.0, branch=1,
+    ...     return Step(kind="point", series=series, index=index, nominal_nm=1.0, branch=1,
     ...                 duration_s=1.0)
     >>> steps = [point(1, 0), point(1, 1), point(2, 0), point(2, 1)]
     >>> complete_series(steps, {(1, 0), (1, 1), (2, 0)})
@@ -99,10 +99,10 @@ def steps_again(steps: Sequence[Step], points: Collection[tuple[int, int]]) -> t
     Examples
     --------
     >>> def point(series, index):
-    ...     return Step(kind="point", series=series, index=index, target_nm=10.0 * index, branch=1,
+    ...     return Step(kind="point", series=series, index=index, nominal_nm=10.0 * index, branch=1,
     ...                 duration_s=1.0)
     >>> steps = [point(1, 1), point(1, 2), point(1, 3), point(2, 1)]
-    >>> [(step.kind, step.target_nm) for step in steps_again(steps, {(1, 2)})]
+    >>> [(step.kind, step.nominal_nm) for step in steps_again(steps, {(1, 2)})]
     [('turn', 10.0), ('point', 20.0)]
     """
     again: list[Step] = []
@@ -128,8 +128,8 @@ def preparation(before: Sequence[Step]) -> tuple[Step, ...]:
 
     Examples
     --------
-    >>> def step(kind, target_nm=0.0, series=0):
-    ...     return Step(kind=kind, series=series, index=0, target_nm=target_nm, branch=1,
+    >>> def step(kind, nominal_nm=0.0, series=0):
+    ...     return Step(kind=kind, series=series, index=0, nominal_nm=nominal_nm, branch=1,
     ...                 duration_s=1.0)
     >>> steps = [step("preload", 10.0), step("preload", 0.0), step("zero"), step("point", 5.0, 1)]
     >>> [each.kind for each in preparation(steps)]

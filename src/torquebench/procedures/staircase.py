@@ -28,7 +28,7 @@ def steady_settings(step: Step, *, standard: bool) -> SteadySettings:
 
     Examples
     --------
-    >>> step = Step(kind="point", series=1, index=0, target_nm=40.0, branch=1, duration_s=0.5)
+    >>> step = Step(kind="point", series=1, index=0, nominal_nm=40.0, branch=1, duration_s=0.5)
     >>> steady_settings(step, standard=True)
     SteadySettings(settle_s=0.2, window_s=0.3, limit_s=0.0, period_s=None, reference=True)
     """
@@ -46,20 +46,20 @@ def describe_step(step: Step) -> str:
 
     Examples
     --------
-    >>> describe_step(Step(kind="point", series=2, index=4, target_nm=-40.0, branch=-1,
+    >>> describe_step(Step(kind="point", series=2, index=4, nominal_nm=-40.0, branch=-1,
     ...                    duration_s=0.5))
     'series 2, point 5: -40 N·m, down'
     """
     if step.kind == "zero":
         return Message("series {series}, zero", step.series) if step.series else "zero"
     if not step.recorded:
-        return Message("{kind}: {target_nm:g} N·m", step.kind, step.target_nm)
+        return Message("{kind}: {nominal_nm:g} N·m", step.kind, step.nominal_nm)
     branch = "up" if step.branch > 0 else "down"
     return Message(
         "series {series}, point {point}: {torque:g} N·m, {branch}",
         step.series,
         step.index + 1,
-        step.target_nm,
+        step.nominal_nm,
         branch,
     )
 
@@ -104,14 +104,14 @@ class _Loader:
         self.settings = None  # a zero has its own
 
     def _load(self, step: Step) -> Plan[None]:
-        yield from move(self._module.drive.torque, step.target_nm)
+        yield from move(self._module.drive.torque, step.nominal_nm)
 
     def _stamp(self, step: Step) -> Plan[None]:
         point = Point(
             series=step.series,
             step=step.index,
             branch=step.branch,
-            target_nm=step.target_nm,
+            nominal_nm=step.nominal_nm,
             position_deg=step.position_deg,
             group=step.series,
         )
@@ -146,10 +146,10 @@ class _Loader:
         """Torque at which the falling branch of a step began."""
         target = 0.0
         for step in reversed(self.steps[: number + 1]):
-            if step.kind == "zero" or step.target_nm * target < 0.0:
+            if step.kind == "zero" or step.nominal_nm * target < 0.0:
                 break
-            if abs(step.target_nm) >= abs(target):
-                target = step.target_nm
+            if abs(step.nominal_nm) >= abs(target):
+                target = step.nominal_nm
         return target
 
     @property

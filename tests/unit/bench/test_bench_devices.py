@@ -107,7 +107,7 @@ def test_every_reading_is_described_with_its_unit(bench: Any) -> None:
             assert units["output-drive-torque-setpoint"] == "N·m"
             assert units["temperatures-ambient_c"] == "°C"
             assert units["output-steady-frequency_hz"] == "Hz"
-            assert units["point-target_nm"] == "N·m"
+            assert units["point-nominal_nm"] == "N·m"
             configuration = await devices.output.transducer.read_configuration()
             assert configuration["output-transducer-serial"]["value"] == "SIM-T2000"
             assert configuration["output-transducer-zero-frequency"]["value"] == 60e3
@@ -512,7 +512,7 @@ def test_a_zero_is_set_on_module_and_standard(bench: Any) -> None:
 def test_a_label_stamps_its_point() -> None:
     async def scene() -> None:
         label = PointLabel()
-        await label.set(Point(series=2, step=7, branch=-1, target_nm=-40.0, position_deg=90.0))
+        await label.set(Point(series=2, step=7, branch=-1, nominal_nm=-40.0, position_deg=90.0))
         reading = await label.read()
         assert reading[label.key("branch")]["value"] == -1
         assert reading[label.key("position_deg")]["value"] == 90.0

@@ -20,7 +20,7 @@ from torquebench.calibration.profile import Profile
 from torquebench.errors import InputError
 
 RANGE_NM = 100.0
-TEMPLATE = Step(kind="point", series=4, index=3, target_nm=1.0, branch=1, duration_s=0.5)
+TEMPLATE = Step(kind="point", series=4, index=3, nominal_nm=1.0, branch=1, duration_s=0.5)
 
 
 def measured(points: int, noise_nm: float = 0.005) -> CalibrationData:
@@ -41,7 +41,7 @@ def test_the_profile_begins_with_a_coarse_series_in_both_directions() -> None:
     profile = load_profile("adaptive")
     points = [step for step in profile.staircase(RANGE_NM) if step.recorded]
     assert len(points) == 24
-    assert {(np.sign(step.target_nm), step.branch) for step in points if step.target_nm} == {
+    assert {(np.sign(step.nominal_nm), step.branch) for step in points if step.nominal_nm} == {
         (1, 1), (1, -1), (-1, 1), (-1, -1)
     }  # fmt: skip
     assert profile.adaptive is not None
@@ -95,7 +95,7 @@ def test_every_point_is_met_on_its_branch_of_the_full_loop(
     target = np.array([torque for torque, _ in wanted])
     branch = np.array([side for _, side in wanted], dtype=np.int8)
     steps = extension_steps((target, branch), TEMPLATE, (1, -1), RANGE_NM)
-    recorded = [(step.target_nm, step.branch) for step in steps if step.recorded]
+    recorded = [(step.nominal_nm, step.branch) for step in steps if step.recorded]
     assert sorted(recorded) == sorted(wanted)
     assert [step.series for step in steps] == sorted(step.series for step in steps)
     assert {step.series for step in steps} == {5, 6}
@@ -104,18 +104,18 @@ def test_every_point_is_met_on_its_branch_of_the_full_loop(
         if after.series != before.series:
             turned = 0.0
         if after.branch > 0:
-            assert abs(after.target_nm) >= (abs(before.target_nm) if turned else 0.0)
-        turned = max(turned, abs(after.target_nm))
+            assert abs(after.nominal_nm) >= (abs(before.nominal_nm) if turned else 0.0)
+        turned = max(turned, abs(after.nominal_nm))
         if after.branch < 0:
             assert turned == RANGE_NM
-    assert steps[-1].target_nm == 0.0
+    assert steps[-1].nominal_nm == 0.0
 
 
 def test_points_are_placed_where_the_model_is_least_certain() -> None:
     settings = load_profile("adaptive").with_options(points=36).adaptive
     assert settings is not None
     found = place_points(measured(24), settings.model_copy(update={"model": "spline"}))
-    assert found.target_nm.size == 12
+    assert found.nominal_nm.size == 12
     assert found.predicted_percent < found.now_percent
     assert set(found.branch.tolist()) <= {1, -1}
 
@@ -125,12 +125,12 @@ def test_nothing_is_placed_once_the_target_is_reached_or_the_budget_used() -> No
     assert settings is not None
     settings = settings.model_copy(update={"model": "spline"})
     reached = place_points(measured(24), settings)
-    assert reached.target_nm.size == 0
+    assert reached.nominal_nm.size == 0
     placement = Placement.of([reached.round(24)], settings)
     assert (placement.reason, placement.points) == ("target", 24)
 
     used = place_points(measured(24), settings.model_copy(update={"points": 24}))
-    assert used.target_nm.size == 0
+    assert used.nominal_nm.size == 0
     missed = settings.model_copy(update={"points": 24, "target_percent": 1e-6})
     placement = Placement.of([place_points(measured(24), missed).round(24)], missed)
     assert placement.reason == "budget"

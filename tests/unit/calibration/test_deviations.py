@@ -23,7 +23,7 @@ RANGE_NM = 100.0
 def measured(profile):
     """A calibration that follows a profile to the letter, with ideal readings."""
     steps = [step for step in profile.staircase(RANGE_NM) if step.recorded]
-    torque = np.array([step.target_nm for step in steps])
+    torque = np.array([step.nominal_nm for step in steps])
     return CalibrationData(
         reading_nm=torque * 1.001,
         standard_nm=torque,
@@ -217,6 +217,6 @@ def test_what_follows_no_steps_has_none_missing():
     profile = load_profile("verification")
     rng = np.random.default_rng(1)
     steps = [step for step in profile.staircase(RANGE_NM, rng) if step.recorded][:40]
-    torque = np.array([step.target_nm for step in steps])
+    torque = np.array([step.nominal_nm for step in steps])
     data = CalibrationData(torque, torque, [1] * 40, [step.branch for step in steps], RANGE_NM)
     assert kinds(data, profile) == []

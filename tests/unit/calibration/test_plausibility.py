@@ -31,7 +31,7 @@ def healthy(
     range_nm = {"input": 50.0, "output": 2000.0}[side]
     steps = [step for step in profile.staircase(range_nm) if step.recorded]
     rng = np.random.default_rng([seed, len(side)])
-    nominal = np.array([step.target_nm for step in steps])
+    nominal = np.array([step.nominal_nm for step in steps])
     # The preload has been round once; the path begins and ends without torque.
     path = np.concatenate([[0.0, range_nm, 0.0, -range_nm, 0.0], nominal])
     swept = twin.static_sweep(side, path)

@@ -30,7 +30,7 @@ def points(steps):
 
 
 def percents(steps, range_nm=100.0):
-    return [round(100 * step.target_nm / range_nm, 9) for step in steps]
+    return [round(100 * step.nominal_nm / range_nm, 9) for step in steps]
 
 
 @pytest.mark.parametrize("name", available_profiles())
@@ -40,7 +40,7 @@ def test_every_packaged_profile_is_unverified_and_stays_within_its_range(name):
     assert not profile.verified
     assert len(profile.sha256) == 64
     steps = profile.staircase(2000.0, np.random.default_rng(1))
-    assert max(abs(step.target_nm) for step in steps) <= 2000.0
+    assert max(abs(step.nominal_nm) for step in steps) <= 2000.0
     for number in {step.series for step in points(steps)}:
         indices = [step.index for step in points(steps) if step.series == number]
         assert indices == list(range(len(indices)))
@@ -52,7 +52,7 @@ def test_rapid_calibration_goes_up_and_down_in_both_directions():
     down = [step for step in steps if step.series == 1 and step.branch == -1]
     assert percents(up, 50.0) == [2.0 * k for k in range(1, 51)]
     assert percents(down, 50.0) == [2.0 * k for k in range(49, -1, -1)]
-    assert [step.target_nm for step in steps[100:]] == [-step.target_nm for step in steps[:100]]
+    assert [step.nominal_nm for step in steps[100:]] == [-step.nominal_nm for step in steps[:100]]
     assert {step.duration_s for step in steps} == {0.5}
 
 
@@ -76,7 +76,7 @@ def test_staircase_is_two_rising_series_then_pairs_in_further_positions():
     assert {step.position_deg for step in clockwise} == {0.0}
     positions = [(step.position_deg, step.change) for step in steps if step.change != "none"]
     assert positions == [(120.0, "rotation"), (240.0, "rotation")]
-    preloads = [step for step in steps if step.kind == "preload" and step.target_nm != 0]
+    preloads = [step for step in steps if step.kind == "preload" and step.nominal_nm != 0]
     assert len(preloads) == 3 + 3 + 4 * 1
     series = {step.series for step in points(steps)}
     assert series == set(range(1, 9))
@@ -98,7 +98,7 @@ def test_reversing_cycles_pass_both_zeros():
 def test_verification_groups_are_fresh_and_off_the_grid():
     profile = load_profile("verification")
     steps = points(profile.staircase(100.0, np.random.default_rng(3)))
-    groups = [[step.target_nm for step in steps if step.series == k] for k in range(1, 11)]
+    groups = [[step.nominal_nm for step in steps if step.series == k] for k in range(1, 11)]
     assert [len(group) for group in groups] == [50] * 10
     assert len({tuple(group) for group in groups}) == 10
     off = np.abs(np.array(groups) / 2.0 - np.rint(np.array(groups) / 2.0))
@@ -117,7 +117,7 @@ def test_verification_of_any_size_rises_and_falls_in_both_directions(points_of_g
     steps = profile.staircase(1.0, np.random.default_rng(seed))
     for number in range(1, groups + 1):
         group = [step for step in steps if step.series == number and step.kind != "zero"]
-        targets = np.array([step.target_nm for step in group])
+        targets = np.array([step.nominal_nm for step in group])
         assert sum(step.recorded for step in group) == points_of_group
         for sign in (1, -1):
             side = targets[np.sign(targets) == sign]
@@ -130,7 +130,7 @@ def test_verification_of_any_size_rises_and_falls_in_both_directions(points_of_g
 @given(step=st.floats(0.5, 100.0))
 def test_ladders_of_any_step_end_at_full_scale(step):
     profile = load_profile("rapid-in-situ").with_options(step_percent=step)
-    rising = [each.target_nm for each in points(profile.staircase(1.0)) if each.branch == 1]
+    rising = [each.nominal_nm for each in points(profile.staircase(1.0)) if each.branch == 1]
     half = rising[: len(rising) // 2]
     assert half[-1] == pytest.approx(1.0)
     assert np.all(np.diff(half) > 0)
@@ -207,7 +207,7 @@ def test_a_profile_shrinks_to_a_largest_torque_and_its_preload_with_it(up_to):
     whole = load_profile("small-torques")
     part = whole.with_options(up_to_percent=up_to)
     steps = part.staircase(100.0)
-    assert max(step.target_nm for step in steps) == pytest.approx(up_to)
+    assert max(step.nominal_nm for step in steps) == pytest.approx(up_to)
     assert part.largest_percent == pytest.approx(up_to)
     assert part.loading.percents() == pytest.approx(
         [each * up_to / 30.0 for each in whole.loading.percents()], rel=1e-6
@@ -221,8 +221,8 @@ def test_random_points_shrink_with_their_grid(up_to, seed):
         points(profile.staircase(100.0, np.random.default_rng(seed)))
         for profile in (load_profile("verification"), load_profile("verification").within(up_to))
     )
-    assert [step.target_nm for step in part] == pytest.approx(
-        [step.target_nm * up_to / 100.0 for step in whole]
+    assert [step.nominal_nm for step in part] == pytest.approx(
+        [step.nominal_nm * up_to / 100.0 for step in whole]
     )
 
 
@@ -266,7 +266,7 @@ def test_groups_at_the_same_points() -> None:
     same = profile.with_options(same_points=True)
     steps = same.staircase(2000.0, np.random.default_rng(4))
     groups = [
-        [step.target_nm for step in steps if step.series == k and step.recorded] for k in (1, 2, 3)
+        [step.nominal_nm for step in steps if step.series == k and step.recorded] for k in (1, 2, 3)
     ]
     assert groups[0] == groups[1] == groups[2]
     assert len(set(groups[0])) == 12

@@ -8,7 +8,7 @@ from torquebench.uncertainty import CertifiedUncertainty
 def measured(name, gain):
     """Readings with a span error that changes a little with the mounting position."""
     steps = [step for step in load_profile(name).staircase(100.0) if step.recorded]
-    torque = np.array([step.target_nm for step in steps])
+    torque = np.array([step.nominal_nm for step in steps])
     position = np.array([step.position_deg for step in steps])
     branch = np.array([step.branch for step in steps])
     hysteresis = 0.01 * np.where(branch < 0, 1.0, 0.0) * np.sign(torque)

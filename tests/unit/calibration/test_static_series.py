@@ -32,7 +32,7 @@ def evaluate(parts, **options):
 def staircase(range_nm=100.0, gain=1.0, loading=0.001):
     """A noise-free staircase whose steps are missed by 0.1 % of the step."""
     steps = [step for step in load_profile("staircase").staircase(range_nm) if step.recorded]
-    nominal = np.array([step.target_nm for step in steps])
+    nominal = np.array([step.nominal_nm for step in steps])
     standard = nominal * (1 + loading * np.array([step.branch for step in steps]))
     return CalibrationData(
         reading_nm=gain * standard,
@@ -271,7 +271,7 @@ def test_a_guess_from_the_standard_is_named() -> None:
 def test_small_steps_are_loads_and_never_zeros_and_keep_their_commanded_direction() -> None:
     """Steps of ±0.1 % of the range, whose standard scatters beyond zero; zeros return 0.45 N·m."""
     steps = [step for step in load_profile("small-torques").staircase(2000.0) if step.recorded]
-    target = np.array([step.target_nm for step in steps])
+    target = np.array([step.nominal_nm for step in steps])
     standard = target + np.random.default_rng(5).normal(0.0, 3.0, target.size)
     branch = np.array([step.branch for step in steps])
     zero = (target == 0.0) & (branch < 0)

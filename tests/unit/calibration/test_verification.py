@@ -31,7 +31,7 @@ def groups(seed=0, noise_nm=0.0, offset_nm=1.0, count=10, range_nm=100.0):
     rng = np.random.default_rng(seed)
     profile = load_profile("verification").with_options(groups=count)
     steps = [step for step in profile.staircase(range_nm, rng) if step.recorded]
-    true = np.array([step.target_nm for step in steps])
+    true = np.array([step.nominal_nm for step in steps])
     true *= 1 + rng.normal(0, 0.0005, true.size)
     return CalibrationData(
         reading_nm=true - offset_nm + rng.normal(0, noise_nm, true.size),

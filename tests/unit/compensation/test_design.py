@@ -34,15 +34,15 @@ def fitted(request):
 def test_points_form_a_staircase_and_promise_less_uncertainty(fitted, criterion):
     model, X, y = fitted
     proposal = propose_points(model, X, y, 16, criterion=criterion)
-    assert proposal.target_nm.size == proposal.branch.size == 16
-    assert np.max(np.abs(proposal.target_nm)) <= _FS
+    assert proposal.nominal_nm.size == proposal.branch.size == 16
+    assert np.max(np.abs(proposal.nominal_nm)) <= _FS
     assert proposal.after_nm < 0.9 * proposal.before_nm
     # each direction once up and once down again, clockwise first
-    direction = np.where(proposal.target_nm < 0, -1, 1)
+    direction = np.where(proposal.nominal_nm < 0, -1, 1)
     assert np.all(np.diff(direction) <= 0)
     for side in (1, -1):
         here = direction == side
-        size, branch = np.abs(proposal.target_nm[here]), proposal.branch[here]
+        size, branch = np.abs(proposal.nominal_nm[here]), proposal.branch[here]
         assert np.all(np.diff(branch.astype(int)) <= 0)
         assert np.all(np.diff(size[branch > 0]) > 0)
         assert np.all(np.diff(size[branch < 0]) < 0)
@@ -52,7 +52,7 @@ def test_a_gap_in_the_calibration_attracts_points():
     X, y = _coarse(points=11, gap=(0.25, 0.75))
     model = make_model("gaussian-process", range_nm=_FS).fit(X, y)
     proposal = propose_points(model, X, y, 6)
-    share = proposal.target_nm / _FS
+    share = proposal.nominal_nm / _FS
     assert np.count_nonzero((share > 0.2) & (share < 0.8)) >= 4
 
 
@@ -65,7 +65,7 @@ def test_more_points_promise_less(fitted):
 def test_same_input_same_points(fitted):
     model, X, y = fitted
     first, second = propose_points(model, X, y, 8), propose_points(model, X, y, 8)
-    np.testing.assert_array_equal(first.target_nm, second.target_nm)
+    np.testing.assert_array_equal(first.nominal_nm, second.nominal_nm)
 
 
 def test_measured_points_keep_the_promise():
@@ -74,14 +74,14 @@ def test_measured_points_keep_the_promise():
     X, y = _coarse()
     model = make_model("gaussian-process", range_nm=_FS).fit(X, y)
     proposal = propose_points(model, X, y, 40)
-    target, branch = proposal.target_nm / _FS, proposal.branch.astype(float)
+    target, branch = proposal.nominal_nm / _FS, proposal.branch.astype(float)
     extra = 3e-3 * target + 2e-3 * target * np.abs(target) + 3e-4 * np.tanh(target / 0.02)
     extra += 2e-4 * np.sin(9.0 * target)
     extra += 2e-4 * np.sign(target) * branch * np.abs(target) * (1 - np.abs(target))
     noise = 2e-4 * np.random.default_rng(3).standard_normal(target.size)
     more = features(_FS * (target - extra + noise), branch)
     again = make_model("gaussian-process", range_nm=_FS)
-    again.fit(np.vstack([X, more]), np.concatenate([y, proposal.target_nm]))
+    again.fit(np.vstack([X, more]), np.concatenate([y, proposal.nominal_nm]))
     share = np.linspace(-1.0, 1.0, 101)
     deviation = max(
         again.predict(features(_FS * share, side), return_std=True)[1].max() for side in (1.0, -1.0)
@@ -94,7 +94,7 @@ def test_one_direction_only():
     X, y = features(reading), reading + 1e-4 * reading**2
     model = make_model("spline", range_nm=50.0).fit(X, y)
     proposal = propose_points(model, X, y, 5)
-    assert np.all(proposal.target_nm >= -1.0 - 1e-9)
+    assert np.all(proposal.nominal_nm >= -1.0 - 1e-9)
 
 
 @pytest.mark.parametrize("count", [0, 151])

@@ -26,7 +26,7 @@ def bench(torque: LatestValue = FRESH, *, valid: bool | None = True) -> BenchSna
         compensation=state,
         compensation_problem="",
         torque=torque,
-        uncertainty=FRESH,
+        expanded_uncertainty=FRESH,
         raw=torque,
         reference=FRESH,
         speed=FRESH,

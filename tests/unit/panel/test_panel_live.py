@@ -97,7 +97,7 @@ def test_rows_keep_extremes_raw_and_compensated(hub: LiveHub) -> None:
     found = hub.since(0)
     assert (found.low["input_raw_nm"][0], found.high["input_raw_nm"][0]) == (9.5, 10.5)
     assert found.values["input_torque_nm"][0] == 10.0
-    assert found.values["input_uncertainty_nm"][0] == pytest.approx(0.02)
+    assert found.values["input_expanded_uncertainty_nm"][0] == pytest.approx(0.02)
     assert np.isnan(found.values["output_torque_nm"][0])
 
 

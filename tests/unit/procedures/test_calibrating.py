@@ -128,9 +128,9 @@ def test_a_pause_takes_the_load_off_and_the_branch_is_approached_again(station: 
     difference = second.additional_torque_nm - first.additional_torque_nm
     assert np.abs(difference).max() < 0.1e-2 * 2000.0
     turned = [
-        doc["data"]["point-target_nm"]
+        doc["data"]["point-nominal_nm"]
         for _, doc in RunFolder.open(record.folder).documents("event")
-        if "point-target_nm" in doc["data"]
+        if "point-nominal_nm" in doc["data"]
     ]
     assert len(turned) == 17
 

@@ -27,7 +27,7 @@ def test_the_rehearsed_plan_gives_the_staircase_it_will_load(station: Station) -
     rehearsal = rehearse(station.devices, calibrate(station.devices, "output", COARSE))
     points = [step for step in COARSE.staircase(2000.0) if step.recorded]
     assert rehearsal.points == len(points)
-    assert rehearsal.result.data.reading_nm.tolist() == [step.target_nm for step in points]
+    assert rehearsal.result.data.reading_nm.tolist() == [step.nominal_nm for step in points]
     assert rehearsal.result.data.branch.tolist() == [step.branch for step in points]
 
 
@@ -66,7 +66,7 @@ def test_the_duration_counts_steps_ramps_and_zeros(station: Station) -> None:
 
 
 def test_a_step_beyond_the_limit_is_refused_before_anything_moves(station: Station) -> None:
-    excess = Step(kind="point", series=1, index=0, target_nm=2500.0, branch=1, duration_s=0.5)
+    excess = Step(kind="point", series=1, index=0, nominal_nm=2500.0, branch=1, duration_s=0.5)
     plan = verify(station.devices, "output", load_profile("verification"), [excess])
     with pytest.raises(LimitError, match="2500"):
         rehearse(station.devices, plan)

@@ -37,7 +37,7 @@ def points(profile: Profile, *, simulated: bool, temperature_drift_k: float) -> 
     """Return readings of a chain with a curved error and a loop, noise by a fixed seed."""
     steps = [step for step in profile.staircase(RANGE_NM) if step.recorded]
     generator = np.random.default_rng(20)
-    standard = np.array([step.target_nm for step in steps])
+    standard = np.array([step.nominal_nm for step in steps])
     branch = np.array([step.branch for step in steps])
     share = standard / RANGE_NM
     error = -12.0 * share + 2.0 * share**2 + 0.4 * branch * (1.0 - share**2)
@@ -131,14 +131,14 @@ def calibrated_bench(
 def _documents(writer: Any, data: CalibrationData, profile: Profile) -> None:
     settings = json.loads(json_text(profile))
     writer.document("start", {"uid": "s", "time": 0.0, "profile": {"settings": settings}})
-    keys = {name: {"units": "N·m"} for name in ("output-steady-reading_nm", "point-target_nm")}
+    keys = {name: {"units": "N·m"} for name in ("output-steady-reading_nm", "point-nominal_nm")}
     writer.document(
         "descriptor", {"uid": "d", "name": "points", "run_start": "s", "data_keys": keys}
     )
     for number, (reading, standard) in enumerate(
         zip(data.reading_nm, data.standard_nm, strict=True)
     ):
-        values = {"output-steady-reading_nm": reading, "point-target_nm": standard}
+        values = {"output-steady-reading_nm": reading, "point-nominal_nm": standard}
         writer.document("event", {"descriptor": "d", "time": 1.0 + number, "data": values})
     writer.document("stop", {"uid": "e", "run_start": "s"})
     writer.samples({"time_s": np.arange(5) * 0.01, "output_torque_hz": np.full(5, 60000.0)})

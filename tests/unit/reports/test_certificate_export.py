@@ -48,7 +48,7 @@ def test_hashes_and_points_hold(registry: Registry, tmp_path: Path) -> None:
     lines = (exported.folder / "points.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))
     assert len(rows) == bench.calibration.points
-    assert list(rows[0]) == ["unix_time_s", "reading_nm", "target_nm"]
+    assert list(rows[0]) == ["unix_time_s", "reading_nm", "nominal_nm"]
     assert {"# simulated = true", "# transducer_serial = T-7"} <= set(lines)
     known = json.loads((exported.folder / "registry.json").read_text())
     assert known["calibrations"][0]["calibration"]["transducer_serial"] == "T-7"

@@ -72,7 +72,7 @@ class BenchDevices(Device):
             yield from bps.mv(devices.output.drive.power, True)
             yield from bps.prepare(devices.output.steady, SteadySettings(reference=True), wait=True)
             yield from bps.checkpoint()
-            yield from bps.mv(devices.point, Point(series=0, step=1, branch=1, target_nm=40.0))
+            yield from bps.mv(devices.point, Point(series=0, step=1, branch=1, nominal_nm=40.0))
             yield from bps.mv(devices.output.drive.torque, 40.0)
             yield from bps.trigger_and_read([devices.output.steady, devices.point])
     """

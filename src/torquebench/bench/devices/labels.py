@@ -24,7 +24,7 @@ class Point:
         Number of the series, and of the step within it.
     branch : int
         +1 where |torque| grows, −1 where it falls, 0 where that has no meaning.
-    target_nm : float
+    nominal_nm : float
         Nominal torque of the step, N·m.
     position_deg : float
         Rotation of the standard in its seat, degrees.
@@ -35,7 +35,7 @@ class Point:
     series: int = 0
     step: int = 0
     branch: int = 0
-    target_nm: float = 0.0
+    nominal_nm: float = 0.0
     position_deg: float = 0.0
     group: int = 0
 
@@ -43,7 +43,7 @@ class Point:
 class PointLabel(Device, AsyncReadable, HasHints):
     """Carries the present `Point` into every event that reads it.
 
-    `bps.abs_set(devices.point, Point(series=1, step=3, branch=1, target_nm=120.0))`, then read
+    `bps.abs_set(devices.point, Point(series=1, step=3, branch=1, nominal_nm=120.0))`, then read
     it together with the steady value. Data keys are `<name>-series` and so on (`key`).
     """
 
@@ -85,4 +85,4 @@ class PointLabel(Device, AsyncReadable, HasHints):
     @property
     def hints(self) -> Hints:
         """Fields worth plotting."""
-        return {"fields": [self.key("target_nm")]}
+        return {"fields": [self.key("nominal_nm")]}

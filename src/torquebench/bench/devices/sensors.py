@@ -64,7 +64,7 @@ class Transducer(StandardReadable):
             )
         with self.add_children_as_readables(StandardReadableFormat.CONFIG_SIGNAL):
             self.serial, _ = soft_signal_r_and_setter(str, transducer.serial)
-            self.nominal_nm, _ = soft_signal_r_and_setter(
+            self.nominal_torque_nm, _ = soft_signal_r_and_setter(
                 float, transducer.nominal_torque_nm, units="N·m"
             )
             self.counter, _ = soft_signal_r_and_setter(str, context.drivers.counter.clock_identity)

@@ -26,7 +26,7 @@ __all__ = [
     "bench_remarks",
     "drift_remarks",
     "finite_temperature",
-    "nominal_nm",
+    "nominal_torque_nm",
     "resolution_rad",
     "root_mean_square",
     "tare_remarks",
@@ -71,7 +71,7 @@ class Bench:
     tares: dict[Side, Tare]
 
 
-def nominal_nm(bench: Bench, side: Side) -> float:
+def nominal_torque_nm(bench: Bench, side: Side) -> float:
     """Return the standard uncertainty of a torque without compensation, N·m."""
     range_nm = bench.description.module(side).range_nm
     return float(UNCOMPENSATED_SHARE * range_nm / np.sqrt(3.0))
@@ -246,7 +246,7 @@ def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> 
     module = bench.description.module(side)
     known = TorqueUncertainty(
         zero_nm=zero_nm,
-        model_nm=nominal_nm(bench, side),
+        model_nm=nominal_torque_nm(bench, side),
         repeatability_nm=REPEATABILITY_SHARE * module.range_nm,
     )
     if tared:

@@ -307,7 +307,7 @@ def _side(side: SideSnapshot, now: int) -> Iterator[tuple[str, Reading]]:
     if model is None:
         yield "Torque/Expanded uncertainty", Reading(None, now)
     else:
-        yield "Torque/Expanded uncertainty", _live(side.uncertainty, now, side.raw.fault)
+        yield "Torque/Expanded uncertainty", _live(side.expanded_uncertainty, now, side.raw.fault)
     yield "Torque/Raw", _live(side.raw, now, side.raw.fault)
     if side.reference.value is None and not side.reference.fault:
         yield "Torque/Reference", Reading(None, now)  # no standard is mounted

@@ -404,7 +404,7 @@ def _load_grid(
             yield from _stop(devices)
             yield from table.zero(settings.zero_s)
         yield from stamp(
-            devices, series=point.repeat, step=number, branch=1, target_nm=point.torque_nm
+            devices, series=point.repeat, step=number, branch=1, nominal_nm=point.torque_nm
         )
         yield from move(speed_axis, point.speed_rpm * RAD_S_PER_RPM)
         yield from move(torque_axis, point.torque_nm)

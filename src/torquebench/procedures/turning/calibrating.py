@@ -137,7 +137,7 @@ def _loaded(
             series=point.series,
             step=number,
             branch=point.branch,
-            target_nm=point.torque_nm,
+            nominal_nm=point.torque_nm,
         )
         yield from move(drive.torque, point.torque_nm)
         row = yield from take(steady, devices.point, stream="points")

@@ -15,7 +15,7 @@ from torquebench.campaign.reducers.uncertainty import (
     LARGE,
     Bench,
     bench_remarks,
-    nominal_nm,
+    nominal_torque_nm,
     resolution_rad,
     root_mean_square,
     torque_of_loading,
@@ -66,7 +66,7 @@ def _loop_uncertainty(
         bench_compliance_rad_per_nm=twist,
     )
     if not loops.compensated["output"]:
-        nominal = nominal_nm(bench, "output")
+        nominal = nominal_torque_nm(bench, "output")
         relative = nominal / loops.torque_nm
         return replace(known, torque_relative=relative, torque_branch_nm=nominal)
     parts, size = recording.output_parts, np.abs(recording.output_torque_nm)

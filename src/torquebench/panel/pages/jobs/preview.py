@@ -77,7 +77,7 @@ def _show(text: Text, preview: JobPreview) -> None:
     for remark in preview.remarks:
         words("p", text.core(remark), "small muted")
     if preview.time_s:
-        time, target = _steps(preview.time_s, preview.target_nm)
+        time, target = _steps(preview.time_s, preview.nominal_nm)
         Chart(
             text("preview.chart"),
             text("preview.time"),

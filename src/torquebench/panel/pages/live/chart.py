@@ -46,12 +46,12 @@ WHOLE_RANGE_UNITS = ("N·m", "rpm")
 COLOURS = {
     "raw_nm": "--series-raw",
     "reference_nm": "--series-3",
-    "uncertainty_nm": "--series-4",
+    "expanded_uncertainty_nm": "--series-4",
     "input": "--series-1",
     "output": "--series-2",
     "percent": "--series-4",
 }
-DASHED = ("raw_nm", "reference_nm", "uncertainty_nm")
+DASHED = ("raw_nm", "reference_nm", "expanded_uncertainty_nm")
 DECIMALS: dict[Side, int] = {"input": 3, "output": 2}
 FLOORS = {
     "rpm": (1.0, 0.1),

@@ -78,7 +78,7 @@ class _Tile:
     def refresh(self, side: SideSnapshot) -> None:
         """Show what doesn't change with every reading."""
         text, state = self._text, side.compensation
-        uncertainty = side.uncertainty.value if state is not None else None
+        uncertainty = side.expanded_uncertainty.value if state is not None else None
         known = (
             state,
             None if uncertainty is None else round(uncertainty, 6),

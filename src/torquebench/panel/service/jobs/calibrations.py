@@ -213,7 +213,7 @@ def check_calibration(place: Workplace, request: CalibrateRequest) -> None:
     module = place.station.description.module(request.side)
     profile = _calibration_profile(place, request)
     for step in profile.staircase(module.range_nm, np.random.default_rng(0)):
-        check_torque_limit(request.side, step.target_nm, module.limits.torque_nm)
+        check_torque_limit(request.side, step.nominal_nm, module.limits.torque_nm)
 
 
 def preview_calibration(place: Workplace, request: CalibrateRequest) -> JobPreview:

@@ -28,7 +28,7 @@ def staircase_preview(
         points=rehearsal.points,
         largest_torque_nm={side: max((abs(value) for _, value in moves), default=0.0)},
         time_s=tuple(time for time, _ in moves),
-        target_nm=tuple(value for _, value in moves),
+        nominal_nm=tuple(value for _, value in moves),
         mounts=_mounts(rehearsal),
         doubts=doubts,
     )

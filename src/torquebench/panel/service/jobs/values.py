@@ -80,7 +80,7 @@ class JobPoint:
     stream : str
         Such as "points" or "zero_output".
     values : mapping of str to float
-        Measured fields and the point's stamp (`series`, `branch`, `target_nm`, …); with a
+        Measured fields and the point's stamp (`series`, `branch`, `nominal_nm`, …); with a
         standard mounted also `error_nm`, reading minus standard.
     """
 
@@ -110,7 +110,7 @@ class JobPreview:
     largest_torque_nm, limit_torque_nm : mapping of side to float
         Largest commanded torque, and the bench's limit.
     largest_speed_rpm, limit_speed_rpm : mapping of side to float
-    time_s, target_nm : tuple of float
+    time_s, nominal_nm : tuple of float
         The torque commanded to the loaded side over time, for a staircase; empty otherwise.
     mounts : tuple of str
         The mountings that the person at the bench will make, in order.
@@ -128,7 +128,7 @@ class JobPreview:
     largest_speed_rpm: Mapping[str, float] = field(default_factory=dict)
     limit_speed_rpm: Mapping[str, float] = field(default_factory=dict)
     time_s: tuple[float, ...] = ()
-    target_nm: tuple[float, ...] = ()
+    nominal_nm: tuple[float, ...] = ()
     mounts: tuple[str, ...] = ()
     remarks: tuple[str, ...] = ()
     doubts: tuple[str, ...] = ()

@@ -60,7 +60,7 @@ MEANINGFUL_SPEED_RPM = 1.0
 _OF_A_SIDE = (
     "raw_nm",
     "torque_nm",
-    "uncertainty_nm",
+    "expanded_uncertainty_nm",
     "reference_nm",
     "speed_rpm",
     "acceleration_rad_s2",
@@ -252,7 +252,7 @@ class LiveHub:
                 kept = np.flatnonzero(np.isfinite(compensated.value_nm))
                 if kept.size:  # U of the block's mean, which is the torque shown
                     stated = compensated.at(kept).mean().expanded_uncertainty_nm
-                    put(f"{side}_uncertainty_nm", float(stated[0]))
+                    put(f"{side}_expanded_uncertainty_nm", float(stated[0]))
             put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
             accelerated = block.accelerations.get(side, UNKNOWN).rad_s2
             put(f"{side}_acceleration_rad_s2", accelerated)

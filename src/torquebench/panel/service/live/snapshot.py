@@ -83,14 +83,14 @@ class SideSnapshot(SideSummary):
     ----------
     torque : LatestValue
         Compensated where `compensation` is, else the raw reading, N·m.
-    uncertainty : LatestValue
+    expanded_uncertainty : LatestValue
         Expanded (k = 2), N·m; without value where nothing is compensated.
     raw, reference, speed, angle, temperature : LatestValue
         N·m, N·m, rpm, °, °C.
     """
 
     torque: LatestValue
-    uncertainty: LatestValue
+    expanded_uncertainty: LatestValue
     raw: LatestValue
     reference: LatestValue
     speed: LatestValue
@@ -206,7 +206,7 @@ def side_snapshots(
             compensation=state,
             compensation_problem=problem,
             torque=raw if state is None else values[f"{side}_torque_nm"],
-            uncertainty=values[f"{side}_uncertainty_nm"],
+            expanded_uncertainty=values[f"{side}_expanded_uncertainty_nm"],
             raw=raw,
             reference=values[f"{side}_reference_nm"],
             speed=values[f"{side}_speed_rpm"],
