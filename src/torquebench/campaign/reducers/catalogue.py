@@ -5,8 +5,9 @@ Entries import the bench only when used, so that help lists them quickly.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal
 
@@ -24,10 +25,6 @@ TestName = Literal[
 ]
 
 
-def _no_work() -> ReducerTestWork:
-    raise InputError("the plan of the test 'full'", "one of its parts")
-
-
 @dataclass(frozen=True)
 class ReducerTest:
     """One test of a reducer.
@@ -39,8 +36,8 @@ class ReducerTest:
         Driven side, held side and measured quantity, in one sentence.
     axes : tuple of str
         Live signals of its chart: across and up.
-    work : callable
-        Imports and returns its settings, plan, evaluation and figures.
+    kind : str
+        Module in `kinds` with its settings, plan, evaluation and figures, and the name of these.
     loads_output : bool
         Whether it loads the output.
     bench_twist : bool
@@ -53,46 +50,18 @@ class ReducerTest:
     title: str
     about: str
     axes: tuple[str, str] = ("", "")
-    work: Callable[[], ReducerTestWork] = _no_work
+    kind: str = ""
     loads_output: bool = False
     bench_twist: bool = False
     empty_run: tuple[Side, ...] = ()
 
-
-def _starting() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.breakaway import STARTING
-
-    return STARTING
-
-
-def _back_driving() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.breakaway import BACK_DRIVING
-
-    return BACK_DRIVING
-
-
-def _transmission_error() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.transmission_error import WORK
-
-    return WORK
-
-
-def _hysteresis() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.hysteresis import WORK
-
-    return WORK
-
-
-def _no_load() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.no_load import WORK
-
-    return WORK
-
-
-def _efficiency() -> ReducerTestWork:
-    from torquebench.campaign.reducers.kinds.efficiency import WORK
-
-    return WORK
+    def work(self) -> ReducerTestWork:
+        """Import and return settings, plan, evaluation and figures."""
+        if not self.kind:
+            raise InputError("the plan of the test 'full'", "one of its parts")
+        module, _, name = self.kind.partition(".")
+        found: ReducerTestWork = getattr(import_module(f"{__package__}.kinds.{module}"), name)
+        return found
 
 
 PARTS = (
@@ -101,28 +70,28 @@ PARTS = (
         "Starting torque",
         "Input torque rises slowly, output free, until the input turns.",
         ("input_angle_deg", "input_torque_nm"),
-        _starting,
+        "breakaway.STARTING",
     ),
     ReducerTest(
         "back-driving",
         "Back-driving torque",
         "Output torque rises slowly, input free, until the output turns.",
         ("output_angle_deg", "output_torque_nm"),
-        _back_driving,
+        "breakaway.BACK_DRIVING",
     ),
     ReducerTest(
         "transmission-error",
         "Transmission error",
         "Both angles over full output revolutions, without load, in both directions.",
         ("input_angle_deg", "output_angle_deg"),
-        _transmission_error,
+        "transmission_error.WORK",
     ),
     ReducerTest(
         "hysteresis",
         "Torque-angle loop",
         "Input locked, output loaded: stiffness, backlash, lost motion, loop energy.",
         ("output_angle_deg", "output_torque_nm"),
-        _hysteresis,
+        "hysteresis.WORK",
         loads_output=True,
         bench_twist=True,
     ),
@@ -131,7 +100,7 @@ PARTS = (
         "No-load running torque",
         "Input driven in steps of speed, output free, warm: friction against speed.",
         ("input_speed_rpm", "input_torque_nm"),
-        _no_load,
+        "no_load.WORK",
         empty_run=("input",),
     ),
     ReducerTest(
@@ -139,7 +108,7 @@ PARTS = (
         "Efficiency",
         "Input driven, output braking, warm: efficiency over torque and speed.",
         ("output_torque_nm", "input_torque_nm"),
-        _efficiency,
+        "efficiency.WORK",
         loads_output=True,
         empty_run=("input", "output"),
     ),
