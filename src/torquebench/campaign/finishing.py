@@ -50,6 +50,8 @@ __all__ = [
     "measured_calibration",
     "read_measured",
     "registers_calibration",
+    "run_data",
+    "run_profile",
 ]
 
 
@@ -288,6 +290,35 @@ def measured_calibration(
     return finish_calibration(registry, measured, profile, choices, active, progress)
 
 
+def run_data(folder: RunFolder) -> CalibrationData:
+    """Return the points of a calibration run.
+
+    Raises
+    ------
+    RecordError
+        Where the run has none.
+    """
+    results = folder.results
+    if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
+        raise RecordError(
+            Message("{path} holds no points of a calibration", folder.path), "a calibration run"
+        )
+    try:
+        return CalibrationData(**results["data"])
+    except TypeError as error:
+        raise RecordError(
+            Message("{path}: results.json has other columns ({error})", folder.path, error)
+        ) from error
+
+
+def run_profile(folder: RunFolder) -> Profile:
+    """Return the profile that a calibration run has followed, options included."""
+    start = next(document for _, document in folder.documents("start"))
+    if "profile" not in start:
+        raise RecordError(Message("{path} has no profile", folder.path), "a calibration run")
+    return Profile.model_validate(start["profile"]["settings"])
+
+
 def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
     """Return the measured data of a completed calibration, check or verification, and its profile.
 
@@ -296,26 +327,18 @@ def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile
     RecordError
         The folder holds no such result.
     """
-    results, start = folder.results, next(document for _, document in folder.documents("start"))
-    try:
-        placement = results.get("placement")
-        result = StaircaseResult(
-            data=CalibrationData(**results["data"]),
-            unsettled=int(results["unsettled"]),
-            standard_serial=str(results["standard_serial"]),
-            placement=None if placement is None else _placement(placement),
-        )
-        profile = Profile.model_validate(start["profile"]["settings"])
-    except (AttributeError, KeyError, TypeError) as error:
-        raise RecordError(
-            Message("{path} holds no points of a calibration ({error})", folder.path, error),
-            "a calibration run",
-        ) from error
-    metadata = folder.metadata
+    data, results, metadata = run_data(folder), folder.results, folder.metadata
+    placement = results.get("placement")
+    result = StaircaseResult(
+        data=data,
+        unsettled=int(results["unsettled"]),
+        standard_serial=str(results["standard_serial"]),
+        placement=None if placement is None else _placement(placement),
+    )
     record = RunRecord(
         folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
     )
-    return Measured(result, record), profile
+    return Measured(result, record), run_profile(folder)
 
 
 def _placement(plain: Mapping[str, Any]) -> Placement:

@@ -14,6 +14,7 @@ from torquebench.calibration import (
     assign_nominal,
 )
 from torquebench.campaign.calibration_comparison import model_of_calibration
+from torquebench.campaign.finishing import run_data, run_profile
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -33,33 +34,6 @@ from torquebench.reports.certificate.record import Reference
 from torquebench.reports.certificate.static import resolution_of
 
 __all__ = ["Source", "run_data", "run_profile"]
-
-
-def run_data(folder: RunFolder) -> CalibrationData:
-    """Return the points of a calibration run.
-
-    Raises
-    ------
-    RecordError
-        Where the run has none.
-    """
-    results = folder.results
-    if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
-        raise RecordError(
-            Message("{path} holds no points of a calibration", folder.path), "a calibration run"
-        )
-    try:
-        return CalibrationData(**results["data"])
-    except TypeError as error:
-        raise RecordError(
-            Message("{path}: results.json has other columns ({error})", folder.path, error)
-        ) from error
-
-
-def run_profile(folder: RunFolder) -> Profile:
-    """Return the profile that a calibration run has followed, options included."""
-    start = next(document for _, document in folder.documents("start"))
-    return Profile.model_validate(start["profile"]["settings"])
 
 
 @dataclass(frozen=True, eq=False)
