@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import re
-import tempfile
 from importlib import resources
 from pathlib import Path
 from typing import Any
@@ -44,7 +42,7 @@ def page_pdf(page: Page) -> bytes:
     """
     import typst
 
-    from torquebench.reports.certificate.fonts import fonts_for
+    from torquebench.reports.certificate.setting import typeset
 
     figures: dict[str, str] = {}
     content: dict[str, Any] = {
@@ -61,25 +59,14 @@ def page_pdf(page: Page) -> bytes:
             for section in page.sections
         ],
     }
-    fonts, content["fonts"] = fonts_for(content)
-    with tempfile.TemporaryDirectory(prefix="torquebench-report-") as scratch:
-        folder = Path(scratch)
-        template = resources.files("torquebench.reports") / "templates" / "page.typ"
-        (folder / "main.typ").write_bytes(template.read_bytes())
-        for name, svg in figures.items():
-            (folder / name).write_text(svg, encoding="utf-8")
-        text = json.dumps(content, ensure_ascii=False)
-        (folder / "content.json").write_text(text, encoding="utf-8")
-        compiler = typst.Compiler(str(folder / "main.typ"), root=str(folder), font_paths=fonts)
-        try:
-            document = compiler.compile(format="pdf")
-        except typst.TypstError as error:
-            raise InputError(
-                Message("the report can't be set: {error}", error),
-                remedy="write it as .html instead",
-            ) from error
-    assert isinstance(document, bytes)
-    return document
+    template = resources.files("torquebench.reports") / "templates" / "page.typ"
+    try:
+        return typeset(template, content, figures, format="pdf")[0]
+    except typst.TypstError as error:
+        raise InputError(
+            Message("the report can't be set: {error}", error),
+            remedy="write it as .html instead",
+        ) from error
 
 
 def _unbroken(text: str) -> str:

@@ -1,11 +1,8 @@
 """The PDF of a certificate, set by Typst: the same record gives the same bytes."""
 
 import io
-import json
-import tempfile
 from datetime import UTC, datetime, time
 from importlib import resources
-from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -16,9 +13,9 @@ from torquebench.errors import InputError
 from torquebench.figures import Curve, error_figure
 from torquebench.message import Message
 from torquebench.reports.certificate.content import certificate_content
-from torquebench.reports.certificate.fonts import fonts_for
 from torquebench.reports.certificate.labels import labels_of
 from torquebench.reports.certificate.record import CertificateRecord
+from torquebench.reports.certificate.setting import typeset
 
 __all__ = ["certificate_pages", "certificate_pdf", "code_svg", "errors_svg"]
 
@@ -63,29 +60,20 @@ def certificate_pages(record: CertificateRecord, language: str) -> list[bytes]:
 def _typeset(
     record: CertificateRecord, language: str, installed: typst.Fonts | None, **kind: Any
 ) -> list[bytes]:
+    template = resources.files(__package__) / "certificate.typ"
+    figures: dict[str, str | bytes] = {
+        "errors.svg": errors_svg(record, language),
+        "code.svg": code_svg(record),
+    }
     content = certificate_content(record, language)
-    fonts, families = fonts_for(content, installed)
-    content["fonts"] = families
-    with tempfile.TemporaryDirectory(prefix="torquebench-certificate-") as scratch:
-        folder = Path(scratch)
-        template = resources.files(__package__) / "certificate.typ"
-        (folder / "main.typ").write_bytes(template.read_bytes())
-        (folder / "content.json").write_text(
-            json.dumps(content, ensure_ascii=False), encoding="utf-8"
-        )
-        (folder / "errors.svg").write_text(errors_svg(record, language), encoding="utf-8")
-        (folder / "code.svg").write_bytes(code_svg(record))
-        compiler = typst.Compiler(str(folder / "main.typ"), root=str(folder), font_paths=fonts)
-        try:
-            document = compiler.compile(
-                timestamp=datetime.combine(record.issued, time(), UTC), **kind
-            )
-        except typst.TypstError as error:
-            raise InputError(
-                Message("the certificate can't be set: {error}", error),
-                remedy="report the record with this text",
-            ) from error
-    return [document] if isinstance(document, bytes) else document or []
+    issued = datetime.combine(record.issued, time(), UTC)
+    try:
+        return typeset(template, content, figures, installed, timestamp=issued, **kind)
+    except typst.TypstError as error:
+        raise InputError(
+            Message("the certificate can't be set: {error}", error),
+            remedy="report the record with this text",
+        ) from error
 
 
 def code_svg(record: CertificateRecord) -> bytes:
