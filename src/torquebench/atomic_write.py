@@ -30,6 +30,7 @@ __all__ = [
     "is_standard_output",
     "private_folder",
     "replacing",
+    "require_private",
     "sync_folder",
 ]
 
@@ -162,6 +163,20 @@ def private_folder(folder: Path) -> None:
         if not each.is_dir():
             # another process may create the file in between, which is an error
             each.mkdir(mode=0o700, exist_ok=True)
+
+
+def require_private(path: Path) -> None:
+    """Refuse a secret's file that others may read.
+
+    Raises
+    ------
+    InputError
+        With the command that closes it.
+    """
+    if path.stat().st_mode & 0o077:
+        raise InputError(
+            Message("{key} is open to others", path), "mode 0600", Message("chmod 600 {key}", path)
+        )
 
 
 def create_private(path: Path) -> io.FileIO:

@@ -27,7 +27,7 @@ from cryptography.hazmat.primitives import hashes
 from cryptography.hazmat.primitives.serialization import Encoding
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
-from torquebench.atomic_write import atomic_write, private_folder
+from torquebench.atomic_write import atomic_write, private_folder, require_private
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
 from torquebench.panel.service import BenchService
@@ -67,12 +67,7 @@ class Store:
             self.certificate.unlink(missing_ok=True)
             key = cert_gen.dump_private_key_as_pem(cert_gen.generate_private_key())
             atomic_write(self.key, key, private=True)
-        if self.key.stat().st_mode & 0o077:
-            raise InputError(
-                Message("{key} is open to others", self.key),
-                "mode 0600",
-                Message("chmod 600 {key}", self.key),
-            )
+        require_private(self.key)
         if not self.certificate.is_file():
             self._sign(host)
         made = x509.load_der_x509_certificate(self.certificate.read_bytes())

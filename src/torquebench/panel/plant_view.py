@@ -28,7 +28,7 @@ from torquebench.figures import COLOURS, new_figure, svg_text
 from torquebench.message import Message
 from torquebench.panel.address import Address
 from torquebench.panel.api import Guard
-from torquebench.panel.server import listen
+from torquebench.panel.server import listen, uvicorn_config
 from torquebench.panel.text import Text, choose_language
 from torquebench.plant import Answer, Plant, SpecimenFilter
 
@@ -209,18 +209,8 @@ def serve_plant_view(
         )
     with listen(address) as listening:
         guarded = Guard(create_plant_view(plant, password), address.hosts, secure=address.secure)
-        config = uvicorn.Config(
-            guarded,
-            log_level="warning",
-            access_log=False,
-            proxy_headers=bool(address.proxy),
-            forwarded_allow_ips=address.proxy or "",
-            server_header=False,
-            ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
-            ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
-        )
         on_ready(address.url(int(listening.getsockname()[1])))
-        uvicorn.Server(config).run(sockets=[listening])
+        uvicorn.Server(uvicorn_config(guarded, address)).run(sockets=[listening])
 
 
 def _file(plant: Plant, name: str, ending: str, wanted: Wanted) -> Response:

@@ -10,13 +10,14 @@ import threading
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
+from typing import Any
 
 import uvicorn
 from fastapi import FastAPI
 from nicegui import ui, ui_run_with
 from starlette.types import ASGIApp
 
-from torquebench.atomic_write import atomic_write
+from torquebench.atomic_write import atomic_write, require_private
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.address import Address
@@ -64,10 +65,7 @@ def storage_secret(data_dir: Path) -> str:
     path = data_dir / SECRET_FILE
     if not path.exists():
         atomic_write(path, secrets.token_urlsafe(48), private=True)
-    if path.stat().st_mode & 0o077:
-        raise InputError(
-            Message("{key} is open to others", path), "mode 0600", Message("chmod 600 {key}", path)
-        )
+    require_private(path)
     found = path.read_text(encoding="ascii").strip()
     if len(found) < 32:
         raise InputError(
@@ -119,18 +117,12 @@ def serve(
             secure=address.secure,
             compiled={page.path for page in PAGES.values()},
         )
-        config = uvicorn.Config(
+        config = uvicorn_config(
             guarded,
+            address,
             http=PatientProtocol,
             ws_max_size=LARGEST_BODY,
             ws_per_message_deflate=False,  # it costs the front loop more than everything else
-            log_level="warning",
-            access_log=False,
-            proxy_headers=bool(address.proxy),  # no other sender may state its own address
-            forwarded_allow_ips=address.proxy or "",
-            server_header=False,
-            ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
-            ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
             timeout_keep_alive=RESTING_S,
             timeout_graceful_shutdown=GRACE_S,
         )
@@ -162,6 +154,21 @@ class _Server(uvicorn.Server):
         for number in wanted:
             signal.signal(number, self.handle_exit)
         yield  # handlers stay installed: a second signal must not cut the unloading short
+
+
+def uvicorn_config(app: ASGIApp, address: Address, **options: Any) -> uvicorn.Config:
+    """Return the settings of a server at an address."""
+    return uvicorn.Config(
+        app,
+        log_level="warning",
+        access_log=False,
+        proxy_headers=bool(address.proxy),  # no other sender may state its own address
+        forwarded_allow_ips=address.proxy or "",
+        server_header=False,
+        ssl_certfile=None if address.tls_cert is None else str(address.tls_cert),
+        ssl_keyfile=None if address.tls_key is None else str(address.tls_key),
+        **options,
+    )
 
 
 def listen(address: Address) -> socket.socket:

@@ -70,14 +70,10 @@ def file_entry(label: str, endings: str, script: str, on_file: Callable[[Any], A
     entry.on("change", lambda event: on_file(event.args), js_handler=script)
 
 
-def link_button(label: str, target: str, kind: str = "", *, picture: str = "", **more: Any) -> Any:
+def link_button(label: str, target: str) -> None:
     """Make a link that looks like a button."""
-    made = box("a", f"control {kind}".strip(), href=target, **more)
-    with made:
-        if picture:
-            icon(picture)
+    with box("a", "control", href=target):
         words("span", label)
-    return made
 
 
 def set_disabled(control: Any, disabled: bool) -> None:
@@ -244,7 +240,6 @@ class Choice:
         value: str | tuple[str, ...] = "",
         *,
         several: bool = False,
-        disabled: tuple[str, ...] = (),
         on_change: Callable[[], Any] | None = None,
     ) -> None:
         self.values = set(value) if isinstance(value, tuple) else {value} - {""}
@@ -254,14 +249,14 @@ class Choice:
             words("legend", legend, "label")
             with box("div", "choices"):
                 for name, said in options.items():
-                    self._option(name, said, name in disabled)
+                    self._option(name, said)
 
     @property
     def value(self) -> str:
         """The chosen one; empty if none is."""
         return next(iter(self.values), "")
 
-    def _option(self, name: str, said: str | tuple[str, str], disabled: bool) -> None:
+    def _option(self, name: str, said: str | tuple[str, str]) -> None:
         title, remark = (said, "") if isinstance(said, str) else said
         with box("label", "choice"):
             control = box(
@@ -270,7 +265,6 @@ class Choice:
                 name=f"choice-{self.frame.id}",
                 value=name,
                 checked=name in self.values,
-                disabled=disabled,
             )
             with box("span"):
                 words("div", title)

@@ -15,6 +15,7 @@ __all__ = [
     "Words",
     "box",
     "empty",
+    "headings",
     "icon",
     "moment",
     "note",
@@ -187,6 +188,11 @@ def to_the_top() -> None:
 def scrolling(label: str) -> Any:
     """Make a frame for something wide; it can be scrolled from the keyboard."""
     return box("div", "scroll", tabindex="0", role="region", aria_label=label)
+
+
+def headings(text: Callable[[str], str], page: str, keys: str) -> list[tuple[str, bool]]:
+    """Return a table's columns by the keys of their words on a page; `>` begins one of numbers."""
+    return [(text(f"{page}.{key.removeprefix('>')}"), key.startswith(">")) for key in keys.split()]
 
 
 def table(

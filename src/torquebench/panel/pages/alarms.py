@@ -8,6 +8,7 @@ from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import (
     box,
     empty,
+    headings,
     moment,
     note,
     panel,
@@ -104,8 +105,8 @@ class _AlarmsPage:
             )
             for alarm in sorted(alarms, key=lambda alarm: -alarm.number)[:HISTORY]
         ]
-        headings = ("when", "what", "cause", "end")
-        table(text("alarms.history"), [(text(f"alarms.{key}"), False) for key in headings], rows)
+        columns = headings(text, "alarms", "when what cause end")
+        table(text("alarms.history"), columns, rows)
 
     def _acknowledge(self) -> None:
         seen = [alarm.alarm_id for alarm in self._stood or ()]

@@ -15,12 +15,12 @@ from torquebench.panel.pages.frame import LANGUAGE_TAGS, STOP, head_html, page_t
 from torquebench.panel.pages.page import PAGES
 from torquebench.panel.pages.visitor import LANGUAGE_COOKIE, look_of, text_of
 from torquebench.panel.service import BenchService
+from torquebench.panel.service.access.passwords import SHORTEST
 from torquebench.panel.text import LANGUAGES, Text
 
 __all__ = ["no_such_page", "safe_target", "sign_in_page"]
 
 REASONS = ("wrong", "locked", "expired", "differ", "bad_code", "weak")
-SHORTEST_PASSWORD = 10
 
 
 def safe_target(target: str) -> str:
@@ -74,7 +74,7 @@ def sign_in_page(service: BenchService, request: Request) -> HTMLResponse:
     entries = [_entry(text, "code", "text", "off", text("sign_in.code_hint"))] if first else []
     entries.append(_entry(text, "name", "text", "username", value=name))
     if first:
-        least = str(SHORTEST_PASSWORD)
+        least = str(SHORTEST)
         entries += [
             _entry(text, entry, "password", "new-password", minlength=least)
             for entry in ("password", "repeat")

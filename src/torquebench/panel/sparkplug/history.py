@@ -115,10 +115,10 @@ class History:
         self.waiting -= gone
         self._set("lost", self.lost + gone)
 
-    def oldest(self, count: int, after: int = 0) -> list[Kept]:
-        """Return the oldest records after a number."""
-        query = "SELECT number, device, payload FROM history WHERE number > ? ORDER BY number"
-        rows = self._file.execute(f"{query} LIMIT ?", (after, count)).fetchall()
+    def oldest(self, count: int) -> list[Kept]:
+        """Return the oldest records."""
+        query = "SELECT number, device, payload FROM history ORDER BY number LIMIT ?"
+        rows = self._file.execute(query, (count,)).fetchall()
         return [Kept(number, device, decode(payload).metrics) for number, device, payload in rows]
 
     def forget(self, number: int) -> None:

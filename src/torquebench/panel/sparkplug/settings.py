@@ -9,6 +9,7 @@ from urllib.parse import urlsplit
 
 from pydantic import BaseModel, ConfigDict, Field, model_validator
 
+from torquebench.atomic_write import require_private
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.validation import ConflictError, parse_toml, validated
@@ -172,12 +173,8 @@ class SparkplugSettings(BaseModel):
         path = self.password_file
         if path is None:
             return None
-        if path.is_file() and path.stat().st_mode & 0o077:
-            raise InputError(
-                Message("{key} is open to others", path),
-                "mode 0600",
-                Message("chmod 600 {key}", path),
-            )
+        if path.is_file():
+            require_private(path)
         found = _read(path, "a readable file with the password").strip()
         if not found:
             raise InputError(

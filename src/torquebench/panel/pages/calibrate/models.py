@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Choice, button
-from torquebench.panel.components.elements import box, note, panel, table, words
+from torquebench.panel.components.elements import box, headings, note, panel, table, words
 from torquebench.panel.pages.calibrate.another_fit import AnotherFit, titled, training_chart
 from torquebench.panel.pages.calibrate.page import StepView
 from torquebench.reports.errors_table import number
@@ -59,9 +59,8 @@ class ModelsStep(StepView):
                     ", ".join(parameters) or text("models.usual"),
                 )
             )
-        headings = (("model", False), ("fitted_to", False), ("worst", True),
-                    ("worst_percent", True), ("rms", True), ("settings", False))  # fmt: skip
-        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
+        keys = "model fitted_to >worst >worst_percent >rms settings"
+        columns = headings(text, "models", keys)
         table(text("models.before_after"), columns, rows)
 
     def _draw(self) -> None:
@@ -106,9 +105,8 @@ class ModelsStep(StepView):
             )
             for score in scores
         ]
-        headings = (("model", False), ("worst", True), ("worst_percent", True), ("rms", True),
-                    ("parameters", True), ("state", False))  # fmt: skip
-        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
+        keys = "model >worst >worst_percent >rms >parameters state"
+        columns = headings(text, "models", keys)
         best = next(
             (place for place, score in enumerate(scores) if score["name"] == found["best"]),
             None,

@@ -7,7 +7,7 @@ from typing import Any
 
 from torquebench.panel.components.charts import Chart, Line, error_chart, limit_lines
 from torquebench.panel.components.controls import Field, button, tolerance_field
-from torquebench.panel.components.elements import box, panel, table, words
+from torquebench.panel.components.elements import box, headings, panel, table, words
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.reports.errors_table import number
@@ -84,9 +84,7 @@ class VerifyStep(StepView):
                     text.verdict(model["verdict"]),
                 )
             )
-        headings = (("model", False), ("worst", True), ("worst_percent", True),
-                    ("averaged", True), ("verdict", False))  # fmt: skip
-        columns = [(text(f"models.{key}"), numbers) for key, numbers in headings]
+        columns = headings(text, "models", "model >worst >worst_percent >averaged verdict")
         with panel(text("verify.found")), box("div", "stack"):
             table(text("verify.found"), columns, rows, best=names.index(details["best"]))
         limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]

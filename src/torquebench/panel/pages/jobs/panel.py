@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from torquebench.errors import TorquebenchError
@@ -140,13 +139,10 @@ class JobPanel:
     Parameters
     ----------
     visitor : Visitor
-    on_change : callable, optional
-        Called when the job's state changes.
     """
 
-    def __init__(self, visitor: Visitor, on_change: Callable[[], Any] | None = None) -> None:
+    def __init__(self, visitor: Visitor) -> None:
         self._visitor, self._text = visitor, visitor.text
-        self._on_change = on_change
         self._job_id = ""
         self._shown: tuple[Any, ...] = ()
         self._parts: tuple[Any, ...] = ()
@@ -176,13 +172,10 @@ class JobPanel:
         prompt = self._visitor.service.jobs.prompt if job.open else None
         parts = (job.job_id, job.state, self._visitor.commands, prompt)
         if parts != self._parts:
-            changed = self._parts[:2] != parts[:2] and bool(self._parts)
             self._parts = parts
             self._render_head(job)
             self._render_prompt(prompt)
             self._render_end(job)
-            if changed and self._on_change is not None:
-                self._on_change()
         shown = (job.stage, job.done, job.total, job.detail, len(job.stages), job.open)
         if shown != self._shown:
             self._shown = shown

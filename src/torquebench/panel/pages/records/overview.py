@@ -13,6 +13,7 @@ from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import (
     box,
     empty,
+    headings,
     note,
     panel,
     refilled,
@@ -99,10 +100,9 @@ class _Runs(View):
                 )
                 for run in page.runs
             ]
-            headings = ("started", "kind", "operator", "status", "number")
             table(
                 text("records.runs"),
-                [(text(f"records.{key}"), False) for key in headings],
+                headings(text, "records", "started kind operator status number"),
                 rows,
                 on_row=lambda place: self._open(page.runs[place].run_id),
                 open_label=text("records.open"),
@@ -182,12 +182,10 @@ class _Calibrations(View):
                 )
                 for entry in calibrations
             ]
-            headings = (("calibration", True), ("performed", False), ("transducer", False),
-                        ("profile", False), ("points", True), ("due", False),
-                        ("state", False))  # fmt: skip
+            keys = ">calibration performed transducer profile >points due state"
             table(
                 text("records.calibrations"),
-                [(text(f"records.{key}"), number) for key, number in headings],
+                headings(text, "records", keys),
                 rows,
                 on_row=lambda place: self._toggle(calibrations[place].calibration_id),
                 open_label=text("records.compare"),

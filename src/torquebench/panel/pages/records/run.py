@@ -42,6 +42,7 @@ __all__ = ["RunPanel", "doubt_notes", "run_title"]
 
 SHOWN_ROWS = 12
 POINTS = 1000
+MOST_DOUBTS = 5
 Y_FIRST = ("error_nm", "reading_nm", "torque_nm")
 
 
@@ -54,13 +55,13 @@ def run_title(text: Text, kind: str) -> str:
     return text.core(Message("{title}, short test", title) if kind.endswith("-short") else title)
 
 
-def doubt_notes(text: Text, doubts: Iterable[str], most: int = 5) -> None:
+def doubt_notes(text: Text, doubts: Iterable[str]) -> None:
     """Show doubts about records, each once."""
     said = list(dict.fromkeys(doubts))
-    for doubt in said[:most]:
+    for doubt in said[:MOST_DOUBTS]:
         note(text.core(doubt), "warn", title=text("records.doubtful"))
-    if len(said) > most:
-        words("p", text("records.more_doubts", count=len(said) - most), "muted")
+    if len(said) > MOST_DOUBTS:
+        words("p", text("records.more_doubts", count=len(said) - MOST_DOUBTS), "muted")
 
 
 class RunPanel:

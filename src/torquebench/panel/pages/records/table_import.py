@@ -16,6 +16,7 @@ from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Field, button, file_entry, typed_number
 from torquebench.panel.components.elements import (
     box,
+    headings,
     note,
     pairs,
     panel,
@@ -276,8 +277,7 @@ class TableEntry:
                 )
                 for direction in view.directions
             ]  # fmt: skip
-            columns = [(text("external.direction"), False), (text("external.class"), True),
-                       (text("external.largest_uncertainty"), True)]  # fmt: skip
+            columns = headings(text, "external", "direction >class >largest_uncertainty")
             table(text("external.classes"), columns, rows)
         raw = text("live.line_raw")
         line = Line(raw, view.standard_nm, view.error_nm, "--series-raw", points=True)

@@ -13,7 +13,16 @@ from nicegui import ui
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Chart, Line, error_bars
 from torquebench.panel.components.controls import button
-from torquebench.panel.components.elements import box, empty, note, panel, table, tag, words
+from torquebench.panel.components.elements import (
+    box,
+    empty,
+    headings,
+    note,
+    panel,
+    table,
+    tag,
+    words,
+)
 from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobResult
@@ -124,8 +133,7 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
             axes = (text("reducer.loop_torque"), text("reducer.loop_angle"))
             with box("div"):
                 Chart(text(title), *axes, lines, tall=True)
-    columns = [(text("reducer.key_point"), False), (text("reducer.loop_torque"), True),
-               (text("reducer.loop_angle"), True)]  # fmt: skip
+    columns = headings(text, "reducer", "key_point >loop_torque >loop_angle")
     rows = [
         (point["said"], number(point["torque_nm"]), number(point["angle_arcmin"]))
         for point in points
@@ -155,9 +163,8 @@ def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
                 )
                 for quantity in outcome["quantities"]
             ]
-            headings = (("quantity", False), ("value", True), ("uncertainty", True),
-                        ("unit", False), ("limit", False), ("verdict", False))  # fmt: skip
-            table(title, [(text(f"reducer.{key}"), numbers) for key, numbers in headings], rows)
+            keys = "quantity >value >uncertainty unit limit verdict"
+            table(title, headings(text, "reducer", keys), rows)
             if outcome.get("loop"):
                 loop_chart(text, outcome["loop"])
             for remark in outcome["remarks"]:

@@ -32,10 +32,10 @@ from torquebench.panel.pages.users import UsersView
 from torquebench.panel.pages.view import View, tabs
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SECTIONS, SettingsChange, SettingsItem, read_upload
+from torquebench.panel.service.settings.documents import LARGEST_UPLOAD
 
 __all__ = ["settings_page"]
 
-LARGEST_UPLOAD = 64 * 1024
 READ_FILE = (
     "async (event) => { const file = event.target.files[0]; if (!file) return; "
     f"emit(file.size > {LARGEST_UPLOAD} ? null : await file.text()); event.target.value = ''; }}"
