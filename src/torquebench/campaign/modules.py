@@ -235,29 +235,26 @@ def evaluate_module(
     data = verified.data
     torques = {item.name: item.chain.torque(data.readings()) for item in fitted}
     result = verify(data, {item.name: item.chain for item in fitted}, torques)
-    raw = CompensationResult(
-        name=RAW,
-        title=model_title(RAW),
-        recommended=False,
-        model=None,
-        fit_seconds=0.0,
-        torque_nm=data.reading_nm,
-        verification=result.of(RAW),
-        **_dense(None, dense, data.range_nm),
-    )
-    models = [
-        CompensationResult(
-            name=item.name,
-            title=item.title,
-            recommended=item.name == recommended,
-            model=item.model,
-            fit_seconds=item.seconds,
-            torque_nm=torques[item.name].value_nm,
-            verification=result.of(item.name),
-            **_dense(item.chain, dense, data.range_nm),
-        )
-        for item in fitted
+    rows = [
+        (each.name, each.title, each.model, each.seconds, torques[each.name].value_nm, each.chain)
+        for each in fitted
     ]
+    raw, *models = (
+        CompensationResult(
+            name=name,
+            title=title,
+            recommended=model is not None and name == recommended,
+            model=model,
+            fit_seconds=seconds,
+            torque_nm=torque_nm,
+            verification=result.of(name),
+            **_dense(chain, dense, data.range_nm),
+        )
+        for name, title, model, seconds, torque_nm, chain in (
+            (RAW, model_title(RAW), None, 0.0, data.reading_nm, None),
+            *rows,
+        )
+    )
     calibration = calibrated.data
     module = ModuleResult(
         side=data.side,

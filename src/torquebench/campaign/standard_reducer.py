@@ -19,16 +19,12 @@ from torquebench.reducers import (
 from torquebench.station import Station
 
 __all__ = [
-    "SPEEDS_RPM",
     "StandardReducer",
     "StandardReducerCheck",
     "check_standard_reducer",
     "standard_reducer",
     "within_certificate",
 ]
-
-SPEEDS_RPM = (20.0, 50.0, *(100.0 * k for k in range(1, 13)))
-"""Steps of input speed, up to the 1200 rpm of the source papers."""
 
 
 @dataclass(frozen=True)
@@ -46,12 +42,12 @@ class StandardReducer:
     name: str
     certificate: str
     friction: tuple[CertifiedFriction, ...]
-    max_speed_rpm: float = SPEEDS_RPM[-1]
+    max_speed_rpm: float = FrictionSettings().speeds_rpm[-1]
 
     def settings(self, repeats: int = 3, *, both_directions: bool = False) -> FrictionSettings:
         """Return the sweep over the speeds that certificate and data sheet have."""
         return within_certificate(
-            FrictionSettings(SPEEDS_RPM, repeats=repeats, counter_clockwise=both_directions),
+            FrictionSettings(repeats=repeats, counter_clockwise=both_directions),
             self.friction,
             self.max_speed_rpm,
         )

@@ -23,7 +23,7 @@ from torquebench.campaign.measuring import (
     measure_friction,
     measure_verification,
 )
-from torquebench.campaign.standard_reducer import SPEEDS_RPM, within_certificate
+from torquebench.campaign.standard_reducer import within_certificate
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
@@ -168,7 +168,7 @@ class PapersSettings:
     verification: Profile = field(default_factory=lambda: load_profile("verification"))
     others: bool = True
     friction: FrictionSettings | None = field(
-        default_factory=lambda: FrictionSettings(SPEEDS_RPM, counter_clockwise=False)
+        default_factory=lambda: FrictionSettings(counter_clockwise=False)
     )
     seed: int = 1
     reducer_test: str = "full"

@@ -23,13 +23,13 @@ SETTLE_SHARE = 0.4
 """Share of a step's duration for settling; the rest is averaged."""
 
 
-def steady_settings(step: Step, *, standard: bool) -> SteadySettings:
+def steady_settings(step: Step) -> SteadySettings:
     """Return how the steady value of a step is taken.
 
     Examples
     --------
     >>> step = Step(kind="point", series=1, index=0, nominal_nm=40.0, branch=1, duration_s=0.5)
-    >>> steady_settings(step, standard=True)
+    >>> steady_settings(step)
     SteadySettings(settle_s=0.2, window_s=0.3, limit_s=0.0, period_s=None, reference=True)
     """
     settle_s = SETTLE_SHARE * step.duration_s
@@ -37,7 +37,7 @@ def steady_settings(step: Step, *, standard: bool) -> SteadySettings:
         settle_s=settle_s,
         window_s=step.duration_s - settle_s,
         limit_s=step.settle_limit_s,
-        reference=standard,
+        reference=True,
     )
 
 
@@ -120,7 +120,7 @@ class _Loader:
     def _point(self, number: int) -> Plan[Row]:
         """Load one step and take its steady value."""
         step, steady = self.steps[number], self._module.steady
-        wanted = steady_settings(step, standard=True)
+        wanted = steady_settings(step)
         if wanted != self.settings:
             yield from prepare(steady, wanted, wait=True)
             self.settings = wanted

@@ -58,8 +58,7 @@ class EmptyRunSettings:
 
     def within(self, limits: ReducerLimits) -> EmptyRunSettings:
         """Return the settings without speeds at which the reducer isn't driven."""
-        speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
-        return replace(self, speeds_rpm=speeds)
+        return replace(self, speeds_rpm=limits.reachable(self.speeds_rpm))
 
     def points(self) -> list[Asked]:
         """Return all points in the order in which they are driven.

@@ -86,7 +86,7 @@ class NoLoadSettings:
 
     def within(self, limits: ReducerLimits) -> NoLoadSettings:
         """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
-        speeds = tuple(s for s in self.sweep.speeds_rpm if s <= limits.largest_input_rpm)
+        speeds = limits.reachable(self.sweep.speeds_rpm)
         return replace(self, sweep=replace(self.sweep, speeds_rpm=speeds))
 
 
@@ -145,8 +145,7 @@ class EfficiencySettings:
 
     def within(self, limits: ReducerLimits) -> EfficiencySettings:
         """Return the settings without the speeds that the reducer's data sheet doesn't allow."""
-        speeds = tuple(s for s in self.speeds_rpm if s <= limits.largest_input_rpm)
-        return replace(self, speeds_rpm=speeds)
+        return replace(self, speeds_rpm=limits.reachable(self.speeds_rpm))
 
     def longest(self) -> EfficiencySettings:
         """Return the settings with the largest number of repeats."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from math import inf
@@ -101,6 +101,10 @@ class ReducerLimits:
     def turning_rpm(self) -> float:
         """Largest input speed while the output is turned to another position, 1/min."""
         return min(TURN_RPM, self.largest_input_rpm)
+
+    def reachable(self, speeds_rpm: Iterable[float]) -> tuple[float, ...]:
+        """Return the input speeds that the data sheet allows."""
+        return tuple(speed for speed in speeds_rpm if speed <= self.largest_input_rpm)
 
     def check_output_torque(self, torque_nm: float) -> None:
         """Refuse more torque at the output than the data sheet allows.
