@@ -13,9 +13,10 @@ run: $(VENV)/.installed
 plant: $(VENV)/.installed-plant
 	$(BIN)/python -m examples.plant.demonstration $(if $(VIEW),--view)
 
-# Types and documentation keep one processor busy each; who has done first leaves none idle.
-test: lint contracts
-	$(MAKE) --jobs 2 types docs other-processor
+# Types, documentation and contracts keep one processor busy each; who has done first leaves none
+# idle.
+test: lint
+	$(MAKE) --jobs 2 types docs contracts other-processor
 	$(MAKE) tests
 
 lint: $(VENV)/.installed-test

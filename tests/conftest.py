@@ -43,8 +43,14 @@ _LONG = (
     "test_demo_acceptance.py",
     "test_papers_command.py",
     "test_panel_calibration.py",
+    "test_panel_actions.py",
+    "test_plant_demonstration.py",
+    "test_documentation_bench.py",
+    "test_networked_bench.py",
+    "test_reevaluation_postgresql.py",
+    "test_installation.py",
 )
-"""A minute of one processor each: begun last, they would leave the other idle at the end."""
+"""With a test of twenty seconds or more: begun last, it would leave the other processor idle."""
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
