@@ -46,6 +46,8 @@ SPEEDS_RPM = (300.0, 900.0)
 AIM_LOW, AIM_HIGH, HALF = 0.30, 0.15, 0.5
 """Largest U from 20 % of the rated torque on, and from half of it on, % of the efficiency."""
 COVERAGE = (93.0, 97.0)
+SHOWN = 0.0005
+"""Least contribution in the table, % of the efficiency."""
 PROFILES = {"standard": "rapid-in-situ", "rv-40e": "small-torques"}
 """How both modules are calibrated for a reducer: by the torques that it needs."""
 
@@ -180,7 +182,11 @@ def budget_of(points: Sequence[Point]) -> list[tuple[str, ...]]:
         for name in dict.fromkeys(name for each in both for name in each.parts)
     }
     ordered = sorted(sizes.items(), key=lambda each: -each[1][0])
-    return [(name, *(f"{value:.3f} %" for value in found)) for name, found in ordered]
+    return [
+        (name, *(f"{value:.3f} %" for value in found))
+        for name, found in ordered
+        if max(found) >= SHOWN
+    ]
 
 
 def missed(points: Sequence[Point]) -> list[str]:
