@@ -10,10 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.bench.certificates.table import read_rows
+from torquebench.bench.certificates.table import check_columns, read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
-from torquebench.message import Message
 from torquebench.units import ARCSEC, DEGREE, TURN
 
 if TYPE_CHECKING:
@@ -56,18 +55,8 @@ class EncoderCertificate:
     expanded_uncertainty_rad: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        columns = [self.angle_rad, self.error_rad, self.expanded_uncertainty_rad]
-        if len({column.shape for column in columns}) != 1 or self.angle_rad.ndim != 1:
-            raise InputError("encoder certificate with columns of different length", "equal ones")
-        if self.angle_rad.size < LEAST_POINTS:
-            raise InputError(
-                Message("encoder certificate with {size} points", self.angle_rad.size),
-                Message("at least {least_points} points of one turn", LEAST_POINTS),
-            )
-        if not all(np.isfinite(column).all() for column in columns):
-            raise InputError(
-                "encoder certificate with a value that isn't a number", "finite values"
-            )
+        columns = (self.angle_rad, self.error_rad, self.expanded_uncertainty_rad)
+        check_columns("encoder certificate", LEAST_POINTS, *columns)
         if (np.diff(self.angle_rad) <= 0).any() or np.ptp(self.angle_rad) >= TURN * (1 - 1e-9):
             raise InputError(
                 "encoder certificate whose angles don't increase within one turn",

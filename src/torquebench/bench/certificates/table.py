@@ -6,10 +6,13 @@ import csv
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["CertificateRow", "read_rows"]
+__all__ = ["CertificateRow", "check_columns", "read_rows"]
 
 
 @dataclass(frozen=True)
@@ -43,6 +46,34 @@ class CertificateRow:
                 "a number with a decimal point",
                 "correct the line",
             ) from None
+
+
+def check_columns(kind: str, least: int, *columns: NDArray[np.float64]) -> None:
+    """Refuse columns of a certificate that aren't finite numbers of enough points.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the certificate in errors.
+    least : int
+        Number of points that it has to have.
+    *columns : ndarray of float64, shape (n,)
+
+    Raises
+    ------
+    InputError
+        Different lengths, fewer points, NaN.
+    """
+    first = columns[0]
+    if len({column.shape for column in columns}) != 1 or first.ndim != 1:
+        raise InputError(Message("{kind} with columns of different length", kind), "equal lengths")
+    if first.size < least:
+        raise InputError(
+            Message("{kind} with {size} points", kind, first.size),
+            Message("at least {least} points", least),
+        )
+    if not all(np.isfinite(column).all() for column in columns):
+        raise InputError(Message("{kind} with a value that isn't a number", kind), "finite values")
 
 
 def read_rows(

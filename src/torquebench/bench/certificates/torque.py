@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.bench.certificates.table import read_rows
+from torquebench.bench.certificates.table import check_columns, read_rows
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -54,15 +54,8 @@ class ReferenceCertificate:
     expanded_uncertainty_nm: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        columns = [self.torque_nm, self.error_nm, self.expanded_uncertainty_nm]
-        if len({column.shape for column in columns}) != 1 or self.torque_nm.ndim != 1:
-            raise InputError("certificate columns of different length", "equal lengths")
-        if self.torque_nm.size < 2:
-            raise InputError(
-                Message("certificate with {size} points", self.torque_nm.size), "at least 2 points"
-            )
-        if not all(np.isfinite(column).all() for column in columns):
-            raise InputError("certificate with a value that isn't a number", "finite values")
+        columns = (self.torque_nm, self.error_nm, self.expanded_uncertainty_nm)
+        check_columns("certificate", 2, *columns)
         indicated = self.torque_nm + self.error_nm
         if (np.diff(self.torque_nm) <= 0).any() or (np.diff(indicated) <= 0).any():
             raise InputError(
