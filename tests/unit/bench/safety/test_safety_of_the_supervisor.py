@@ -123,7 +123,7 @@ def test_a_drive_that_never_answers_to_go_off_is_left_to_its_watchdog(
         deaf.update({side: Deaf(drive) for side, drive in drivers.drives.items()})
         return replace(drivers, drives=deaf, blocking=True)  # type: ignore[arg-type]
 
-    with open_bench(real_time=True, wrap=wrap) as bench:
+    with open_bench(real_time=True, wrap=wrap, safety__stall_s=60.0) as bench:
         bench.load_output(100.0)
         bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")
         assert not bench.supervisor.wait_safe(PATIENCE_S)
