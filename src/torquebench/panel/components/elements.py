@@ -190,9 +190,21 @@ def scrolling(label: str) -> Any:
     return box("div", "scroll", tabindex="0", role="region", aria_label=label)
 
 
-def headings(text: Callable[[str], str], page: str, keys: str) -> list[tuple[str, bool]]:
-    """Return a table's columns by the keys of their words on a page; `>` begins one of numbers."""
-    return [(text(f"{page}.{key.removeprefix('>')}"), key.startswith(">")) for key in keys.split()]
+def headings(
+    text: Callable[[str], str], page: str, keys: str, numbers: str = ""
+) -> list[tuple[str, bool]]:
+    """Return a table's columns: a page's words by their keys, and whether they hold numbers.
+
+    Parameters
+    ----------
+    text : callable
+        The visitor's.
+    page : str
+        Whose words they are.
+    keys, numbers : str
+        Keys of all columns and of those with numbers, separated by spaces.
+    """
+    return [(text(f"{page}.{key}"), key in numbers.split()) for key in keys.split()]
 
 
 def table(

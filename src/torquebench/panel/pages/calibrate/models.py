@@ -59,8 +59,8 @@ class ModelsStep(StepView):
                     ", ".join(parameters) or text("models.usual"),
                 )
             )
-        keys = "model fitted_to >worst >worst_percent >rms settings"
-        columns = headings(text, "models", keys)
+        keys = "model fitted_to worst worst_percent rms settings"
+        columns = headings(text, "models", keys, "worst worst_percent rms")
         table(text("models.before_after"), columns, rows)
 
     def _draw(self) -> None:
@@ -105,8 +105,8 @@ class ModelsStep(StepView):
             )
             for score in scores
         ]
-        keys = "model >worst >worst_percent >rms >parameters state"
-        columns = headings(text, "models", keys)
+        keys = "model worst worst_percent rms parameters state"
+        columns = headings(text, "models", keys, "worst worst_percent rms parameters")
         best = next(
             (place for place, score in enumerate(scores) if score["name"] == found["best"]),
             None,

@@ -84,7 +84,12 @@ class VerifyStep(StepView):
                     text.verdict(model["verdict"]),
                 )
             )
-        columns = headings(text, "models", "model >worst >worst_percent >averaged verdict")
+        columns = headings(
+            text,
+            "models",
+            "model worst worst_percent averaged verdict",
+            "worst worst_percent averaged",
+        )
         with panel(text("verify.found")), box("div", "stack"):
             table(text("verify.found"), columns, rows, best=names.index(details["best"]))
         limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]

@@ -182,10 +182,10 @@ class _Calibrations(View):
                 )
                 for entry in calibrations
             ]
-            keys = ">calibration performed transducer profile >points due state"
+            keys = "calibration performed transducer profile points due state"
             table(
                 text("records.calibrations"),
-                headings(text, "records", keys),
+                headings(text, "records", keys, "calibration points"),
                 rows,
                 on_row=lambda place: self._toggle(calibrations[place].calibration_id),
                 open_label=text("records.compare"),

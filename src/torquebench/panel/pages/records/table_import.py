@@ -277,7 +277,9 @@ class TableEntry:
                 )
                 for direction in view.directions
             ]  # fmt: skip
-            columns = headings(text, "external", "direction >class >largest_uncertainty")
+            columns = headings(
+                text, "external", "direction class largest_uncertainty", "class largest_uncertainty"
+            )
             table(text("external.classes"), columns, rows)
         raw = text("live.line_raw")
         line = Line(raw, view.standard_nm, view.error_nm, "--series-raw", points=True)

@@ -133,7 +133,9 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
             axes = (text("reducer.loop_torque"), text("reducer.loop_angle"))
             with box("div"):
                 Chart(text(title), *axes, lines, tall=True)
-    columns = headings(text, "reducer", "key_point >loop_torque >loop_angle")
+    columns = headings(
+        text, "reducer", "key_point loop_torque loop_angle", "loop_torque loop_angle"
+    )
     rows = [
         (point["said"], number(point["torque_nm"]), number(point["angle_arcmin"]))
         for point in points
@@ -163,8 +165,8 @@ def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
                 )
                 for quantity in outcome["quantities"]
             ]
-            keys = "quantity >value >uncertainty unit limit verdict"
-            table(title, headings(text, "reducer", keys), rows)
+            keys = "quantity value uncertainty unit limit verdict"
+            table(title, headings(text, "reducer", keys, "value uncertainty"), rows)
             if outcome.get("loop"):
                 loop_chart(text, outcome["loop"])
             for remark in outcome["remarks"]:
