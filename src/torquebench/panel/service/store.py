@@ -60,16 +60,16 @@ class MessageText(TypeDecorator[str]):
         return Message.restored(json.loads(value)) if value and is_message else value
 
 
-def _table(name: str, layout: str, *others: Column[Any]) -> Table:
+def _table(name: str, texts: str, *others: Column[Any], key: str = "") -> Table:
     """Return a table of texts, which are never empty, and other columns.
 
-    ``#`` marks the texts of its primary key; without any the rows are numbered.
+    The key names the texts of its primary key; without any the rows are numbered.
     """
-    columns: list[Column[Any]] = [
-        Column(word.rstrip("#"), Text, primary_key="#" in word, nullable=False)
-        for word in layout.split()
-    ]
-    numbers = () if "#" in layout else (Column("id", Integer, primary_key=True),)
+    numbers = () if key else (Column("id", Integer, primary_key=True),)
+    columns = (
+        Column(text, Text, primary_key=text in key.split(), nullable=False)
+        for text in texts.split()
+    )
     return Table(name, metadata, *numbers, *columns, *others)
 
 
@@ -81,10 +81,11 @@ users = _table(
 )
 sessions = _table(
     "sessions",
-    "token_sha256# address",
+    "token_sha256 address",
     Column("user_id", Integer, nullable=False),
     Column("created", Float, nullable=False),
     Column("seen", Float, nullable=False),
+    key="token_sha256",
 )
 clients = _table(
     "clients",
@@ -99,14 +100,15 @@ failures = _table(
     Column("at", Float, nullable=False),
 )
 events = _table("events", "at who details", Column("what", MessageText, nullable=False))
-preferences = _table("preferences", "who# name# value")
+preferences = _table("preferences", "who name value", key="who name")
 job_log = _table(
     "job_log",
-    "job_id# kind state verdict started",
+    "job_id kind state verdict started",
     Column("who", Text, nullable=False, index=True),
     Column("title", MessageText, nullable=False),
     Column("headline", MessageText, nullable=False),
     Column("told", Boolean, nullable=False),
+    key="job_id",
 )
 changes = _table("changes", "at who section name reason before after", Column("undoes", Integer))
 

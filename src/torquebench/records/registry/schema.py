@@ -8,6 +8,7 @@ row of its own that refers to the original.
 from collections.abc import Mapping
 from datetime import UTC, date, datetime
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from sqlalchemy import (
@@ -109,7 +110,16 @@ _TYPES: dict[Any, Any] = {
 }
 
 
-def _table(name: str, entry: type, layout: str, *indexes: Index, **others: type) -> Table:
+def _table(
+    name: str,
+    entry: type,
+    columns: str,
+    *indexes: Index,
+    empty: str = "",
+    indexed: str = "",
+    unique: str = "",
+    others: Mapping[str, type] = MappingProxyType({}),
+) -> Table:
     """Return the table of a kind of entry: a number, and columns with the types of its fields.
 
     Parameters
@@ -117,30 +127,32 @@ def _table(name: str, entry: type, layout: str, *indexes: Index, **others: type)
     name : str
     entry : type
         A frozen dataclass.
-    layout : str
-        Columns in their order: fields of the entry, the limits of its field ``valid_nm``, and keys,
-        which are numbers of rows of other tables. ``?`` marks those that may be empty, ``*`` those
-        with an index, ``!`` those whose values differ.
+    columns : str
+        Names in their order, separated by spaces: fields of the entry, the limits of its field
+        ``valid_nm``, and keys, which are numbers of rows of other tables.
     *indexes : sqlalchemy.Index
-    **others : type
+        Over several columns.
+    empty, indexed, unique : str
+        Columns that may be empty, that have an index, whose values differ.
+    others : mapping of str to type
         Columns for which the entry has no field.
     """
     hints = {**get_type_hints(entry), "recorded": datetime, **others}
-    columns: list[Column[Any]] = [Column("id", Integer, primary_key=True)]
-    for word in layout.split():
-        column = word.rstrip("?*!")
-        key = [ForeignKey(f"{POINTS_TO[column]}.id")] if column in POINTS_TO else []
-        columns.append(
-            Column(
-                column,
-                Integer if key else _type(column, hints),
-                *key,
-                nullable="?" in word,
-                index="*" in word or None,
-                unique="!" in word or None,
-            )
+    made = (
+        Column(
+            column,
+            *(
+                (Integer, ForeignKey(f"{POINTS_TO[column]}.id"))
+                if column in POINTS_TO
+                else (_type(column, hints),)
+            ),
+            nullable=column in empty.split(),
+            index=column in indexed.split() or None,
+            unique=column in unique.split() or None,
         )
-    table = Table(name, metadata, *columns, *indexes)
+        for column in columns.split()
+    )
+    table = Table(name, metadata, Column("id", Integer, primary_key=True), *made, *indexes)
     TABLES.setdefault(entry, table)
     return table
 
@@ -178,80 +190,105 @@ equipment = _table(
 descriptions = _table(
     "equipment_descriptions",
     entries.Equipment,
-    "equipment_key* manufacturer model range_nm? details recorded",
+    "equipment_key manufacturer model range_nm details recorded",
+    empty="range_nm",
+    indexed="equipment_key",
 )
 # Pieces of equipment fitted into others, or taken out of them.
 components = _table(
     "components",
     entries.Component,
-    "whole_key* part_key* role change performed performed_by reason",
-    **{"change": str, "performed": datetime, "performed_by": str, "reason": str},
+    "whole_key part_key role change performed performed_by reason",
+    others={"change": str, "performed": datetime, "performed_by": str, "reason": str},
+    indexed="whole_key part_key",
 )
 adjustments = _table(
     "adjustments",
     entries.Adjustment,
-    "equipment_key* what before after performed performed_by checked_by reason",
+    "equipment_key what before after performed performed_by checked_by reason",
+    indexed="equipment_key",
 )
 reports = _table(
     "reports",
     entries.Report,
-    "equipment_key* number laboratory performed? due? measured_by checked_by valid_low_nm? "
-    "valid_high_nm? expanded_uncertainty_percent? file file_sha256 recorded",
+    "equipment_key number laboratory performed due measured_by checked_by valid_low_nm "
+    "valid_high_nm expanded_uncertainty_percent file file_sha256 recorded",
+    empty="performed due valid_low_nm valid_high_nm expanded_uncertainty_percent",
+    indexed="equipment_key",
 )
 zeroings = _table(
     "zeroings",
     entries.Zeroing,
-    "transducer_key run_key? performed zero_hz zero_nm temperature_c? simulated",
+    "transducer_key run_key performed zero_hz zero_nm temperature_c simulated",
     Index("ix_zeroings_transducer", "transducer_key", "performed"),
+    empty="run_key temperature_c",
 )
 runs = _table(
     "runs",
     entries.RunSummary,
-    "run_id! kind started side operator bench simulated profile_name profile_sha256 "
+    "run_id kind started side operator bench simulated profile_name profile_sha256 "
     "software_version folder",
     # Lists of runs are sorted newest first: these indexes serve them, read backwards.
     Index("ix_runs_started", "started", "id"),
     Index("ix_runs_kind_started", "kind", "started", "id"),
+    unique="run_id",
 )
 # How runs ended, and the hash of the manifest that seals each folder.
-run_ends = _table("run_ends", entries.RunSummary, "run_key! finished status reason manifest_sha256")
+run_ends = _table(
+    "run_ends",
+    entries.RunSummary,
+    "run_key finished status reason manifest_sha256",
+    unique="run_key",
+)
 # Ends of audit logs when their bench was closed: a removal before them is detected.
-audit_ends = _table("audit_ends", object, "log line sha256 recorded", log=str, line=int)
+audit_ends = _table(
+    "audit_ends", object, "log line sha256 recorded", others={"log": str, "line": int}
+)
 
 calibrations = _table(
     "calibrations",
     entries.CalibrationEntry,
-    "run_key? transducer_key* counter_key standard_key? performed measured_by range_nm "
-    "valid_low_nm valid_high_nm due? points data_sha256 profile_name profile_sha256 simulated "
-    "files summary",
+    "run_key transducer_key counter_key standard_key performed measured_by range_nm "
+    "valid_low_nm valid_high_nm due points data_sha256 profile_name profile_sha256 "
+    "simulated files summary",
+    empty="run_key standard_key due",
+    indexed="transducer_key",
 )
 models = _table(
     "models",
     entries.ModelEntry,
-    "calibration_key* kind file file_sha256 range_nm side metrics created",
+    "calibration_key kind file file_sha256 range_nm side metrics created",
+    indexed="calibration_key",
 )
 activations = _table(
     "activations",
     entries.Activation,
-    "transducer_key counter_key model_key? activated operator reason",
+    "transducer_key counter_key model_key activated operator reason",
     Index("ix_activations_chain", "transducer_key", "counter_key", "id"),
+    empty="model_key",
 )
 verifications = _table(
     "verifications",
     entries.VerificationEntry,
-    "model_key* run_key? performed measured_by data_sha256 simulated summary",
+    "model_key run_key performed measured_by data_sha256 simulated summary",
+    empty="run_key",
+    indexed="model_key",
 )
 checks = _table(
     "checks",
     entries.CheckEntry,
-    "transducer_key standard_key? model_key? run_key? performed measured_by verdict "
+    "transducer_key standard_key model_key run_key performed measured_by verdict "
     "worst_percent_fs tolerance_percent_fs simulated summary",
     Index("ix_checks_transducer", "transducer_key", "performed"),
+    empty="standard_key model_key run_key",
 )
 certificates = _table(
     "certificates",
     entries.CertificateEntry,
-    "number! calibration_key* supersedes_key? issued authorised_by files summary",
+    "number calibration_key supersedes_key issued authorised_by files summary",
+    empty="supersedes_key",
+    indexed="calibration_key",
+    unique="number",
 )
 reviews = _table(
     "reviews",
