@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from datetime import date
 from functools import reduce
 from typing import TYPE_CHECKING, Any, Self
@@ -33,21 +33,6 @@ STREAM_S = 1.0
 """Rows of a rotating chain farther apart than this are steady points, not a record."""
 
 REQUIRED_COLUMNS = ("reading_nm", "standard_nm", "series", "branch")
-OPTIONAL_COLUMNS = (
-    "nominal_nm",
-    "position_deg",
-    "speed_rpm",
-    "temperature_c",
-    "time_s",
-    "standard_error_nm",
-    "true_torque_nm",
-    "acceleration_rad_s2",
-    "angle_rad",
-    "zero_temperature_c",
-    "zero_nm",
-    "standard_temperature_c",
-)
-"""Columns of a calibration beside readings, standard, series and branch."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -556,6 +541,12 @@ class CalibrationData:
         known_days = [day for day in days if day is not None]
         changes["measured_on"] = min(known_days) if len(known_days) == len(days) else None
         return replace(head, **changes)
+
+
+OPTIONAL_COLUMNS = tuple(
+    column.name for column in fields(CalibrationData) if column.type == NDArray[np.float64] | None
+)
+"""Columns of a calibration beside readings, standard, series and branch."""
 
 
 def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
