@@ -262,6 +262,10 @@ def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
     assert shown.largest_torque_nm["output"] == pytest.approx(60.0, rel=0.02)
     view = ended(service, service.jobs.start(BEN, "verify", fresh))
     assert view.state == "done", view.problem
+    verified = view.result.details
+    lacking = verified["models"][verified["best"]]["not_in_u"]
+    assert "reproducibility of mounting" in lacking
+    assert "creep under load" not in lacking
 
 
 def test_an_expired_standard_and_a_wrong_clock_are_named_before_anything_begins(

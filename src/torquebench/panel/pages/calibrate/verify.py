@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from torquebench.chain import not_in_u
 from torquebench.panel.components.charts import Chart, Line, error_chart, limit_lines
 from torquebench.panel.components.controls import Field, button, tolerance_field
-from torquebench.panel.components.elements import box, headings, panel, table, words
+from torquebench.panel.components.elements import box, headings, note, panel, table, words
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.mounting_form import MountingForm
 from torquebench.reports.errors_table import number
@@ -92,6 +93,8 @@ class VerifyStep(StepView):
         )
         with panel(text("verify.found")), box("div", "stack"):
             table(text("verify.found"), columns, rows, best=names.index(details["best"]))
+            if lacking := not_in_u(models[details["best"]]["not_in_u"]):
+                note(text.core(lacking), "warn")
         limit = details["tolerance_percent_fs"] / 100.0 * details["range_nm"]
         with box("div", "columns"):
             with panel(text("verify.by_group")):

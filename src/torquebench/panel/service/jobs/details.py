@@ -124,6 +124,7 @@ class VerifiedModelDetails:
     result: ModelVerification
     error_nm: Numbers
     expanded_uncertainty_nm: Numbers
+    not_in_u: Sequence[str]
 
 
 @dataclass(frozen=True)

@@ -180,6 +180,7 @@ def verification_result(
             result=result.of(name),
             error_nm=judged.torque.value_nm - data.standard_nm,
             expanded_uncertainty_nm=judged.torque.expanded_uncertainty_nm,
+            not_in_u=judged.missing,
         )
     best = min(models, key=lambda name: result.of(name).against_standard.worst_nm)
     worst = result.of(best).against_standard
