@@ -490,6 +490,7 @@ UNSEEN_FAMILIES = (
     "leaf-stopped",
     "beating",
     "saddled",
+    "two-stage",
     "cubic",
 )
 """Families that no model was changed for; the models were developed on the others."""

@@ -211,7 +211,7 @@ def by_watchers(block: AcquiredBlock) -> dict[str, Told]:
     shown: Any = SimpleNamespace(sides=sides, efficiency=nothing, connection="live", stopped=False)
     live, metrics = live_values(shown), dict(side_metrics(sides["output"], 0))
     pairs = {
-        "panel and API": [sides["output"].torque, sides["output"].uncertainty],
+        "panel and API": [sides["output"].torque, sides["output"].expanded_uncertainty],
         "OPC UA": [live["output", name] for name in ("Torque", "Uncertainty")],
         "Sparkplug": [metrics[f"Torque/{name}"] for name in ("Value", "Expanded uncertainty")],
     }

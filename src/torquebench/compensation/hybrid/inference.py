@@ -78,14 +78,14 @@ _PLAIN_ODDS = 0.3
 _PLAIN_ZERO = 5.0
 """Factor on the scale of c₀ in plain forms, in which nothing else describes an offset."""
 PLAIN_FORMS = (
+    (_PLAIN_ZERO, 1.0, 0.0, 0.0, 0.0),
     (_PLAIN_ZERO, 1.0, 0.0, 0.0, 1.0),
     (_PLAIN_ZERO, 1.0, 1.0, 0.0, 0.0),
     (_PLAIN_ZERO, 1.0, 1.0, _ALIKE, _ALIKE),
     (_PLAIN_ZERO, 1.0, 1.0, 1.0, 1.0),
 )
-"""Factors on the main form's scales for chains without effects: with u²; with u|u|; with nearly
-equal directions; with independent directions. A straight line isn't one of them: chains with
-effects have the wide prior of c₂, so the line's evidence would be larger for want of that alone.
+"""Factors on the main form's scales for chains without effects: linear; with u²; with u|u|; with
+nearly equal directions; with independent directions.
 """
 MANY_CANDIDATES = ("ripple", "bump", "wave")
 """Kinds of which most candidates are dropped after a first round."""
