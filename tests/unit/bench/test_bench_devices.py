@@ -223,6 +223,21 @@ def test_a_fault_in_the_window_is_an_error_unless_it_passes_within_the_limit(ben
     play(bench, scene)
 
 
+def test_a_fault_that_passes_in_the_last_windows_is_waited_for(bench: Any) -> None:
+    async def scene() -> None:
+        async with ready(bench) as devices:
+            steady = devices.output.steady
+            await steady.prepare(SteadySettings(0.0, 0.2, limit_s=0.1))
+            begun_s = bench.clock.now()
+            value = asyncio.ensure_future(steady.trigger())
+            await bench.clock.sleep_until(begun_s + 0.15)  # in the first window and in the last
+            bench.simulated.twin.inject_fault("output_torque", "missing_pulses", duration_s=0.012)
+            await value
+            assert (await steady.read())["output-steady-time_s"]["value"] > begun_s + 0.25
+
+    play(bench, scene)
+
+
 def test_no_standard_no_standard_torque(bench: Any) -> None:
     async def scene() -> None:
         async with ready(bench) as devices:

@@ -162,7 +162,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         Raises
         ------
         SignalFault
-            The reading or the standard has a fault that lasts longer than `limit_s`.
+            The reading or the standard has a fault that lasts longer than `limit_s`. One in the
+            last windows may pass: a window after it is taken.
         TorquebenchError
             The alarm that is latched.
         """
@@ -172,13 +173,16 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             context.acquisition.use_reference(self.side)
         commanded_s = context.commands.side(self.side).changed_s
         start_s = max(context.clock.now(), commanded_s + settings.settle_s)
-        last_s = start_s + settings.limit_s
+        last_s, faulty = start_s + settings.limit_s, False
         while True:
             stop_s = start_s + settings.window_s
             await context.clock.sleep_until(stop_s)
             try:
                 values = self._evaluate(start_s, stop_s)
             except SignalFault:
+                if settings.limit_s > 0.0 and not faulty:
+                    last_s = max(last_s, stop_s)  # a fault that passes leaves a window without it
+                faulty = True
                 if start_s >= last_s:
                     raise
             else:
