@@ -328,13 +328,19 @@ def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile
         The folder holds no such result.
     """
     data, results, metadata = run_data(folder), folder.results, folder.metadata
-    placement = results.get("placement")
-    result = StaircaseResult(
-        data=data,
-        unsettled=int(results["unsettled"]),
-        standard_serial=str(results["standard_serial"]),
-        placement=None if placement is None else _placement(placement),
-    )
+    try:
+        placement = results.get("placement")
+        result = StaircaseResult(
+            data=data,
+            unsettled=int(results["unsettled"]),
+            standard_serial=str(results["standard_serial"]),
+            placement=None if placement is None else _placement(placement),
+        )
+    except (AttributeError, KeyError, TypeError) as error:
+        raise RecordError(
+            Message("{path} holds no points of a calibration ({error})", folder.path, error),
+            "a calibration run",
+        ) from error
     record = RunRecord(
         folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
     )

@@ -402,6 +402,8 @@ def _placed(
     """Return the step of a point placed by an adaptive calibration; None if it can't be rebuilt."""
     last = next(step for step in reversed(steps) if step.recorded)
     series, index = stamp
+    if "nominal_nm" not in row:  # of version 0.1.0
+        return None
     nominal_nm, branch = float(row["nominal_nm"]), int(row["branch"])
     if series <= last.series or abs(nominal_nm) > range_nm or branch not in (1, -1):
         return None

@@ -74,7 +74,7 @@ def verify_on_bench(
     }
     seed = int(np.random.default_rng().integers(2**32)) if seed is None else seed
     numbers = {name: entry.model_id for name, entry in models.items()}
-    options["metadata"] = {REGISTERS: {"models": numbers}}
+    options["metadata"] = {**(options.get("metadata") or {}), REGISTERS: {"models": numbers}}
     measured = measure_verification(station, side, profile, seed, **options)
     result = verify(measured.result.data, chains)
     registered_patiently(

@@ -26,7 +26,6 @@ __all__ = [
     "bench_remarks",
     "drift_remarks",
     "finite_temperature",
-    "nominal_torque_nm",
     "resolution_rad",
     "root_mean_square",
     "tare_remarks",
@@ -34,6 +33,7 @@ __all__ = [
     "temperature_remarks",
     "torque_of_loading",
     "torque_uncertainty",
+    "uncompensated_uncertainty_nm",
     "without_tare",
 ]
 
@@ -71,7 +71,7 @@ class Bench:
     tares: dict[Side, Tare]
 
 
-def nominal_torque_nm(bench: Bench, side: Side) -> float:
+def uncompensated_uncertainty_nm(bench: Bench, side: Side) -> float:
     """Return the standard uncertainty of a torque without compensation, N·m."""
     range_nm = bench.description.module(side).range_nm
     return float(UNCOMPENSATED_SHARE * range_nm / np.sqrt(3.0))
@@ -246,7 +246,7 @@ def _without_chain(bench: Bench, side: Side, zero_nm: float, *, tared: bool) -> 
     module = bench.description.module(side)
     known = TorqueUncertainty(
         zero_nm=zero_nm,
-        model_nm=nominal_torque_nm(bench, side),
+        model_nm=uncompensated_uncertainty_nm(bench, side),
         repeatability_nm=REPEATABILITY_SHARE * module.range_nm,
     )
     if tared:

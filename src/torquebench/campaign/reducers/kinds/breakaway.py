@@ -14,10 +14,10 @@ from torquebench.campaign.reducers.sampling import few_positions
 from torquebench.campaign.reducers.uncertainty import (
     Bench,
     bench_remarks,
-    nominal_torque_nm,
     resolution_rad,
     temperature_remarks,
     torque_of_loading,
+    uncompensated_uncertainty_nm,
 )
 from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.chain import TorqueParts
@@ -62,7 +62,7 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, ramps: BreakawayRecord
     time_s, angle, torque = (
         np.concatenate(column) for column in zip(*(part[:3] for part in parts), strict=True)
     )
-    known = TorqueUncertainty(model_nm=nominal_torque_nm(bench, side))
+    known = TorqueUncertainty(model_nm=uncompensated_uncertainty_nm(bench, side))
     if ramps.compensated:
         known = torque_of_loading(TorqueParts.joined([part[3] for part in parts]), torque)
         # every ramp has a zero of its own: none cancels in the mean of both directions

@@ -15,10 +15,10 @@ from torquebench.campaign.reducers.uncertainty import (
     LARGE,
     Bench,
     bench_remarks,
-    nominal_torque_nm,
     resolution_rad,
     root_mean_square,
     torque_of_loading,
+    uncompensated_uncertainty_nm,
 )
 from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
 from torquebench.figures import COLOURS, legend_above, new_figure, styled, svg_text
@@ -66,7 +66,7 @@ def _loop_uncertainty(
         bench_compliance_rad_per_nm=twist,
     )
     if not loops.compensated["output"]:
-        nominal = nominal_torque_nm(bench, "output")
+        nominal = uncompensated_uncertainty_nm(bench, "output")
         relative = nominal / loops.torque_nm
         return replace(known, torque_relative=relative, torque_branch_nm=nominal)
     parts, size = recording.output_parts, np.abs(recording.output_torque_nm)
