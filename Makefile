@@ -3,21 +3,28 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: run plant test lint types contracts docs pictures tests other-processor clean clean-kernels
+.PHONY: run plant test programs lint types contracts docs pictures tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
 
-# Three simulated benches and a plant: the link is cut, and nothing is lost. Needs PostgreSQL
-# (Debian: apt install postgresql); VIEW=1 leaves the plant view open at the end.
+# Three simulated benches and a plant: the link is cut, and nothing is lost. VIEW=1 leaves the plant
+# view open at the end.
 plant: $(VENV)/.installed-plant
+	@$(PYTHON) tests/programs.py postgres
 	$(BIN)/python -m examples.plant.demonstration $(if $(VIEW),--view)
 
 # Types, documentation and contracts keep one processor busy each; who has done first leaves none
 # idle.
-test: lint
+test: programs
+	$(MAKE) lint
 	$(MAKE) --jobs 2 types docs contracts other-processor
 	$(MAKE) tests
+
+# The programs that the tests start (a browser, PostgreSQL, an MQTT broker, …): installed by apt
+# where root may do that, named otherwise.
+programs:
+	@$(PYTHON) tests/programs.py
 
 lint: $(VENV)/.installed-test
 	$(BIN)/ruff check .

@@ -40,6 +40,7 @@ from selenium.webdriver.chrome.options import Options
 from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
+from tests.programs import program
 
 from benchmarks.section import write_section
 from torquebench.panel.service import Actor
@@ -144,10 +145,10 @@ def served(folder: Path, *options: str) -> Iterator[Server]:
 def browsing(server: Server, profile: Path) -> Iterator[webdriver.Chrome]:
     """Sign in with a fresh browser and look at the live page."""
     options = Options()
-    options.binary_location = "/usr/bin/chromium"
+    options.binary_location = str(program("chromium"))
     for flag in (*FLAGS, f"--user-data-dir={profile}"):
         options.add_argument(flag)
-    driver = webdriver.Chrome(options=options, service=Service("/usr/bin/chromedriver"))
+    driver = webdriver.Chrome(options=options, service=Service(str(program("chromedriver"))))
     try:
         driver.get(f"{server.url}/sign-in")
         driver.find_element(By.NAME, "name").send_keys("Ana")
@@ -595,7 +596,7 @@ class Found:
 def chromium_version() -> str:
     """Return the browser's main version."""
     said = subprocess.run(
-        ["/usr/bin/chromium", "--version"], capture_output=True, text=True, check=True
+        [str(program("chromium")), "--version"], capture_output=True, text=True, check=True
     ).stdout
     return next((word.partition(".")[0] for word in said.split() if word[0].isdigit()), "?")
 

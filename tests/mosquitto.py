@@ -3,7 +3,6 @@
 import json
 import os
 import queue
-import shutil
 import signal
 import socket
 import subprocess
@@ -17,13 +16,9 @@ from typing import Any
 import paho.mqtt.client as mqtt
 from esio_spb_builder.core import sparkplug_b_pb2 as foreign
 from paho.mqtt.enums import CallbackAPIVersion
+from tests.programs import program
 
 PATIENCE_S = 120.0
-
-
-def program() -> str | None:
-    """Return where mosquitto is; Debian keeps it where ordinary users don't look."""
-    return shutil.which("mosquitto") or shutil.which("mosquitto", path="/usr/sbin")
 
 
 class Mosquitto:
@@ -46,7 +41,7 @@ class Mosquitto:
         return f"mqtt://127.0.0.1:{self.port}"
 
     def start(self) -> None:
-        found = program()
+        found = program("mosquitto")
         assert found is not None, "mosquitto isn't installed (Debian package: mosquitto)"
         with self._log.open("ab") as log:
             self._process = subprocess.Popen(

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pg8000.native
+from tests.programs import program
 
 USER = "torquebench"
 PORT = 5432  # names the socket's file; the server listens on no network
@@ -18,12 +19,8 @@ PORT = 5432  # names the socket's file; the server listens on no network
 
 def binaries() -> Path | None:
     """Return the folder with `initdb` and `postgres`, of the newest version; None without one."""
-    found = shutil.which("postgres")
-    folders = [Path(found).resolve().parent] if found else []
-    folders += sorted(
-        Path("/usr/lib/postgresql").glob("*/bin"), key=lambda path: path.parent.name, reverse=True
-    )
-    return next((path for path in folders if (path / "initdb").is_file()), None)
+    found = program("postgres")
+    return None if found is None else Path(found).parent
 
 
 class Server:

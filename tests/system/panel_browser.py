@@ -18,11 +18,11 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.common.by import By
 from selenium.webdriver.remote.webelement import WebElement
 from selenium.webdriver.support.ui import Select, WebDriverWait
+from tests.programs import program
 from tests.system.command_line import COMMAND, environment, prepared, wait_until
 from tests.system.panel_api import SLOW
 from tests.system.prepared_commands import RunningCommand
 
-CHROMIUM, CHROMEDRIVER = "/usr/bin/chromium", "/usr/bin/chromedriver"
 HARMLESS = "ERR_", "Failed to fetch", "WebSocket", "reading 'dispose'"
 """In messages of the browser's console about lost connections, and about charts of NiceGUI that are
 removed before they have drawn anything: its clean-up misses what drawing would have made."""
@@ -284,7 +284,7 @@ def browser(
 ) -> Iterator[Visitor]:
     """Start a browser with a fresh profile."""
     options = Options()
-    options.binary_location = CHROMIUM
+    options.binary_location = str(program("chromium"))
     for flag in FLAGS:
         options.add_argument(flag)
     options.add_argument(f"--user-data-dir={folder / 'profile'}")
@@ -292,7 +292,7 @@ def browser(
     options.add_argument(f"--lang={language}")
     options.add_experimental_option("prefs", {"intl.accept_languages": language})
     options.set_capability("goog:loggingPrefs", {"browser": "ALL"})
-    driver = webdriver.Chrome(options=options, service=Service(CHROMEDRIVER))
+    driver = webdriver.Chrome(options=options, service=Service(str(program("chromedriver"))))
     driver.set_script_timeout(100.0)  # before the driver itself gives its answer up
     try:
         visitor = Visitor(driver, panel)

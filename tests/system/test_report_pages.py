@@ -1,11 +1,11 @@
 """Reports in a browser: nothing is cut off at the widths of screens."""
 
 import re
-import shutil
 import subprocess
 from pathlib import Path
 
 import pytest
+from tests.programs import program
 
 from torquebench.reports.page import Page, Section, Table, render_page
 
@@ -23,7 +23,7 @@ def test_the_comparison_of_models_stays_on_the_page(width: int, tmp_path: Path) 
     table = Table(("model", *errors, "parameters", "verdict"), [row] * 3, emphasised=1)
     page = tmp_path / "page.html"
     page.write_text(render_page(Page("Fit", "", [Section("Models", "", (table,))])) + MEASURE)
-    browser = shutil.which("chromium")
+    browser = program("chromium")
     assert browser is not None
     options = ("--headless", "--no-sandbox", "--disable-gpu", f"--user-data-dir={tmp_path}/p")
     shown = subprocess.run(
