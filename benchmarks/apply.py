@@ -23,7 +23,7 @@ import pyarrow.parquet
 
 from torquebench.campaign.fitting import store_model
 from torquebench.compensation import RECOMMENDED, make_model
-from torquebench.records import read_calibration_csv
+from torquebench.tables import read_calibration
 
 RANGE_NM = 2000.0
 PYARROW = """
@@ -51,7 +51,7 @@ def make_readings(folder: Path, rows: int) -> dict[str, Path]:
 
 def make_chain(file: Path) -> None:
     """Fit the default kind to the simulated calibration of the examples; write its model file."""
-    data = read_calibration_csv(Path("examples/calibration-output.csv"), range_nm=RANGE_NM)
+    data = read_calibration(Path("examples/calibration-output.csv"), range_nm=RANGE_NM)
     model = make_model(RECOMMENDED, range_nm=RANGE_NM).fit(data.features(), data.standard_nm)
     store_model(file, model, data, {})
 

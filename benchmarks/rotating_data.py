@@ -28,7 +28,7 @@ from benchmarks.rotating_chains import (
     make_rotating_chain,
 )
 from torquebench.errors import InputError
-from torquebench.records.tables.csv_text import read_csv
+from torquebench.tables.csv_text import read_csv
 
 CHAINS = 4
 FORMAT = "torquebench rotating data 1"

@@ -51,8 +51,8 @@ from torquebench.procedures.reducers.setup import temperature_c
 from torquebench.procedures.setup import Setup, set_up, unloaded_after
 from torquebench.procedures.turning.profile import load_turning_profile
 from torquebench.procedures.zeroing import zero
-from torquebench.records import read_calibration_csv, read_empty_run, write_calibration_csv
 from torquebench.station import Station
+from torquebench.tables import read_calibration, read_empty_run, write_calibration
 from torquebench.units import RAD_S_PER_RPM
 
 SEEDS = 10
@@ -120,7 +120,7 @@ def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> 
         tables.append(folder / f"{side}-static-{celsius:g}.csv")
         found = measured.result  # as `records export` writes it
         stated = referenced(found.data, measured.record.metadata, found.standard_serial)
-        write_calibration_csv(tables[-1], stated)
+        write_calibration(tables[-1], stated)
         runs.append(folder / f"{side}-empty-{celsius:g}.csv")
         measure_turning(station, side, load_turning_profile("empty-run"), runs[-1])
     soak(CALIBRATED_C[0])
@@ -131,7 +131,7 @@ def calibrated_chain(station: Station, side: Side, soak: Soak, folder: Path) -> 
 
 def fitted_chain(tables: Sequence[Path], runs: Sequence[Path], side: Side) -> MeasuringChain:
     """Fit a chain to its files, as ``fit`` does: the tables state U of their standards."""
-    points = joined_tables({path.name: read_calibration_csv(path) for path in tables})
+    points = joined_tables({path.name: read_calibration(path) for path in tables})
     turning = identify_turning(points, [read_empty_run(path) for path in runs])
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")

@@ -21,7 +21,7 @@ from torquebench.calibration import (
 )
 from torquebench.compensation import compare
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv, write_calibration_csv
+from torquebench.tables import read_calibration, write_calibration
 
 RANGE_NM = 360.0
 REFERENCE_RESOLUTION_NM = 0.45
@@ -112,8 +112,8 @@ def test_reversibility_of_the_chain(data):
 
 def test_models_are_compared_and_none_is_better_than_the_reference_resolves(data, tmp_path):
     path = tmp_path / "torque-arm.csv"
-    write_calibration_csv(path, data)
-    table = read_calibration_csv(path)
+    write_calibration(path, data)
+    table = read_calibration(path)
     assert table.sha256() == data.sha256()
 
     result = compare(table.features(), table.standard_nm, range_nm=RANGE_NM)

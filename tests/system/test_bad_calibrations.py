@@ -13,7 +13,7 @@ from tests.unit.reports.calibrated_bench import points
 from torquebench import cli
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.compensation import load_model
-from torquebench.records import write_calibration_csv
+from torquebench.tables import write_calibration
 
 Command = Callable[..., tuple[int, str]]
 
@@ -43,7 +43,7 @@ def enter(
     command: Command, data: CalibrationData, profile: str = "staircase", **given: str
 ) -> tuple[int, str]:
     """Evaluate a table and enter it, as a laboratory does that measured it elsewhere."""
-    write_calibration_csv(Path("table.csv"), data)
+    write_calibration(Path("table.csv"), data)
     options = {
         "reference-due": "2027-01-31",
         "performed": "2026-03-02",
@@ -258,7 +258,7 @@ def test_a_table_that_contradicts_itself_gives_a_marked_model(
     profile = load_profile("rapid-in-situ").with_options(step_percent=5.0)
     data = points(profile, simulated=False, temperature_drift_k=0.2)
     standard = np.where(np.arange(len(data)) < 4, data.standard_nm, 0.97 * data.standard_nm)
-    write_calibration_csv(tmp_path / "changed.csv", replace(data, standard_nm=standard))
+    write_calibration(tmp_path / "changed.csv", replace(data, standard_nm=standard))
     fit = ("fit", "--model", "polynomial-2", "--out")
 
     code, said = command(*fit, "changed.json", "changed.csv")

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from torquebench.records import read_calibration_csv, read_readings_csv
+from torquebench.tables import read_calibration, read_readings
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 SCRIPTS = sorted(EXAMPLES.glob("[!_]*.py"))
@@ -28,6 +28,6 @@ def test_example_tables_are_simulated_and_say_so():
     tables = sorted(EXAMPLES.glob("*.csv"))
     assert tables
     for path in tables:
-        reader = read_readings_csv if path.name.startswith("readings") else read_calibration_csv
+        reader = read_readings if path.name.startswith("readings") else read_calibration
         assert reader(path).simulated
         assert "simulated" in path.read_text(encoding="utf-8")

@@ -10,13 +10,8 @@ import pytest
 from tests.system.command_line import run
 
 from torquebench.calibration import CalibrationData, load_profile
-from torquebench.records import (
-    CheckEntry,
-    Registry,
-    Zeroing,
-    calibration_changes,
-    write_calibration_csv,
-)
+from torquebench.records import CheckEntry, Registry, Zeroing, calibration_changes
+from torquebench.tables import write_calibration
 
 
 @pytest.fixture(scope="module")
@@ -172,7 +167,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
         position_deg=[step.position_deg for step in steps],
         temperature_c=np.linspace(22.0, 23.5, torque.size),
     )
-    write_calibration_csv(tmp_path / "whole.csv", points)
+    write_calibration(tmp_path / "whole.csv", points)
     options = (
         "--reference-uncertainty",
         "0.01 of torque",
@@ -194,7 +189,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     assert before["indication_deviation_percent"][-1] == pytest.approx(0.03, abs=0.005)
 
     lacking = replace(points.subset(points.series != 5), nominal_nm=None)
-    write_calibration_csv(tmp_path / "lacking.csv", lacking)
+    write_calibration(tmp_path / "lacking.csv", lacking)
     done = run(
         *("evaluate", "static", "lacking.csv", *options, "--performed", "2025-06-15"),
         *("--reference-due", "2025-06-14", "--report", "lacking.html"),
@@ -217,7 +212,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     assert done.returncode == 2
     assert f"performed on {tomorrow}, in the future" in done.stderr
 
-    write_calibration_csv(tmp_path / "named.csv", replace(points, transducer_serial="T-1"))
+    write_calibration(tmp_path / "named.csv", replace(points, transducer_serial="T-1"))
     done = run("evaluate", "static", "named.csv", *options, "--transducer", "T-9", cwd=tmp_path)
     said = " ".join(done.stderr.split())
     assert "named.csv says transducer_serial = T-1; T-9 was given and is taken" in said

@@ -19,8 +19,8 @@ from torquebench.panel.text import LANGUAGES, Text
 from torquebench.procedures.turning.empty import EmptyTable
 from torquebench.procedures.turning.stepping import StepTable
 from torquebench.records import RunFolder
-from torquebench.records.tables.readings import ADDED_COLUMNS, READING_COLUMNS
 from torquebench.station.journal import RunJournal
+from torquebench.tables.readings import ADDED_COLUMNS, READING_COLUMNS
 from torquebench.translations import translated
 from torquebench.units import unit_of_name
 

@@ -8,8 +8,8 @@ import pytest
 from benchmarks import rotating_data
 
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv, read_empty_run
-from torquebench.records.tables.csv_text import read_csv
+from torquebench.tables import read_calibration, read_empty_run
+from torquebench.tables.csv_text import read_csv
 
 
 def test_the_data_set_is_written_with_its_truth_and_judged(
@@ -19,7 +19,7 @@ def test_the_data_set_is_written_with_its_truth_and_judged(
     folders = sorted(tmp_path.iterdir())
     assert len(folders) == 6
     folder = tmp_path / "smooth-0"
-    points = read_calibration_csv(folder / "calibration.csv")
+    points = read_calibration(folder / "calibration.csv")
     assert points.simulated
     assert points.speed_rpm is not None
     assert {0.0} < set(np.abs(points.speed_rpm).round().tolist())

@@ -37,10 +37,10 @@ from torquebench.dynamics import (
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import json_text
-from torquebench.records.tables.columns import quantity, understood
-from torquebench.records.tables.csv_text import CsvTable
-from torquebench.records.tables.files import read_table
-from torquebench.records.tables.readings import is_simulated
+from torquebench.tables.columns import quantity, understood
+from torquebench.tables.csv_text import CsvTable
+from torquebench.tables.files import read_table
+from torquebench.tables.readings import is_simulated
 
 __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dynamics"]
 

@@ -28,7 +28,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.records.tables.files import table_text
+from torquebench.tables.files import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 

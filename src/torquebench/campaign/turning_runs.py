@@ -23,9 +23,9 @@ from torquebench.procedures.turning.calibrating import calibrate_turning
 from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, SeriesTable, turn_empty
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
-from torquebench.records.tables.csv_text import read_csv
-from torquebench.records.tables.readings import read_calibration_csv, write_calibration_csv
 from torquebench.station import Station
+from torquebench.tables.csv_text import read_csv
+from torquebench.tables.readings import read_calibration, write_calibration
 
 __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
 
@@ -133,7 +133,7 @@ def measure_turning(
                 )
             remarks = _remarks(station, side, profile, series_done)
             stated = referenced(points, {"bench": station.description})
-            write_calibration_csv(target, stated, remarks)
+            write_calibration(target, stated, remarks)
 
         def loading(*, kept: bool = True) -> Plan[CalibrationData]:
             on_series = keep if kept else None
@@ -301,7 +301,7 @@ def read_begun(
         steps.begin_with(np.column_stack(kept), int(done))
         return steps
     if profile.kind != "empty":
-        return BegunCalibration(read_calibration_csv(path), int(done))
+        return BegunCalibration(read_calibration(path), int(done))
     rows: NDArray[np.float64] = np.column_stack(
         [table.numbers(name) for name in COLUMNS]
         + [table.numbers(ANGLE) if ANGLE in table.header else np.full(len(table.rows), np.nan)]

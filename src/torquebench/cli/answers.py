@@ -191,7 +191,7 @@ FITTED = Record(
 )
 APPLIED = Record(
     "Readings that were compensated.",
-    "torquebench.records.streams.readings_stream:CompensatedFile",
+    "torquebench.tables.readings_stream:CompensatedFile",
     facts={"unmeasured": [str], **_FILES},
 )
 VERIFIED = Record(

@@ -72,7 +72,7 @@ def _format(out: Path, wanted: Format | None) -> Format:
     InputError
         Where the ending names another one.
     """
-    from torquebench.records.tables.formats import format_of
+    from torquebench.tables.formats import format_of
 
     named = format_of(out) if out.suffix else ""
     if (named and named != (wanted or named)) or named not in ("", *Format):

@@ -102,9 +102,9 @@ def in_place(
 
 
 def _alone(path: Path, side: Side, description: BenchDescription) -> CalibrationData:
-    from torquebench.records import read_calibration_csv
+    from torquebench.tables import read_calibration
 
-    return read_calibration_csv(path, range_nm=description.module(side).range_nm, side=side)
+    return read_calibration(path, range_nm=description.module(side).range_nm, side=side)
 
 
 def _measured(

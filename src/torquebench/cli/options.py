@@ -316,7 +316,7 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         or its name promises another format.
     """
     if endings:
-        from torquebench.records.tables.formats import ENDINGS
+        from torquebench.tables.formats import ENDINGS
 
         known = {*ENDINGS, ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(endings)
         if path.suffix.lower() in known:

@@ -12,14 +12,14 @@ import numpy as np
 import pyarrow as pa
 from numpy.typing import NDArray
 
+from torquebench import tables
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records import read_calibration_csv
-from torquebench.records.tables.csv_text import read_csv
-from torquebench.records.tables.files import cells_of, read_arrow
-from torquebench.records.tables.formats import is_csv
-from torquebench.records.tables.readings import calibration_of
+from torquebench.tables.csv_text import read_csv
+from torquebench.tables.files import cells_of, read_arrow
+from torquebench.tables.formats import is_csv
+from torquebench.tables.readings import calibration_of
 
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
 
@@ -69,7 +69,7 @@ def read_calibration(
     mapping = mapping_of(columns)
     try:
         if isinstance(source, str | Path):
-            return read_calibration_csv(
+            return tables.read_calibration(
                 source,
                 range_nm=range_nm,
                 transducer_serial=transducer_serial,

@@ -44,8 +44,8 @@ from torquebench.notebook.frames import (
     read_calibration,
     with_columns,
 )
-from torquebench.records.streams.arrow_table import ArrowReadings
-from torquebench.records.tables.readings import ADDED_COLUMNS
+from torquebench.tables.arrow_table import ArrowReadings
+from torquebench.tables.readings import ADDED_COLUMNS
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["Compensation", "FitWarning", "compare", "fit", "load_model"]

@@ -29,11 +29,11 @@ from torquebench.message import Message
 from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
 from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records.tables.files import read_table
-from torquebench.records.tables.formats import ENDINGS, READ
-from torquebench.records.tables.readings import read_calibration_csv, write_calibration_csv
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
+from torquebench.tables.files import read_table
+from torquebench.tables.formats import ENDINGS, READ
+from torquebench.tables.readings import read_calibration, write_calibration
 
 __all__ = [
     "BenchTables",
@@ -344,7 +344,7 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
             data = getattr(module, kind.replace("-", "_"))
             if data is not None:
                 path = folder / f"{kind}-{side}.csv"
-                write_calibration_csv(path, data, remarks)
+                write_calibration(path, data, remarks)
                 written.append(path)
         if module.certificate is not None:
             columns = [getattr(module.certificate, name) for name in _CERTIFICATE]
@@ -400,7 +400,7 @@ def read_tables(folder: Path) -> BenchTables:
     names: list[str] = []
     for side in SIDES:
         found = {
-            kind.replace("-", "_"): read_calibration_csv(path, side=side)
+            kind.replace("-", "_"): read_calibration(path, side=side)
             for kind in _KINDS
             if (path := _table_file(folder, f"{kind}-{side}")) is not None
         }

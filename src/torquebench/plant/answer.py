@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.atomic_write import atomic_path
-from torquebench.records.tables.formats import check_written, is_parquet
+from torquebench.tables.formats import check_written, is_parquet
 
 __all__ = ["Answer"]
 

@@ -1,4 +1,4 @@
-"""Records: tables in and out, the folder of each run, and the registry.
+"""Records: the folder of each run, and the registry.
 
 Outputs are written completely or not at all, and nothing is overwritten. A name is imported at its
 first use, so that a list of records doesn't wait for numerical libraries.

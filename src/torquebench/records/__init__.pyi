@@ -1,9 +1,6 @@
 from .chain import (
     ChainHead as ChainHead,
 )
-from .tables.csv_text import (
-    decode_csv as decode_csv,
-)
 from .registry.database import (
     REGISTRY_FILE as REGISTRY_FILE,
     REGISTRY_URL as REGISTRY_URL,
@@ -59,15 +56,6 @@ from .runs.folder import (
 )
 from .runs.lock import (
     RunLock as RunLock,
-)
-from .tables.readings import (
-    ReadingsTable as ReadingsTable,
-    calibration_csv as calibration_csv,
-    parse_calibration_csv as parse_calibration_csv,
-    read_calibration_csv as read_calibration_csv,
-    read_empty_run as read_empty_run,
-    read_readings_csv as read_readings_csv,
-    write_calibration_csv as write_calibration_csv,
 )
 from .runs.unfinished import (
     REGISTERS as REGISTERS,

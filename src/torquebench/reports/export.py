@@ -24,12 +24,10 @@ from torquebench.records import (
     Registry,
     RunFolder,
     RunSummary,
-    calibration_csv,
     folder_changes,
     json_text,
     sha256_of_file,
 )
-from torquebench.records.reference_remarks import reference_remarks
 from torquebench.reports.certificate import (
     Issue,
     build_record,
@@ -37,6 +35,8 @@ from torquebench.reports.certificate import (
     run_data,
 )
 from torquebench.reports.export_words import file_words
+from torquebench.tables import calibration_csv
+from torquebench.tables.reference_remarks import reference_remarks
 
 __all__ = ["ExportedRun", "export_run"]
 

@@ -19,18 +19,11 @@ from torquebench.campaign.modules import store_model
 from torquebench.chain import Reference
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError, RecordError
-from torquebench.records import (
-    Equipment,
-    Registry,
-    Report,
-    RunFolder,
-    check_records,
-    read_calibration_csv,
-    write_calibration_csv,
-)
+from torquebench.records import Equipment, Registry, Report, RunFolder, check_records
 from torquebench.reports.certificate import Issue, build_record, run_data
 from torquebench.reports.certificate.record import Party
 from torquebench.reports.certificate.source import Source
+from torquebench.tables import read_calibration, write_calibration
 from torquebench.uncertainty import CertifiedUncertainty
 
 PROFILE = load_profile("staircase")
@@ -77,7 +70,7 @@ def enter(
     model: Path | None = None,
 ) -> RegisteredTable:
     table = registry.root.parent / "table.csv"
-    write_calibration_csv(table, data)
+    write_calibration(table, data)
     return register_table(
         registry, table, data, PROFILE, circumstances, operator="C. Clerk", model=model
     )
@@ -107,10 +100,10 @@ def test_a_table_is_kept_whatever_its_encoding(
     registry: Registry, data: CalibrationData, encoding: str
 ) -> None:
     table = registry.root.parent / "table.csv"
-    write_calibration_csv(table, data)
+    write_calibration(table, data)
     text = f"# Prüfer = Müller\n{table.read_text(encoding='utf-8')}"
     table.write_text(text, encoding=encoding)
-    read = read_calibration_csv(table)
+    read = read_calibration(table)
     entered = register_table(registry, table, read, PROFILE, CIRCUMSTANCES, operator="C. Clerk")
     folder = RunFolder.open(registry.run(entered.run_id).folder)
     assert (folder.path / "table.csv").read_text(encoding="utf-8") == text

@@ -15,8 +15,8 @@ from torquebench.campaign.chains import reference_effect
 from torquebench.campaign.turning import joined_tables
 from torquebench.chain import Reference
 from torquebench.errors import InputError
-from torquebench.records import calibration_csv, parse_calibration_csv
-from torquebench.records.reference_remarks import reference_remarks
+from torquebench.tables import calibration_csv, parse_calibration
+from torquebench.tables.reference_remarks import reference_remarks
 from torquebench.uncertainty import CertifiedUncertainty
 
 RANGE_NM = 50.0
@@ -40,7 +40,7 @@ def table(**changes: Any) -> CalibrationData:
 
 
 def read(text: str) -> CalibrationData:
-    return parse_calibration_csv(text, "a.csv")
+    return parse_calibration(text, "a.csv")
 
 
 def test_a_table_of_the_bench_states_the_standard_of_its_chain() -> None:

@@ -15,8 +15,8 @@ from torquebench.campaign.dynamics import identify_dynamics
 from torquebench.chain import MeasuringChain, Readings, RecordedStream, joined, rows_of
 from torquebench.compensation import Provenance, StoredModel, make_model, save_model
 from torquebench.errors import InputError
-from torquebench.records import read_readings_csv
-from torquebench.records.tables.readings import calibration_csv
+from torquebench.tables import read_readings
+from torquebench.tables.readings import calibration_csv
 
 
 @pytest.fixture(scope="module")
@@ -95,7 +95,7 @@ def test_a_file_of_readings_states_what_its_rows_are(
 ) -> None:
     file = tmp_path / "readings.csv"
     file.write_text(f"{comment}reading_nm,branch\n5,up\n")
-    known = read_readings_csv(file).readings()
+    known = read_readings(file).readings()
     assert (known.acceleration_rad_s2, known.window_s) == (acceleration, window_s)
 
 
@@ -104,7 +104,7 @@ def test_a_window_without_a_length_is_named(tmp_path: Path, window: str) -> None
     file = tmp_path / "readings.csv"
     file.write_text(f"# window_s = {window}\nreading_nm\n5\n")
     with pytest.raises(InputError, match=f"the comment says window_s = '{window}'"):
-        read_readings_csv(file).readings()
+        read_readings(file).readings()
 
 
 def test_a_written_calibration_gives_apply_what_it_gives_verify(
@@ -117,7 +117,7 @@ def test_a_written_calibration_gives_apply_what_it_gives_verify(
     file = tmp_path / "points.csv"
     file.write_text(calibration_csv(data))
     verified = chain.torque(replace(data.readings(), zero_age_h=None))
-    applied = chain.torque(read_readings_csv(file).readings(zero_temperature_c=23.0))
+    applied = chain.torque(read_readings(file).readings(zero_temperature_c=23.0))
     np.testing.assert_array_equal(applied.value_nm, verified.value_nm)
     np.testing.assert_array_equal(applied.expanded_uncertainty_nm, verified.expanded_uncertainty_nm)
 

@@ -20,7 +20,8 @@ from torquebench.panel.service.records.table_import import (
 )
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import PanelStore
-from torquebench.records import Registry, RunFolder, calibration_csv, check_records
+from torquebench.records import Registry, RunFolder, check_records
+from torquebench.tables import calibration_csv
 
 CHIEF = Actor("Max", "metrologist", "m")
 CIRCUMSTANCES = {

@@ -17,8 +17,8 @@ from torquebench.procedures.turning.profile import (
     TurningProfile,
     load_turning_profile,
 )
-from torquebench.records import read_calibration_csv, read_empty_run
 from torquebench.station import Station
+from torquebench.tables import read_calibration, read_empty_run
 
 SHORT = {
     "name": "short",
@@ -129,7 +129,7 @@ def test_a_turning_module_is_calibrated_over_whole_revolutions(
     chosen = profile(kind="calibration", torque_shares=[0.5, 1.0])
     file = tmp_path / "points.csv"
     measure_turning(station, "input", chosen, file)
-    data = read_calibration_csv(file)
+    data = read_calibration(file)
     assert data.speed_rpm is not None
     assert data.nominal_nm is not None
     assert set(np.round(data.speed_rpm)) == {1200.0, -1200.0}
@@ -158,11 +158,11 @@ def test_an_aborted_turning_calibration_goes_on_with_the_other_speeds(
 
     with pytest.raises(RunAbortedError):
         measure_turning(station, "input", chosen, file, progress=Watching(stop))
-    first = read_calibration_csv(file)
+    first = read_calibration(file)
     assert len(first) == of_a_speed
     begun = read_begun(file, "input", chosen, station.description.input.transducer.serial)
     done = measure_turning(station, "input", chosen, file, begun=begun)
-    whole = read_calibration_csv(file)
+    whole = read_calibration(file)
     assert done.rows == len(whole) == 2 * of_a_speed
     np.testing.assert_array_equal(whole.reading_nm[:of_a_speed], first.reading_nm)
     assert whole.series.tolist() == [1] * of_a_speed + [2] * of_a_speed
@@ -194,7 +194,7 @@ def test_a_verification_draws_speeds_and_torques_that_a_seed_repeats(
     assert points[3].torque_nm == points[7].torque_nm == 0.0
     file = tmp_path / "fresh.csv"
     measure_turning(station, "input", chosen, file)
-    data = read_calibration_csv(file)
+    data = read_calibration(file)
     assert data.nominal_nm is not None
     assert data.speed_rpm is not None
     np.testing.assert_allclose(data.nominal_nm, [point.torque_nm for point in points], atol=1e-5)

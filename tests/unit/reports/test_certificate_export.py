@@ -10,9 +10,10 @@ import pytest
 from tests.unit.reports.calibrated_bench import calibrated_bench
 
 from torquebench.errors import InputError, RecordError
-from torquebench.records import Registry, read_calibration_csv
+from torquebench.records import Registry
 from torquebench.reports.certificate import Issue, build_record, issue_certificate
 from torquebench.reports.export import export_run
+from torquebench.tables import read_calibration
 
 
 @pytest.fixture
@@ -43,7 +44,7 @@ def test_hashes_and_points_hold(registry: Registry, tmp_path: Path) -> None:
     for line in (exported.folder / "SHA256SUMS.txt").read_text().splitlines():
         digest, name = line.split("  ")
         assert hashlib.sha256((exported.folder / name).read_bytes()).hexdigest() == digest
-    data = read_calibration_csv(exported.folder / "calibration.csv")
+    data = read_calibration(exported.folder / "calibration.csv")
     assert data.sha256() == bench.calibration.data_sha256
     lines = (exported.folder / "points.csv").read_text().splitlines()
     rows = list(csv.DictReader(line for line in lines if not line.startswith("#")))

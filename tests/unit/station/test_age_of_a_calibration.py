@@ -15,9 +15,10 @@ from torquebench.campaign.fitting import ModelChoice, fit_models, store_model
 from torquebench.chain import Drift, MeasuringChain, Readings, load_chain
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError
-from torquebench.records import Registry, parse_calibration_csv, read_readings_csv
-from torquebench.records.tables.readings import calibration_csv
+from torquebench.records import Registry
 from torquebench.station.matching import compensation_for
+from torquebench.tables import parse_calibration, read_readings
+from torquebench.tables.readings import calibration_csv
 
 DRIFT = Drift("data sheet", 0.05, 8766.0)
 TODAY = datetime.now(UTC).date()
@@ -76,7 +77,7 @@ def test_a_refit_of_old_points_does_not_make_them_new(
     # a file that states its day gives the same
     readings = tmp_path / "readings.csv"
     readings.write_text(f"# measured_on = {TODAY}\nreading_nm\n100\n")
-    rows = load_chain(file).torque(read_readings_csv(readings).readings())
+    rows = load_chain(file).torque(read_readings(readings).readings())
     assert share_of_limit(rows.component("drift"), rows.value_nm) == pytest.approx(live, rel=1e-9)
 
 
@@ -99,7 +100,7 @@ def test_the_day_belongs_to_points_models_and_files(tmp_path: Path) -> None:
     data = points(day)
     text = calibration_csv(data)
     assert "# measured_on = 2025-03-31\n" in text
-    assert parse_calibration_csv(text, "a table").measured_on == day
+    assert parse_calibration(text, "a table").measured_on == day
     assert replace(data, measured_on="2025-03-31").measured_on == day  # as results hold it
     assert load_model(stored(tmp_path, day)).provenance.calibrated_on == "2025-03-31"
     (fitted,) = fit_models(data, [ModelChoice("polynomial-1")])
@@ -115,4 +116,4 @@ def test_the_day_belongs_to_points_models_and_files(tmp_path: Path) -> None:
 def test_a_day_that_is_none_is_named(said: str) -> None:
     text = calibration_csv(points(date(2025, 3, 31))).replace("2025-03-31", said)
     with pytest.raises(InputError, match=f"the comment says measured_on = '{said}'"):
-        parse_calibration_csv(text, "a table")
+        parse_calibration(text, "a table")

@@ -197,7 +197,7 @@ def static(
         find_deviations,
         load_profile,
     )
-    from torquebench.records import read_calibration_csv
+    from torquebench.tables import read_calibration
 
     chosen = load_profile(profile)
     check_steps(chosen)
@@ -209,7 +209,7 @@ def static(
         check_kept(data)
         person = _person(registration.records, registration.measured_by)
     moment = performed_at(performed)
-    read = read_calibration_csv(
+    read = read_calibration(
         data,
         range_nm=range_nm,
         transducer_serial=registration.transducer,

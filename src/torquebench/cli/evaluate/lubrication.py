@@ -32,7 +32,7 @@ def lubrication(
     check_output(result, run, model, endings=(".json",))
     from torquebench.chain import MeasuringChain, identify_lubrication
     from torquebench.compensation import load_model, save_model
-    from torquebench.records import read_empty_run
+    from torquebench.tables import read_empty_run
 
     stored = load_model(model)
     chain = MeasuringChain.of(stored)

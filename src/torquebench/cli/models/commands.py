@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from torquebench.campaign.results import FitResult
     from torquebench.chain import Effect, MeasuringChain, Readings, Torque
     from torquebench.compensation import StoredModel
-    from torquebench.records import ReadingsTable
+    from torquebench.tables import ReadingsTable
 
 __all__ = ["LimitsOption", "apply", "chain_of", "fit", "verify", "write_verification"]
 
@@ -130,8 +130,8 @@ def fit(
     """
     from torquebench.calibration import load_profile
     from torquebench.compensation import check_kind
-    from torquebench.records import read_calibration_csv, read_empty_run
-    from torquebench.records.tables.readings import maps_one
+    from torquebench.tables import read_calibration, read_empty_run
+    from torquebench.tables.readings import maps_one
 
     inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
     check_output(result, *inputs, endings=(".json",))
@@ -148,7 +148,7 @@ def fit(
     limits = load_profile(profile).plausibility
     others = [*data, *(empty or ())]
     tables = {
-        file.name: read_calibration_csv(
+        file.name: read_calibration(
             file,
             range_nm=range_nm,
             both_directions=not one_direction and len(data) == 1,
@@ -287,7 +287,7 @@ def apply(
     steady means as in a calibration.
     """
     from torquebench.compensation import load_model
-    from torquebench.records.tables.formats import check_read, check_written
+    from torquebench.tables.formats import check_read, check_written
 
     check_output(result, model, readings, *([] if dynamics is None else [dynamics]))
     check_read(readings)
@@ -297,7 +297,7 @@ def apply(
 
     from torquebench.chain import RecordedStream, SwitchedOff
     from torquebench.cli.terminal.progress import TerminalProgress
-    from torquebench.records.streams.readings_stream import compensate_file
+    from torquebench.tables.readings_stream import compensate_file
 
     chain = chain_of(stored, bench)
     filtering = None
@@ -390,12 +390,12 @@ def verify(
     measured range; their zero is that of the calibration unless --zero-temperature states another.
     """
     from torquebench.compensation import load_model
-    from torquebench.records import read_calibration_csv
+    from torquebench.tables import read_calibration
 
     check_reports(report)
     stored = load_model(model)
     compared = {f"model {path.stem}": load_model(path) for path in others or []}
-    points = read_calibration_csv(data, range_nm=stored.provenance.range_nm, mapping=column or ())
+    points = read_calibration(data, range_nm=stored.provenance.range_nm, mapping=column or ())
     for each in (stored, *compared.values()):
         _check_chain(each, points)
     _warn_of_contradictions(stored)

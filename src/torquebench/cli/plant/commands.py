@@ -51,7 +51,7 @@ def opened(url: str, written: Path | None = None) -> Plant:
     from torquebench.plant import Plant
 
     if written is not None:
-        from torquebench.records.tables.formats import check_written
+        from torquebench.tables.formats import check_written
 
         check_written(written)
         check_output(written)

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from torquebench.records.tables.csv_text import CsvTable
+    from torquebench.tables.csv_text import CsvTable
 
 __all__ = ["Kind", "read_columns"]
 
@@ -44,8 +44,8 @@ def read_columns(
     InputError
         Where a column is missing or unknown, has no or another unit, or no row is left.
     """
-    from torquebench.records.tables.columns import chosen_columns
-    from torquebench.records.tables.files import read_table
+    from torquebench.tables.columns import chosen_columns
+    from torquebench.tables.files import read_table
 
     table = read_table(data)
     chosen = chosen_columns(table, wanted, required, mapping)

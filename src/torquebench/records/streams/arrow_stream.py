@@ -8,16 +8,15 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pyarrow as pa
-from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_path
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.durable_file import DurableFile
+from torquebench.tables.arrow_table import numbers_of
 
-__all__ = ["ArrowStream", "WholeBatches", "described_schema", "numbers_of", "seal_stream"]
+__all__ = ["ArrowStream", "WholeBatches", "described_schema", "seal_stream"]
 
 FLUSH_INTERVAL_S = 0.5
 """Longest time between two synchronisations while data arrive, s of wall time."""
@@ -235,23 +234,6 @@ def _feed(digest: Any, array: Any) -> None:
             content = value.encode() if isinstance(value, str) else value or b""
             digest.update(f"{len(content)}:".encode())
             digest.update(content)
-
-
-def numbers_of(column: Any) -> NDArray[Any]:
-    """Return a column of numbers as NumPy has it, NaN where it has no value.
-
-    `to_numpy` imports pandas if there is one, which takes longer than a file of 10⁶ rows.
-    """
-    if isinstance(column, pa.ChunkedArray):
-        column = column.combine_chunks()
-    boolean = pa.types.is_boolean(column.type)
-    plain = boolean or pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
-    if column.null_count or len(column) == 0 or not plain:
-        return np.asarray(column.to_numpy(zero_copy_only=False))
-    if not boolean:
-        return np.from_dlpack(column)
-    bits = np.unpackbits(np.frombuffer(column.buffers()[1], np.uint8), bitorder="little")
-    return bits[column.offset : column.offset + len(column)].astype(np.bool_)
 
 
 def _torn_start(path: Path) -> bool:

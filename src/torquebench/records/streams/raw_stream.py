@@ -17,9 +17,9 @@ from torquebench.records.streams.arrow_stream import (
     ArrowStream,
     WholeBatches,
     described_schema,
-    numbers_of,
     seal_stream,
 )
+from torquebench.tables.arrow_table import numbers_of
 
 __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
 

@@ -28,7 +28,7 @@ from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE, states_reference
-from torquebench.records.tables.formats import ENDINGS
+from torquebench.tables.formats import ENDINGS
 
 __all__ = ["TableEntry", "all_profile_titles", "profile_titles"]
 

@@ -36,12 +36,13 @@ from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
-from torquebench.records import Equipment, Registry, Report, decode_csv, parse_calibration_csv
-from torquebench.records.reference_remarks import UNCERTAINTY
-from torquebench.records.tables.csv_text import remarks_in
-from torquebench.records.tables.files import table_text
-from torquebench.records.tables.formats import is_csv
+from torquebench.records import Equipment, Registry, Report
 from torquebench.reports.certificate import person_among
+from torquebench.tables import decode_csv, parse_calibration
+from torquebench.tables.csv_text import remarks_in
+from torquebench.tables.files import table_text
+from torquebench.tables.formats import is_csv
+from torquebench.tables.reference_remarks import UNCERTAINTY
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import ConflictError, refuse_future, validated
 
@@ -372,7 +373,7 @@ class TableImport:
         _check_size(asked.content)
         profile = self._settings.profile(asked.profile)
         check_steps(profile)
-        read = parse_calibration_csv(
+        read = parse_calibration(
             asked.content,
             "the table",
             range_nm=asked.range_nm,

@@ -7,13 +7,13 @@ import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv, read_readings_csv
-from torquebench.records.streams.arrow_table import ArrowReadings
+from torquebench.tables import read_calibration, read_readings
+from torquebench.tables.arrow_table import ArrowReadings
 
 
 def read(folder: Path, content: str, *mapping: str, encoding: str = "utf-8") -> CalibrationData:
     (folder / "a.csv").write_bytes(content.encode(encoding))
-    return read_calibration_csv(folder / "a.csv", mapping=mapping)
+    return read_calibration(folder / "a.csv", mapping=mapping)
 
 
 @pytest.mark.parametrize(
@@ -60,7 +60,7 @@ def test_a_direction_of_loading_is_a_branch(
     table = f"reading_nm;standard_nm;{header}\n10,1;10;{up}\n5,2;5;{down}\n"
     assert read(tmp_path, table).branch.tolist() == [1, -1]
     (tmp_path / "r.csv").write_text(f"reading_nm;{header}\n10,1;{up}\n5,2;{down}\n")
-    branch = read_readings_csv(tmp_path / "r.csv").branch
+    branch = read_readings(tmp_path / "r.csv").branch
     assert branch is not None
     assert branch.tolist() == [1, -1]
 
@@ -121,7 +121,7 @@ def test_columns_named_by_the_user(tmp_path: Path) -> None:
 
 def test_readings_too(tmp_path: Path) -> None:
     (tmp_path / "a.csv").write_text("Anzeige [kNm],Ast\n0.01,ab\n")
-    readings = read_readings_csv(tmp_path / "a.csv")
+    readings = read_readings(tmp_path / "a.csv")
     assert readings.reading_nm.tolist() == [10.0]
     assert readings.branch is not None
     assert readings.branch.tolist() == [-1]

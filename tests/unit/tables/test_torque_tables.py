@@ -1,7 +1,7 @@
 import pytest
 
 from torquebench.errors import InputError
-from torquebench.records import read_readings_csv
+from torquebench.tables import read_readings
 
 
 @pytest.fixture
@@ -9,7 +9,7 @@ def read(tmp_path):
     def read_text(text):
         path = tmp_path / "readings.csv"
         path.write_text(text, encoding="utf-8")
-        return read_readings_csv(path)
+        return read_readings(path)
 
     return read_text
 

@@ -10,9 +10,8 @@ import pytest
 from tests.watching import Watching
 
 from torquebench.errors import InputError
-from torquebench.records import ReadingsTable
-from torquebench.records.streams import readings_stream
-from torquebench.records.streams.readings_stream import compensate_file
+from torquebench.tables import ReadingsTable, readings_stream
+from torquebench.tables.readings_stream import compensate_file
 
 
 @pytest.fixture(autouse=True, params=[64, 1 << 23])
@@ -97,11 +96,11 @@ def test_memory_holds_a_block_and_never_the_file(
     ids=["quotes", "comments", "decimal comma", "tabs", "no last line end", "kN·m", "signs"],
 )
 def test_what_laboratories_write(tmp_path: Path, content: str) -> None:
-    from torquebench.records import read_readings_csv
+    from torquebench.tables import read_readings
 
     text = result(tmp_path, content)
-    before = read_readings_csv(tmp_path / "readings.csv")
-    after = read_readings_csv(tmp_path / "torque.csv")
+    before = read_readings(tmp_path / "readings.csv")
+    after = read_readings(tmp_path / "torque.csv")
     assert after.reading_nm.tolist() == before.reading_nm.tolist()
     assert [row[:-3] for row in after.table.rows] == list(before.table.rows)
     torque = [row[-3].replace(",", ".") for row in after.table.rows]

@@ -13,19 +13,18 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records.streams.arrow_stream import numbers_of
-from torquebench.records.tables.columns import (
+from torquebench.tables.columns import (
     DIRECTION_REMEDY,
     WORDS_ALLOWED,
     of_loading,
     understood,
     word_values,
 )
-from torquebench.records.tables.csv_text import CsvTable, what_number
-from torquebench.records.tables.files import cell_texts, headers, remarks_of
-from torquebench.records.tables.readings import READING_COLUMNS, ReadingsTable
+from torquebench.tables.csv_text import CsvTable, what_number
+from torquebench.tables.files import cell_texts, headers, remarks_of
+from torquebench.tables.readings import READING_COLUMNS, ReadingsTable
 
-__all__ = ["ArrowReadings"]
+__all__ = ["ArrowReadings", "numbers_of"]
 
 
 class ArrowReadings:
@@ -148,6 +147,23 @@ class ArrowReadings:
                 ),
                 *DIRECTION_REMEDY,
             )
+
+
+def numbers_of(column: Any) -> NDArray[Any]:
+    """Return a column of numbers as NumPy has it, NaN where it has no value.
+
+    `to_numpy` imports pandas if there is one, which takes longer than a file of 10⁶ rows.
+    """
+    if isinstance(column, pa.ChunkedArray):
+        column = column.combine_chunks()
+    boolean = pa.types.is_boolean(column.type)
+    plain = boolean or pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
+    if column.null_count or len(column) == 0 or not plain:
+        return np.asarray(column.to_numpy(zero_copy_only=False))
+    if not boolean:
+        return np.from_dlpack(column)
+    bits = np.unpackbits(np.frombuffer(column.buffers()[1], np.uint8), bitorder="little")
+    return bits[column.offset : column.offset + len(column)].astype(np.bool_)
 
 
 def _first_word(column: Any) -> tuple[int, str]:

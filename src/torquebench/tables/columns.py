@@ -17,7 +17,7 @@ from torquebench.chain.readings import MEASURED
 from torquebench.compensation import BRANCH_WORDS
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records.tables.csv_text import CsvTable
+from torquebench.tables.csv_text import CsvTable
 from torquebench.units import TURN, UNIT_OF_ENDING, UNITS, plain_unit, unit_of_name
 
 __all__ = [
@@ -231,7 +231,7 @@ def chosen_columns(
 
     Examples
     --------
-    >>> from torquebench.records.tables.csv_text import parse_csv
+    >>> from torquebench.tables.csv_text import parse_csv
     >>> table = parse_csv("speed_rpm;Drehmoment [N·m];Kanal 3\n1;2;3\n", "a table")
     >>> wanted = {"speed": "speed", "torque": "torque", "angle": "angle"}
     >>> for source in chosen_columns(table, wanted, mapping=["angle=-Kanal 3[rad]"]).items():
@@ -330,7 +330,7 @@ def understood(
 
     Examples
     --------
-    >>> from torquebench.records.tables.csv_text import parse_csv
+    >>> from torquebench.tables.csv_text import parse_csv
     >>> table = parse_csv("Anzeige [N·m];Normal in kNm;Ast\n1;0,001;auf\n", "a table")
     >>> table, columns = understood(table, ("reading_nm", "standard_nm"))
     >>> columns["standard_nm"], table.header[2]

@@ -6,7 +6,7 @@ from hypothesis.extra import numpy as npst
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv, read_readings_csv, write_calibration_csv
+from torquebench.tables import read_calibration, read_readings, write_calibration
 
 GOOD = """\
 reading_nm,standard_nm,series
@@ -23,7 +23,7 @@ def read(tmp_path):
     def read_text(text, **options):
         path = tmp_path / "data.csv"
         path.write_bytes(text if isinstance(text, bytes) else text.encode())
-        return read_calibration_csv(path, **options)
+        return read_calibration(path, **options)
 
     return read_text
 
@@ -185,9 +185,9 @@ def test_what_cannot_be_used_is_named_with_its_place(read, text, message):
 
 def test_a_missing_file_is_named(tmp_path):
     with pytest.raises(InputError, match=r"can't read .*missing\.csv: No such file"):
-        read_calibration_csv(tmp_path / "missing.csv")
+        read_calibration(tmp_path / "missing.csv")
     with pytest.raises(InputError, match="can't read"):
-        read_calibration_csv(tmp_path)
+        read_calibration(tmp_path)
 
 
 def test_values_beyond_the_range_are_named_with_their_line(read):
@@ -232,8 +232,8 @@ def test_written_tables_are_read_back_exactly(tmp_path_factory, data, n, optiona
         position_deg=data.draw(column) if optional else None,
     )
     path = tmp_path_factory.getbasetemp() / "round_trip.csv"
-    write_calibration_csv(path, table, {"profile": "rapid-in-situ"})
-    again = read_calibration_csv(path)
+    write_calibration(path, table, {"profile": "rapid-in-situ"})
+    again = read_calibration(path)
     assert again.sha256() == table.sha256()
     assert again.simulated == table.simulated
 
@@ -257,7 +257,7 @@ def test_written_tables_are_read_back_exactly(tmp_path_factory, data, n, optiona
 def test_whatever_a_file_holds_it_is_a_table_or_an_input_error(tmp_path_factory, content):
     path = tmp_path_factory.getbasetemp() / "anything.csv"
     path.write_bytes(content if isinstance(content, bytes) else content.encode("utf-8", "replace"))
-    for reader in (read_calibration_csv, read_readings_csv):
+    for reader in (read_calibration, read_readings):
         try:
             table = reader(path)
         except InputError:

@@ -15,8 +15,7 @@ from torquebench.chain import EmptyRun, Readings, readings_of_rows, stretches
 from torquebench.chain.readings import MEASURED
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records.reference_remarks import reference_in, reference_remarks
-from torquebench.records.tables.columns import (
+from torquebench.tables.columns import (
     branches,
     check_direction,
     maps,
@@ -24,18 +23,19 @@ from torquebench.records.tables.columns import (
     series,
     understood,
 )
-from torquebench.records.tables.csv_text import CsvTable, parse_csv
-from torquebench.records.tables.files import read_table
+from torquebench.tables.csv_text import CsvTable, parse_csv
+from torquebench.tables.files import read_table
+from torquebench.tables.reference_remarks import reference_in, reference_remarks
 
 __all__ = [
     "ReadingsTable",
     "calibration_csv",
     "maps_one",
-    "parse_calibration_csv",
-    "read_calibration_csv",
+    "parse_calibration",
+    "read_calibration",
     "read_empty_run",
-    "read_readings_csv",
-    "write_calibration_csv",
+    "read_readings",
+    "write_calibration",
 ]
 
 READING_COLUMNS = ("reading_nm", "time_s", *MEASURED, "standard_error_nm")
@@ -53,7 +53,7 @@ _MOST_STEPS = 2000
 """Most points of a loading sequence; larger tables are recordings."""
 
 
-def read_calibration_csv(
+def read_calibration(
     path: Path | str,
     *,
     range_nm: float | None = None,
@@ -118,7 +118,7 @@ def read_calibration_csv(
     return calibration_of(table, range_nm, both_directions, chained, mapping)
 
 
-def parse_calibration_csv(
+def parse_calibration(
     text: str,
     origin: str,
     *,
@@ -126,7 +126,7 @@ def parse_calibration_csv(
     transducer_serial: str = "",
     counter_identity: str = "",
 ) -> CalibrationData:
-    r"""Return the calibration in a CSV text; see `read_calibration_csv`.
+    r"""Return the calibration in a CSV text; see `read_calibration`.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def parse_calibration_csv(
 
     Examples
     --------
-    >>> data = parse_calibration_csv("reading_nm,standard_nm\n5.1,5.0\n10.2,10.0\n", "a table")
+    >>> data = parse_calibration("reading_nm,standard_nm\n5.1,5.0\n10.2,10.0\n", "a table")
     >>> data.standard_nm.tolist(), data.range_nm
     ([5.0, 10.0], 10.2)
     """
@@ -261,7 +261,7 @@ class ReadingsTable:
         return self.table.place(row, "reading_nm")
 
 
-def read_readings_csv(path: Path | str) -> ReadingsTable:
+def read_readings(path: Path | str) -> ReadingsTable:
     """Return the readings in a CSV file, to be compensated.
 
     The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``,
@@ -276,7 +276,7 @@ def read_readings_csv(path: Path | str) -> ReadingsTable:
 
 
 def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
-    """Return the readings in a table; see `read_readings_csv`."""
+    """Return the readings in a table; see `read_readings`."""
     table, columns = understood(table, ("reading_nm",), mapping)
     table.check_decimal_marks([columns[name][0] for name in READING_COLUMNS if name in columns])
     read = {name: quantity(table, columns, name) for name in READING_COLUMNS}
@@ -342,10 +342,10 @@ def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> lis
     ]
 
 
-def write_calibration_csv(
+def write_calibration(
     path: Path, data: CalibrationData, remarks: Mapping[str, str] | None = None
 ) -> None:
-    """Write a calibration as a CSV file that `read_calibration_csv` reads back exactly.
+    """Write a calibration as a CSV file that `read_calibration` reads back exactly.
 
     Parameters
     ----------
@@ -365,7 +365,7 @@ def write_calibration_csv(
 
 
 def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = None) -> str:
-    """Return a calibration as CSV text; see `write_calibration_csv`.
+    """Return a calibration as CSV text; see `write_calibration`.
 
     Examples
     --------

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records.tables.columns import with_unit
-from torquebench.records.tables.csv_text import COMMENT, CsvTable, decode_csv, read_csv
-from torquebench.records.tables.formats import format_of, is_csv, split_part
-from torquebench.records.tables.sheet_errors import cell_errors
+from torquebench.tables.columns import with_unit
+from torquebench.tables.csv_text import COMMENT, CsvTable, decode_csv, read_csv
+from torquebench.tables.formats import format_of, is_csv, split_part
+from torquebench.tables.sheet_errors import cell_errors
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

@@ -21,11 +21,11 @@ from tests.watching import Watching
 from torquebench.chain.readings import MEASURED
 from torquebench.columns import column_of
 from torquebench.errors import InputError
-from torquebench.records import read_calibration_csv, read_readings_csv
-from torquebench.records.streams.arrow_table import ArrowReadings
-from torquebench.records.streams.readings_stream import compensate_file
-from torquebench.records.tables.files import open_table, read_table
-from torquebench.records.tables.readings import READING_COLUMNS
+from torquebench.tables import read_calibration, read_readings
+from torquebench.tables.arrow_table import ArrowReadings
+from torquebench.tables.files import open_table, read_table
+from torquebench.tables.readings import READING_COLUMNS
+from torquebench.tables.readings_stream import compensate_file
 
 Columns = dict[str, tuple[str, list[Any]]]
 
@@ -116,14 +116,14 @@ def test_units_come_from_headers_or_properties_and_channels_go_by_name(
 ) -> None:
     path = tmp_path / f"calibration.{ending}"
     WRITERS[ending](path, CALIBRATION)
-    data = read_calibration_csv(path, mapping=["reading=-Drehmoment"])
+    data = read_calibration(path, mapping=["reading=-Drehmoment"])
     np.testing.assert_allclose(data.reading_nm, [0.0, -5.0, -10.1, -5.2, 0.0])
     assert data.standard_nm.tolist() == [0.0, 5.0, 10.0, 5.0, 0.0]
     assert data.branch.tolist() == [1, 1, 1, -1, -1]
     assert data.time_s is not None
     assert data.time_s.tolist() == [0.0, 1.0, 2.0, 3.0, 4.0]
     assert data.range_nm == 12.0
-    assert read_calibration_csv(path, mapping=["reading=Drehmoment[Nm]"]).reading_nm[1] == 0.005
+    assert read_calibration(path, mapping=["reading=Drehmoment[Nm]"]).reading_nm[1] == 0.005
 
 
 @pytest.mark.parametrize("ending", ["parquet", "tdms", "mf4", "h5"])
@@ -131,7 +131,7 @@ def test_every_quantity_of_readings_is_a_column_in_its_unit(tmp_path: Path, endi
     """A name such as acceleration_rad_s2 and its stated unit agree."""
     path, values = tmp_path / f"readings.{ending}", [1.0, 2.0, 3.0]
     WRITERS[ending](path, {name: (column_of(name).unit, values) for name in READING_COLUMNS})
-    readings = read_readings_csv(path).readings()
+    readings = read_readings(path).readings()
     for name in ("reading_nm", "time_s", *MEASURED):
         assert getattr(readings, name).tolist() == values
     assert np.asarray(readings.counter_nm).tolist() == values
@@ -141,7 +141,7 @@ def test_every_quantity_of_readings_is_a_column_in_its_unit(tmp_path: Path, endi
 def test_readings_of_any_format_are_compensated_in_batches(
     tmp_path: Path, ending: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("torquebench.records.streams.readings_stream._BLOCK_ROWS", 100)
+    monkeypatch.setattr("torquebench.tables.readings_stream._BLOCK_ROWS", 100)
     reading = np.round(np.sin(np.arange(1234.0)), 4)
     source, target = tmp_path / f"readings.{ending}", tmp_path / "torque.csv"
     WRITERS[ending](
@@ -231,10 +231,10 @@ def test_cells_of_a_sheet(tmp_path: Path, row: list[Any], message: str | None) -
         book.active.append(cells)
     book.save(tmp_path / "a.xlsx")
     if message is None:
-        assert read_calibration_csv(tmp_path / "a.xlsx").reading_nm.tolist() == [0.0, 10.1, 5.1]
+        assert read_calibration(tmp_path / "a.xlsx").reading_nm.tolist() == [0.0, 10.1, 5.1]
     else:
         with pytest.raises(InputError, match=message):
-            read_calibration_csv(tmp_path / "a.xlsx")
+            read_calibration(tmp_path / "a.xlsx")
 
 
 def write_errors_excel(path: Path, rows: list[list[Any]]) -> None:
@@ -301,7 +301,7 @@ def test_an_error_of_a_cell_is_named_with_its_place(
     place = re.escape(f"a.{ending}#Points, row {wrong}, column reading_nm: '{error}'")
     named = Path(f"{path}#Points")
     with pytest.raises(InputError, match=f"{place}.*a spreadsheet's error.*correct its formula"):
-        read_calibration_csv(named)
+        read_calibration(named)
     with ExitStack() as opened:
         file = open_table(named, opened)
         readings = ArrowReadings(file.origin, file.schema)
@@ -315,13 +315,13 @@ def test_a_last_row_of_errors_is_not_dropped(tmp_path: Path) -> None:
         [["reading_nm", "standard_nm"], [0.0, 0.0], [10.1, 10.0], ["#N/A", "#N/A"]],
     )
     with pytest.raises(InputError, match="row 4, column reading_nm: '#N/A'"):
-        read_calibration_csv(tmp_path / "a.xlsx#Points")
+        read_calibration(tmp_path / "a.xlsx#Points")
 
 
 def test_an_error_in_a_column_that_is_not_used_does_not_matter(tmp_path: Path) -> None:
     rows = [["reading_nm", "standard_nm", "ratio"], [0.0, 0.0, "#DIV/0!"], [10.1, 10.0, 1.01]]
     write_errors_ods(tmp_path / "a.ods", rows)
-    data = read_calibration_csv(tmp_path / "a.ods#Points")
+    data = read_calibration(tmp_path / "a.ods#Points")
     assert data.reading_nm.tolist() == [0.0, 10.1]
 
 

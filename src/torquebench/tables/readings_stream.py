@@ -24,13 +24,12 @@ from torquebench.columns import column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Progress
-from torquebench.records.streams.arrow_stream import numbers_of
-from torquebench.records.streams.arrow_table import ArrowReadings
-from torquebench.records.tables.columns import understood, word_values
-from torquebench.records.tables.csv_text import csv_encoding, is_comment, parse_csv
-from torquebench.records.tables.files import ArrowFile, open_table
-from torquebench.records.tables.formats import check_read, check_written, is_csv, is_parquet
-from torquebench.records.tables.readings import (
+from torquebench.tables.arrow_table import ArrowReadings, numbers_of
+from torquebench.tables.columns import understood, word_values
+from torquebench.tables.csv_text import csv_encoding, is_comment, parse_csv
+from torquebench.tables.files import ArrowFile, open_table
+from torquebench.tables.formats import check_read, check_written, is_csv, is_parquet
+from torquebench.tables.readings import (
     ADDED_COLUMNS,
     READING_COLUMNS,
     ReadingsTable,

@@ -1,1 +1,0 @@
-"""Tables of readings in and out: columns with units, file formats, errors by row."""
