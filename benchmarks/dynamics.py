@@ -40,7 +40,7 @@ def speeds(samples: int, repeats: int) -> list[tuple[str, float, float]]:
     """Return case, our samples per second and how many times as many that is."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
-        from PyDynamic.uncertainty.propagate_filter import FIRuncFilter, IIRuncFilter
+        from PyDynamic.uncertainty.propagate_filter import FIRuncFilter
     generator = np.random.default_rng(1)
     values = 100.0 * generator.standard_normal(samples)
     changing = 0.5 + generator.random(samples)
@@ -49,56 +49,35 @@ def speeds(samples: int, repeats: int) -> list[tuple[str, float, float]]:
     inverse = design_inverse(covered, 5e-5).filter
     root = 1e-3 * generator.standard_normal((60, 60))
     long = UncertainFilter(generator.standard_normal(60) / 60, covariance=root @ root.T)
-    b, a = np.array([0.02, 0.05, 0.02]), np.array([1.0, -1.2, 0.6, -0.1])
-    back = UncertainFilter(b, a, 1e-6 * np.eye(6))
-    colour = 0.5 * 0.8 ** np.arange(40)
 
-    def fir(each: UncertainFilter, noise: object, kind: str) -> Callable[[], object]:
+    def fir(each: UncertainFilter) -> Callable[[], object]:
         def call() -> object:
             with contextlib.redirect_stdout(io.StringIO()):
-                return FIRuncFilter(values, noise, each.numerator, each.covariance, kind=kind)
+                return FIRuncFilter(values, changing, each.weights, each.covariance, kind="diag")
 
         return call
 
     plain = np.sqrt(np.diag(root @ root.T))
-    apart = UncertainFilter(long.numerator, covariance=np.diag(plain**2))
-    column = (-1, 1, 1)
+    apart = UncertainFilter(long.weights, covariance=np.diag(plain**2))
     cases: list[tuple[str, Callable[[], object], Callable[[], object]]] = [
         (
-            f"inverse filter, {inverse.numerator.size} taps, changing noise",
-            lambda: inverse.apply(values, changing),
-            fir(inverse, changing, "diag"),
+            f"inverse filter, {inverse.weights.size} taps, changing noise",
+            lambda: inverse.stream().push(values, changing),
+            fir(inverse),
         ),
         (
             "60 taps, full covariance, changing noise",
-            lambda: long.apply(values, changing),
-            fir(long, changing, "diag"),
-        ),
-        (
-            "60 taps, full covariance, coloured noise",
-            lambda: long.apply(values, autocovariance=colour),
-            fir(long, colour, "corr"),
-        ),
-        (
-            "with feedback, 3 poles, changing noise",
-            lambda: back.apply(values, changing),
-            lambda: IIRuncFilter(
-                values.reshape(column),
-                changing.reshape(column),
-                b,
-                a,
-                Uab=back.covariance,
-                kind="diag",
-            ),
+            lambda: long.stream().push(values, changing),
+            fir(long),
         ),
     ]
 
     def short_way() -> object:
         with contextlib.redirect_stdout(io.StringIO()):
-            return FIRuncFilter(values, changing, long.numerator, plain, kind="diag")
+            return FIRuncFilter(values, changing, long.weights, plain, kind="diag")
 
     uncorrelated = "60 taps, uncorrelated coefficients, changing noise (its short way, no aim)"
-    cases.append((uncorrelated, lambda: apart.apply(values, changing), short_way))
+    cases.append((uncorrelated, lambda: apart.stream().push(values, changing), short_way))
     found = []
     for name, ours, theirs in cases:
         own = _best(ours, 5 * repeats)

@@ -135,7 +135,7 @@ def test_the_version_stands_in_one_place_and_citation_and_changes_follow_it() ->
     assert "version" in project["project"]["dynamic"]
     assert project["tool"]["hatch"]["version"]["path"] == "src/torquebench/__init__.py"
     cited = re.search(r"^version: (\S+)$", text(ROOT / "CITATION.cff"), re.M)
-    newest = re.search(r"^## (\d+\.\d+\.\d+)", text(ROOT / "CHANGELOG.md"), re.M)
+    newest = re.search(r"^## (\d+\.\d+\.\d+) - \d{4}-", text(ROOT / "CHANGELOG.md"), re.M)
     assert cited is not None
     assert newest is not None
     assert {cited[1], newest[1]} == {__version__}

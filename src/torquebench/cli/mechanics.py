@@ -134,10 +134,11 @@ def _finish(
     for block in blocks:
         if isinstance(block, Table):
             columns = (block.header[0], *(f">{name}" for name in block.header[1:]))
-            table = narrow_table(columns=columns, caption=block.caption)
+            table = narrow_table(columns=columns)
             for row in block.rows:
                 table.add_row(*row)
             out().print(table)
+            say(block.caption)
             rows = [[_value(cell) for cell in row] for row in block.rows]
             answer(tables=[{"header": block.header, "rows": rows}])
         elif isinstance(block, Facts):

@@ -54,7 +54,7 @@ class InverseFilter:
     Attributes
     ----------
     filter : UncertainFilter
-        Without feedback; its covariance follows from that of the transfer function.
+        Its covariance follows from that of the transfer function.
     interval_s : float
         Sample interval for which it holds.
     delay_s : float
@@ -74,7 +74,7 @@ class InverseFilter:
     @property
     def noise_gain(self) -> float:
         """Standard uncertainty after the filter over the one of white noise before it."""
-        return float(np.sqrt(np.sum(np.square(self.filter.numerator))))
+        return float(np.sqrt(np.sum(np.square(self.filter.weights))))
 
     @property
     def raw(self) -> StepResponse:
@@ -211,7 +211,7 @@ def step_response(
     # integral of the step response, whose differences over a window are the counter's means
     slow = min(transfer.damping_ratio, 0.7) * natural
     length = ceil((8.0 / slow + transfer.delay_s + transfer.window_s) / interval_s)
-    length = min(length + (0 if behind is None else behind.numerator.size), 200_000)
+    length = min(length + (0 if behind is None else behind.weights.size), 200_000)
     window = max(1, round(_FINE * transfer.window_s / interval_s))
     fine_s = interval_s / _FINE
     time = np.arange(-window, length * _FINE) * fine_s
@@ -226,8 +226,8 @@ def step_response(
     step = (total[window:] - total[:-window]).real / (window * fine_s)
     shown = step
     if behind is not None:
-        spread = np.zeros((behind.numerator.size - 1) * _FINE + 1)
-        spread[::_FINE] = behind.numerator  # every phase of the samples against the step
+        spread = np.zeros((behind.weights.size - 1) * _FINE + 1)
+        spread[::_FINE] = behind.weights  # every phase of the samples against the step
         from scipy.signal import fftconvolve
 
         shown = fftconvolve(step, spread)[: step.size]

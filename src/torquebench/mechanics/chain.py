@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
-from torquebench.mechanics.shaft import polar_moment, shaft_twist
+from torquebench.mechanics.torsion import polar_moment
 from torquebench.message import Message
 
 __all__ = [
@@ -18,7 +18,6 @@ __all__ = [
     "Sensitivity",
     "additional_torque",
     "coefficients",
-    "reversing_additional_torque",
     "sensitivities",
 ]
 
@@ -96,14 +95,17 @@ class Chain:
         for name, value in asdict(self).items():
             if not np.isfinite(value):
                 raise InputError(Message("{name} = {value}", name, value), "a finite number")
-        for name in ("shaft_radius_m", "strain_coefficient_n_per_m"):
+        for name in (
+            "shaft_radius_m",
+            "strain_coefficient_n_per_m",
+            "length_m",
+            "shear_modulus_pa",
+        ):
             if not np.real(getattr(self, name)) > 0.0:
                 raise InputError(
                     Message("{name} = {value}", name, getattr(self, name)), "a value above 0"
                 )
-        shaft_twist(
-            0.0, self.length_m, self.shear_modulus_pa, self.outer_diameter_m, self.inner_diameter_m
-        )
+        polar_moment(self.outer_diameter_m, self.inner_diameter_m)
 
 
 class AdditionalTorque(NamedTuple):
@@ -180,8 +182,8 @@ def additional_torque(
     - eq. 15, the total, also drops 32 L from the quadratic term, so that the total isn't the sum
       of the parts.
 
-    The equations hold for one direction of loading, T ≥ 0. For a torque that reverses use
-    `reversing_additional_torque`: an even quadratic can't be odd in T.
+    The equations hold for one direction of loading, T ≥ 0. A torque that reverses takes each
+    direction's chain with |T| and the sign of T: an even quadratic can't be odd in T.
 
     Parameters
     ----------
@@ -287,46 +289,6 @@ def coefficients(chain: Chain, *, form: Form = "consistent") -> Coefficients:
         linear += stiffness * length * strain / radius + np.cos(angle) * length / radius
         quadratic = 1.0 / (radius * strain * rigidity)
     return Coefficients(float(constant), float(linear), float(quadratic))
-
-
-def reversing_additional_torque(
-    clockwise: Chain,
-    counterclockwise: Chain,
-    torque_nm: ArrayLike,
-    *,
-    form: Form = "consistent",
-) -> FloatArray:
-    """Additional torque of a torque that reverses: odd, with constants per direction.
-
-    T′(T) = f₊(T) for T > 0, −f₋(−T) for T < 0, and 0 at T = 0, so the quadratic part is |T| T.
-
-    Parameters
-    ----------
-    clockwise, counterclockwise : Chain
-        Constants for positive and for negative torque.
-    torque_nm : array_like
-        Signed torque, N·m.
-    form : {"consistent", "published"}
-        Which equations.
-
-    Returns
-    -------
-    float64[...]
-        Signed additional torque, N·m.
-
-    Examples
-    --------
-    >>> chain = Chain(0.03, 0.0, 0.2, 79e9, 0.015, 2e-5, 1e-4, 5e7, 3.6e5, 1.25e4)
-    >>> reversing_additional_torque(chain, chain, [-50.0, 0.0, 50.0]).round(3)
-    array([-0.333,  0.   ,  0.333])
-    """
-    torque = np.asarray(torque_nm, dtype=np.float64)
-    positive = additional_torque(clockwise, np.abs(torque), form=form).total_nm
-    negative = additional_torque(counterclockwise, np.abs(torque), form=form).total_nm
-    return np.asarray(
-        np.where(torque > 0.0, positive, np.where(torque < 0.0, -negative, 0.0)),
-        dtype=np.float64,
-    )
 
 
 def sensitivities(

@@ -138,7 +138,7 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
     from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 
     largest = max(float(np.linalg.norm(body.displacement_m, axis=1).max()) for _, body in bodies)
-    size = max(float(np.ptp(body.solid.points_m, axis=0).max()) for _, body in bodies)
+    size = max(float(np.ptp(body.points_m, axis=0).max()) for _, body in bodies)
     enlarged = share * size / largest
     norm = mpl.colors.Normalize(0.0, 1e6 * largest)
     palette = mpl.colormaps["viridis"]
@@ -148,8 +148,8 @@ def bodies_figure(bodies: Sequence[tuple[str, TwistedSolid]], *, share: float = 
         for number, (title, body) in enumerate(bodies, start=1):
             place: Any = figure.add_subplot(1, len(bodies), number, projection="3d")
             axes.append(place)
-            faces = body.surface()
-            moved = body.solid.points_m + enlarged * body.displacement_m
+            faces = body.surface
+            moved = body.points_m + enlarged * body.displacement_m
             travel = 1e6 * np.linalg.norm(body.displacement_m, axis=1)
             place.add_collection3d(
                 Poly3DCollection(

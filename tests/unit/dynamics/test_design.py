@@ -23,7 +23,7 @@ def test_a_step_has_three_times_the_bandwidth_without_overshoot(transfer: Transf
     assert compensated.bandwidth_hz >= 3.0 * raw.bandwidth_hz
     assert compensated.overshoot <= 0.05
     assert compensated.rise_time_s < 0.5 * raw.rise_time_s
-    assert found.filter.numerator.sum() == pytest.approx(1.0, abs=1e-12)  # slow torques stay
+    assert found.filter.weights.sum() == pytest.approx(1.0, abs=1e-12)  # slow torques stay
 
 
 def test_the_torque_comes_back_with_an_uncertainty_that_covers_its_error() -> None:
@@ -34,7 +34,7 @@ def test_the_torque_comes_back_with_an_uncertainty_that_covers_its_error() -> No
         514.3, 0.0588, 54e-6, 166e-6, 5e-5, tuple(map(tuple, covariance.tolist()))
     )
     found = design_inverse(wrong, 5e-5)
-    result = found.filter.apply(reading, 0.002)
+    result = found.filter.stream().push(reading, np.full(reading.size, 0.002))
     places = round(found.delay_s / 5e-5)
     start, stop = 100, time.size - places
     error = result.value[start + places : stop + places] - torque[start:stop]
@@ -54,7 +54,7 @@ def test_the_covariance_of_the_coefficients_is_that_of_the_parameters() -> None:
     assert found.filter.factors.shape[0] <= 4
     generator = np.random.default_rng(3)
     draws = [
-        design_inverse(transfer.with_values(row), 5e-5, found.bandwidth_hz).filter.numerator[:16]
+        design_inverse(transfer.with_values(row), 5e-5, found.bandwidth_hz).filter.weights[:16]
         for row in generator.multivariate_normal(transfer.values, covariance, 150)
         if row.min() > 0.0
     ]

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.mechanics import reversing_additional_torque
+from torquebench.mechanics import additional_torque as additional_torque_of_equations
 from torquebench.twin import TwinParameters
 from torquebench.twin.chain import additional_torque, rotation_torque, transducer_torque
 
@@ -29,7 +29,9 @@ def plain(chain):
 @given(side=sides, relative=st.floats(0.05, 1.0), sign=st.sampled_from([-1.0, 1.0]))
 def test_the_equations_of_the_sources_are_inside(side, relative, sign):
     torque = sign * relative * side.chain.range_nm
-    expected = reversing_additional_torque(*side.geometry, torque)
+    clockwise, counterclockwise = side.geometry
+    geometry = clockwise if sign > 0.0 else counterclockwise
+    expected = sign * additional_torque_of_equations(geometry, abs(torque)).total_nm
     found = additional_torque(plain(side.chain), torque, 0.0)
     assert found == pytest.approx(float(expected), rel=1e-6)
 

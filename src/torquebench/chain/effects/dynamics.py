@@ -63,7 +63,7 @@ class Dynamics(Effect):
         return cls(
             record,
             designed.interval_s,
-            tuple(designed.filter.numerator.tolist()),
+            tuple(designed.filter.weights.tolist()),
             tuple(map(tuple, designed.filter.factors.tolist())),
             designed.delay_s,
             designed.transfer.group_delay_s,

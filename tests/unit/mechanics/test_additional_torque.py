@@ -12,11 +12,7 @@ from torquebench.mechanics import (
     Chain,
     additional_torque,
     coefficients,
-    polar_moment,
-    reversing_additional_torque,
     sensitivities,
-    shaft_stiffness,
-    shaft_twist,
 )
 
 INPUT = Chain(0.03, 0.01, 0.2, 79e9, 0.015, 16e-6, 9e-5, 5.5e7, 3.6e5, 1.2e4)
@@ -93,19 +89,6 @@ def test_coefficients_give_the_total(chain, torque, form):
     )
 
 
-@given(chain=chains, torque=st.floats(0.0, 2000.0))
-def test_additional_torque_of_a_reversing_torque_is_odd(chain, torque):
-    there, back = reversing_additional_torque(chain, chain, [torque, -torque])
-    assert there == -back
-
-
-def test_directions_have_their_own_constants():
-    both = reversing_additional_torque(INPUT, OUTPUT, [-40.0, 0.0, 40.0])
-    assert both[2] == additional_torque(INPUT, 40.0).total_nm
-    assert both[0] == -additional_torque(OUTPUT, 40.0).total_nm
-    assert both[1] == 0.0
-
-
 @pytest.mark.parametrize("form", FORMS)
 @pytest.mark.parametrize(("chain", "torque"), [(INPUT, 37.0), (OUTPUT, 1400.0), (BY_HAND, 8.0)])
 def test_sensitivities_are_the_derivatives(chain, torque, form):
@@ -144,13 +127,6 @@ def test_linear_parameters_have_constant_sensitivity():
     rise = additional_torque(doubled, 50.0).total_nm - additional_torque(INPUT, 50.0).total_nm
     slope = sensitivities(INPUT, 50.0)["radial_stiffness_n_per_m"].derivative
     assert rise == pytest.approx(slope * INPUT.radial_stiffness_n_per_m, rel=1e-12)
-
-
-def test_shaft():
-    assert polar_moment(0.09, 0.03) == pytest.approx(np.pi * (0.09**4 - 0.03**4) / 32, rel=1e-15)
-    twist = shaft_twist([-50.0, 50.0], 0.2, 79e9, 0.03, 0.01)
-    assert twist[0] == -twist[1]
-    assert shaft_stiffness(0.2, 79e9, 0.03, 0.01) * twist[1] == pytest.approx(50.0, rel=1e-15)
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""Torsion of supports' sections in closed form: rectangle, circle, hollow circle."""
+"""Torsion of sections in closed form: circle, hollow circle, rectangle."""
 
 from math import tau
 from typing import Any
@@ -13,6 +13,7 @@ from torquebench.message import Message
 __all__ = [
     "equal_area_twist_ratio",
     "hollow_circle_gain",
+    "polar_moment",
     "rectangle_torsion_constant",
     "rectangle_torsion_factor",
 ]
@@ -25,6 +26,43 @@ def _positive(name: str, value: ArrayLike) -> FloatArray:
     if not (np.all(np.isfinite(array)) and np.all(array > 0.0)):
         raise InputError(Message("{name} = {value!r}", name, value), "finite and above 0")
     return array
+
+
+def polar_moment(outer_diameter_m: ArrayLike, inner_diameter_m: ArrayLike = 0.0) -> NDArray[Any]:
+    """Polar second moment of area of a round shaft, J = π (D⁴ − d⁴) / 32; its torsion constant.
+
+    Parameters
+    ----------
+    outer_diameter_m, inner_diameter_m : array_like
+        Diameters in metres, broadcast against each other; 0 ≤ d < D. They may be complex, to carry
+        a derivative.
+
+    Returns
+    -------
+    ndarray
+        Polar moment in m⁴: twist per length = torque / (G J).
+
+    Raises
+    ------
+    InputError
+        If a diameter is negative or the bore isn't smaller than the shaft.
+
+    Examples
+    --------
+    >>> float(polar_moment(0.030).round(12))
+    7.9522e-08
+    """
+    outer, inner = np.asarray(outer_diameter_m), np.asarray(inner_diameter_m)
+    if not np.all((outer.real > inner.real) & (inner.real >= 0.0)):
+        raise InputError(
+            Message(
+                "outer diameter {outer_diameter_m!r} m with inner diameter {inner_diameter_m!r} m",
+                outer_diameter_m,
+                inner_diameter_m,
+            ),
+            "0 m <= inner diameter < outer diameter",
+        )
+    return np.asarray(np.pi * (outer**4 - inner**4) / 32.0)
 
 
 def rectangle_torsion_factor(aspect_ratio: ArrayLike) -> FloatArray:
