@@ -12,13 +12,6 @@ from .condition_cells import (
     cell_rows as cell_rows,
     cells as cells,
 )
-from .classes import (
-    CLASSES as CLASSES,
-    Classification as Classification,
-    ClassLimits as ClassLimits,
-    classify as classify,
-    limits_of_class as limits_of_class,
-)
 from .data import (
     OPTIONAL_COLUMNS as OPTIONAL_COLUMNS,
     RANGE_MARGIN as RANGE_MARGIN,
@@ -46,15 +39,18 @@ from .drift import (
     span_errors as span_errors,
 )
 from .evaluation import (
+    CLASSES as CLASSES,
+    PERCENT_DIGITS as PERCENT_DIGITS,
+    Classification as Classification,
+    ClassLimits as ClassLimits,
     Interpolation as Interpolation,
     LoadingSeries as LoadingSeries,
+    Regression as Regression,
     StaticEvaluation as StaticEvaluation,
+    classify as classify,
     evaluate_static as evaluate_static,
-)
-from .table_steps import (
-    EvaluablePoints as EvaluablePoints,
-    evaluable_points as evaluable_points,
-    own_steps as own_steps,
+    limits_of_class as limits_of_class,
+    regression as regression,
 )
 from .plausibility import (
     Contradiction as Contradiction,
@@ -75,8 +71,12 @@ from .results import (
     calibration_results as calibration_results,
 )
 from .series import (
+    Loading as Loading,
+    TaredPoints as TaredPoints,
     ZeroHysteresis as ZeroHysteresis,
     loading_series as loading_series,
+    own_steps as own_steps,
+    tare as tare,
     zero_hysteresis as zero_hysteresis,
 )
 from .steps import Step as Step

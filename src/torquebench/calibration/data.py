@@ -83,12 +83,18 @@ class CalibrationData:
         metadata instead.
     measured_on : datetime.date or str, optional
         Day of the measurement, from which the age of a calibration counts; ISO 8601 as text.
+    tared : bool
+        Whether the readings of each series count from its own zero already, as those of a bench.
+    row : array of int, shape (n,), optional
+        Row of each point in its table, as the file numbers them.
+    table : array of str, shape (n,), optional
+        Name of that table, where the points are of several.
 
     Raises
     ------
     InputError
         Where the arrays' lengths differ, a value isn't finite, a branch isn't -1, 0 or +1, or a
-        reading or standard value lies outside the range by more than `RANGE_MARGIN`.
+        standard value lies outside the range by more than `RANGE_MARGIN`.
 
     Examples
     --------
@@ -122,6 +128,9 @@ class CalibrationData:
     standard_temperature_c: NDArray[np.float64] | None = None
     reference: "Reference | None" = None
     measured_on: date | None = None
+    tared: bool = False
+    row: NDArray[np.int64] | None = None
+    table: NDArray[np.str_] | None = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -134,7 +143,7 @@ class CalibrationData:
         n = int(np.size(self.reading_nm))
         if n == 0:
             raise InputError("a calibration without points", "at least one point")
-        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS):
+        for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, "row"):
             value = getattr(self, name)
             if value is not None:
                 object.__setattr__(self, name, _column(name, value, n))
@@ -142,8 +151,7 @@ class CalibrationData:
         if isinstance(self.measured_on, str):
             object.__setattr__(self, "measured_on", date.fromisoformat(self.measured_on))
         _check_branch(self.branch)
-        for name in ("reading_nm", "standard_nm"):
-            _check_range(name, getattr(self, name), self.range_nm)
+        _check_range(self.standard_nm, self.range_nm)
 
     def __len__(self) -> int:
         return int(self.reading_nm.size)
@@ -315,7 +323,7 @@ class CalibrationData:
         where = np.asarray(index)
         changes = {
             name: value[where]
-            for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+            for name in (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS, *PLACE_COLUMNS)
             if (value := getattr(self, name)) is not None
         }
         return replace(self, **changes)
@@ -446,6 +454,8 @@ class CalibrationData:
             standard_nm=mean(self.standard_nm),
             series=np.ones(order.size, dtype=np.int64),
             branch=self.branch[first][order],
+            row=None,
+            table=None,
             **changes,
         )
 
@@ -528,12 +538,13 @@ class CalibrationData:
                     "tables of one measuring chain",
                 )
         changes: dict[str, Any] = {}
-        for name in ("reading_nm", "standard_nm", "branch", *OPTIONAL_COLUMNS):
+        for name in ("reading_nm", "standard_nm", "branch", *OPTIONAL_COLUMNS, *PLACE_COLUMNS):
             columns = [getattr(part, name) for part in parts]
             known = all(column is not None for column in columns)
             changes[name] = np.concatenate(columns) if known else None
         changes["series"] = np.concatenate(list(_renumbered(part.series for part in parts)))
         changes["simulated"] = any(part.simulated for part in parts)
+        changes["tared"] = all(part.tared for part in parts)
         stated = [part.reference for part in parts if part.reference is not None]
         larger = reduce(lambda one, other: one.larger(other), stated) if stated else None
         changes["reference"] = larger
@@ -547,6 +558,9 @@ OPTIONAL_COLUMNS = tuple(
     column.name for column in fields(CalibrationData) if column.type == NDArray[np.float64] | None
 )
 """Columns of a calibration beside readings, standard, series and branch."""
+
+PLACE_COLUMNS = ("row", "table")
+"""Where in its table a point stands: no part of its data."""
 
 
 def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
@@ -633,7 +647,7 @@ def _column(name: str, value: ArrayLike, n: int) -> NDArray[Any]:
             "finite numbers",
             "remove the point or measure it again",
         )
-    if name in ("series", "branch"):
+    if name in ("series", "branch", "row"):
         column = _whole_numbers(name, column)
     column.flags.writeable = False
     return column
@@ -659,12 +673,12 @@ def _check_branch(branch: NDArray[np.int8]) -> None:
         )
 
 
-def _check_range(name: str, column: NDArray[np.float64], range_nm: float) -> None:
+def _check_range(standard: NDArray[np.float64], range_nm: float) -> None:
     limit = range_nm * (1 + RANGE_MARGIN)
-    worst = int(np.argmax(np.abs(column)))
-    if abs(column[worst]) > limit:
+    worst = int(np.argmax(np.abs(standard)))
+    if abs(standard[worst]) > limit:
         raise InputError(
-            Message("{name} {column:.6g} N·m at point {worst}", name, column[worst], worst + 1),
+            Message("standard_nm {value:.6g} N·m at point {worst}", standard[worst], worst + 1),
             Message(
                 "±{limit:.6g} N·m (range {range:.6g} N·m and {percent:.0f} %)",
                 limit,

@@ -8,13 +8,14 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import UNLOADED_SHARE, CalibrationData
+from torquebench.calibration.data import CalibrationData
 from torquebench.calibration.profile import (
     Consequence,
     Profile,
     available_profiles,
     load_profile,
 )
+from torquebench.calibration.series import DIRECTIONS, own_steps, tare
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.units import minus_signs
@@ -42,7 +43,7 @@ DeviationKind = Literal[
     "changed_record",
 ]
 
-_WORDS = {1: "clockwise", -1: "counter-clockwise", 0: "through both directions"}
+_WORDS = {**DIRECTIONS, 0: "through both directions"}
 
 
 @dataclass(frozen=True)
@@ -231,9 +232,8 @@ def check_steps(profile: Profile) -> None:
 def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     """Return the data with the profile's nearest step as nominal torque of each point.
 
-    Data that have nominal torques already are returned as they are. Only torques within 0.1 %
-    of the range can be zeros. In an adaptive calibration, points further than 1 % of the range from
-    every step were placed, and are their own nominal.
+    Data that have nominal torques already are returned as they are; steps of the table that are
+    none of the profile keep their own torque, see `own_steps`.
 
     Raises
     ------
@@ -250,14 +250,8 @@ def assign_nominal(data: CalibrationData, profile: Profile) -> CalibrationData:
     if data.nominal_nm is not None:
         return data
     check_steps(profile)
-    rising = np.array([0.0, *profile.loading.percents()]) * data.range_nm / 100.0
-    nearest = np.argmin(np.abs(np.abs(data.standard_nm)[:, None] - rising), axis=1)
-    nearest[(nearest == 0) & (np.abs(data.standard_nm) > UNLOADED_SHARE * data.range_nm)] = 1
-    nominal = np.where(data.standard_nm < 0, 0.0 - rising[nearest], rising[nearest])
-    if profile.adaptive is not None:
-        placed = np.abs(data.standard_nm - nominal) > 0.01 * data.range_nm
-        nominal[placed] = data.standard_nm[placed]
-    return replace(data, nominal_nm=nominal)
+    steps = np.array(profile.loading.percents()) * data.range_nm / 100.0
+    return own_steps(data, steps.tolist())
 
 
 def ladder_points(data: CalibrationData, profile: Profile) -> NDArray[np.bool_]:
@@ -321,9 +315,8 @@ def _missing(data: CalibrationData, profile: Profile) -> Iterator[Deviation]:
                 else "a series of increasing torque",
             )
             continue
-        fitting = [each for each in candidates if each[1] == expected.decreasing]
-        member, decreasing = (fitting or candidates)[0]
-        candidates.remove(next(each for each in candidates if each[0] is member))
+        fitting = [n for n, each in enumerate(candidates) if each[1] == expected.decreasing]
+        member, decreasing = candidates.pop(fitting[0] if fitting else 0)
         if expected.decreasing and not decreasing:
             yield _deviation(
                 profile,
@@ -448,7 +441,8 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                 )
     if limit is None or not np.any(returned):
         return
-    share = 100.0 * np.abs(data.reading_nm) / data.range_nm
+    reading = tare(data).data.reading_nm
+    share = 100.0 * np.abs(reading) / data.range_nm
     for number in dict.fromkeys(data.series[returned & (share > limit)].tolist()):
         member = np.flatnonzero(returned & (data.series == number))
         worst = member[np.argmax(share[member])]
@@ -460,7 +454,7 @@ def _zero_returns(data: CalibrationData, profile: Profile) -> Iterator[Deviation
                 "the zero after series {number} returned to {reading_nm:.4g} N·m, "
                 "{share:.2g} % of full scale",
                 number,
-                data.reading_nm[worst],
+                reading[worst],
                 share[worst],
             ),
             Message("at most {limit:g} % of full scale", limit),

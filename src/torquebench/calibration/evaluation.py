@@ -1,10 +1,10 @@
-"""Static evaluation of a calibration in steps: deviations in % of reading and their uncertainty.
+"""Static evaluation of a calibration in steps: deviations in % of reading, uncertainty, class.
 
 Quantities and formulas follow the general practice of EURAMET cg-14 and DIN 51309 as far as it is
 public; they were not checked against the licensed texts, and nothing here claims conformity.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,16 +15,30 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 
 __all__ = [
+    "CLASSES",
+    "PERCENT_DIGITS",
+    "ClassLimits",
+    "Classification",
     "Interpolation",
     "LoadingSeries",
+    "Regression",
     "Reproducibility",
     "StaticEvaluation",
+    "classify",
     "evaluate_static",
+    "limits_of_class",
+    "regression",
 ]
 
+FloatArray = NDArray[np.float64]
 DEGREES = (1, 2, 3)
 Reproducibility = Literal["range", "standard-deviation"]
 """Form of the reproducibility: range over the positions, or their standard deviation."""
+
+CLASSES = (0.05, 0.1, 0.2, 0.5, 1.0, 2.0, 5.0)
+
+PERCENT_DIGITS = 4
+"""Decimals to which quantities in % are stated, and compared with the limits of a class."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,7 +50,8 @@ class LoadingSeries:
     position_deg : float
         Mounting position.
     increasing : array of float, shape (m,)
-        Deflections X = I − I₀ at the steps, in the unit of the indication, above 0.
+        Deflections X = I − I₀ at the steps, in the unit of the indication, above 0; NaN at steps
+        that the series hasn't.
     decreasing : array of float, shape (m,), optional
         Deflections X′ at the same steps (in rising order of torque) with decreasing torque.
     zero_return : float, optional
@@ -44,8 +59,8 @@ class LoadingSeries:
     """
 
     position_deg: float
-    increasing: NDArray[np.float64]
-    decreasing: NDArray[np.float64] | None = None
+    increasing: FloatArray
+    decreasing: FloatArray | None = None
     zero_return: float | None = None
 
 
@@ -61,29 +76,101 @@ class Interpolation:
         Of M, M², M³, in the unit of the indication per (N·m)ᵏ.
     deviation_percent : array of float, shape (m,)
         f_a = (X̄ − X_a)/X_a at the steps, in %.
+    largest_nm : float
+        Largest torque.
     """
 
     degree: int
-    coefficients: NDArray[np.float64]
-    deviation_percent: NDArray[np.float64]
+    coefficients: FloatArray
+    deviation_percent: FloatArray
+    largest_nm: float = 1.0
+
+    @property
+    def equation(self) -> str:
+        """The polynomial in words, for M in N·m, to 10⁻⁹ of its value at the largest torque.
+
+        Examples
+        --------
+        >>> Interpolation(2, np.array([1.0002, -3e-7]), np.zeros(3), 100.0).equation
+        'X_a = 1.0002·M − 3e-07·M²'
+        """
+        text = "X_a ="
+        size = np.abs(self.coefficients) * self.largest_nm ** np.arange(1, self.degree + 1)
+        for power, value, part in zip(("M", "M²", "M³"), self.coefficients, size, strict=False):
+            if part > 1e-9 * size.max():
+                sign = "−" if value < 0 else "+"
+                text += f" {sign} {abs(value):.{max(1, int(10 + np.log10(part / size.max())))}g}"
+                text += f"·{power}"
+        return text.replace("= + ", "= ").replace("= − ", "= −")
+
+
+@dataclass(frozen=True)
+class Regression:
+    """Straight line of the deflections over the reference torque, X = slope · M + intercept.
+
+    Parameters
+    ----------
+    slope, intercept : float
+        In the unit of the indication, per N·m.
+    see : float
+        Standard error of estimate, with n − 2 degrees of freedom; NaN of two points.
+    r_squared : float
+        Coefficient of determination.
+    points : int
+
+    References
+    ----------
+    40 CFR 1065.602, equations for slope, intercept, SEE and r².
+    """
+
+    slope: float
+    intercept: float
+    see: float
+    r_squared: float
+    points: int
+
+
+def regression(torque_nm: ArrayLike, deflection: ArrayLike) -> Regression | None:
+    """Return the least-squares line of deflections over torques; None without two torques.
+
+    Examples
+    --------
+    >>> regression([0, 1, 2], [0.1, 1.1, 2.1])
+    Regression(slope=1.0, intercept=0.1, see=0.0, r_squared=1.0, points=3)
+    """
+    x, y = (np.asarray(values, dtype=np.float64) for values in (torque_nm, deflection))
+    if x.size < 2 or np.ptp(x) == 0.0:
+        return None
+    across, up = x - x.mean(), y - y.mean()
+    slope = float(across @ up / (across @ across))
+    squares = float(np.sum((up - slope * across) ** 2))
+    return Regression(
+        slope=slope,
+        intercept=float(y.mean() - slope * x.mean()),
+        see=float(np.sqrt(squares / (x.size - 2))) if x.size > 2 else float("nan"),
+        r_squared=1.0 - squares / float(up @ up) if np.any(up) else 0.0,
+        points=int(x.size),
+    )
 
 
 @dataclass(frozen=True, eq=False)
 class StaticEvaluation:
     """All quantities of a static calibration; relative ones in % of the mean deflection.
 
+    A quantity is NaN at a step where it wasn't measured, and None where it wasn't at any.
+
     Parameters
     ----------
     torque_nm : array of float, shape (m,)
         The steps M.
     mean : array of float, shape (m,)
-        Mean deflection X̄ of the increasing series in different positions.
-    positions : int
-        Number of positions, n.
+        Mean deflection X̄ of the increasing series.
+    positions : array of int, shape (m,)
+        Number of positions at each step, n.
     span, sensitivity : float
         X̄ at the largest torque, and the same per N·m.
     repeatability_percent : array of float, shape (m,), or None
-        b′; None without a repeated increasing series in the first position.
+        b′: the largest range over series of one position; None without a repeated series.
     reproducibility_range_percent, reproducibility_deviation_percent : array, shape (m,), or None
         b in range and standard-deviation form; None for a single position.
     interpolations : mapping of int to Interpolation
@@ -91,7 +178,7 @@ class StaticEvaluation:
     reversibility_percent : array of float, shape (m,), or None
         h; None without a decreasing series.
     zero_residual_percent : float or None
-        f₀, relative to the span; None where no zero was read after a series.
+        f₀, relative to the span; None where no zero was read before and after a series.
     indication_deviation_percent : array of float, shape (m,), or None
         f_q; None without a fixed scale.
     resolution_percent : array of float, shape (m,)
@@ -100,20 +187,20 @@ class StaticEvaluation:
         W of the reference torque, k = 2.
     """
 
-    torque_nm: NDArray[np.float64]
-    mean: NDArray[np.float64]
-    positions: int
+    torque_nm: FloatArray
+    mean: FloatArray
+    positions: NDArray[np.intp]
     span: float
     sensitivity: float
-    repeatability_percent: NDArray[np.float64] | None
-    reproducibility_range_percent: NDArray[np.float64] | None
-    reproducibility_deviation_percent: NDArray[np.float64] | None
+    repeatability_percent: FloatArray | None
+    reproducibility_range_percent: FloatArray | None
+    reproducibility_deviation_percent: FloatArray | None
     interpolations: Mapping[int, Interpolation]
-    reversibility_percent: NDArray[np.float64] | None
+    reversibility_percent: FloatArray | None
     zero_residual_percent: float | None
-    indication_deviation_percent: NDArray[np.float64] | None
-    resolution_percent: NDArray[np.float64]
-    reference_uncertainty_percent: float | NDArray[np.float64]
+    indication_deviation_percent: FloatArray | None
+    resolution_percent: FloatArray
+    reference_uncertainty_percent: float | FloatArray
 
     def interpolation(self, degree: int) -> Interpolation:
         """Return the interpolation of a degree.
@@ -134,7 +221,7 @@ class StaticEvaluation:
             )
         return self.interpolations[degree]
 
-    def reproducibility_percent(self, form: Reproducibility) -> NDArray[np.float64] | None:
+    def reproducibility_percent(self, form: Reproducibility) -> FloatArray | None:
         """Return b in one of its forms, shape (m,), or None for a single position."""
         if form == "range":
             return self.reproducibility_range_percent
@@ -142,8 +229,10 @@ class StaticEvaluation:
 
     def components(
         self, degree: int, form: Reproducibility, *, decreasing: bool
-    ) -> dict[str, NDArray[np.float64]]:
+    ) -> dict[str, FloatArray]:
         """Return the standard uncertainties of which the combined one consists, in %.
+
+        A step at which a quantity wasn't measured takes its largest value at the other steps.
 
         Parameters
         ----------
@@ -166,36 +255,39 @@ class StaticEvaluation:
             Where decreasing torque is to count and wasn't measured.
         """
         ones = np.ones_like(self.torque_nm)
-        found = {
+        components = {
             "reference": self.reference_uncertainty_percent / 2.0 * ones,
             "resolution": self.resolution_percent / (2.0 * np.sqrt(3.0)),
             "resolution of the zero": self.resolution_percent / (2.0 * np.sqrt(3.0)),
             "interpolation": self.interpolation(degree).deviation_percent / np.sqrt(6.0),
         }
         if self.repeatability_percent is not None:
-            found["repeatability"] = self.repeatability_percent / (2.0 * np.sqrt(3.0))
+            components["repeatability"] = self.repeatability_percent / (2.0 * np.sqrt(3.0))
         b = self.reproducibility_percent(form)
         if b is not None:
             divisor = 2.0 * np.sqrt(2.0) if form == "range" else np.sqrt(self.positions)
-            found["reproducibility"] = b / divisor
+            components["reproducibility"] = b / divisor
         if self.zero_residual_percent is not None:
-            found["zero residual"] = self.zero_residual_percent / (2.0 * np.sqrt(3.0)) * ones
+            components["zero residual"] = self.zero_residual_percent / (2.0 * np.sqrt(3.0)) * ones
         if decreasing:
             if self.reversibility_percent is None:
                 raise InputError("no decreasing series", "one, to include decreasing torque")
-            found["reversibility"] = self.reversibility_percent / (2.0 * np.sqrt(3.0))
-        return {name: np.abs(values) for name, values in found.items()}
+            components["reversibility"] = self.reversibility_percent / (2.0 * np.sqrt(3.0))
+        sizes = {name: np.abs(values) for name, values in components.items()}
+        return {
+            name: np.where(np.isnan(size), np.nanmax(size), size) for name, size in sizes.items()
+        }
 
     def uncertainty_percent(
         self, degree: int, form: Reproducibility, *, decreasing: bool
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Return the expanded uncertainty W (k = 2) about the interpolation, in %, shape (m,)."""
         squares = [w**2 for w in self.components(degree, form, decreasing=decreasing).values()]
         return np.asarray(2.0 * np.sqrt(np.sum(squares, axis=0)), dtype=np.float64)
 
     def interval_percent(
         self, degree: int, form: Reproducibility, *, decreasing: bool
-    ) -> NDArray[np.float64]:
+    ) -> FloatArray:
         """Return the uncertainty interval W′ = |f_q| + W about the fixed scale, in %, shape (m,).
 
         Raises
@@ -214,13 +306,14 @@ def evaluate_static(
     series: Sequence[LoadingSeries],
     *,
     resolution: float,
-    reference_uncertainty_percent: float | NDArray[np.float64],
+    reference_uncertainty_percent: float | FloatArray,
     scale: float | None = None,
 ) -> StaticEvaluation:
     """Evaluate a calibration in steps.
 
-    The increasing series of different positions give mean and reproducibility; a second one in the
-    first position gives the repeatability only.
+    Each step is evaluated over the series that have it. Where the first of several positions has
+    two series, the second one is the repeat and enters b′ alone; further series of a position are
+    averaged with each other.
 
     Parameters
     ----------
@@ -242,7 +335,8 @@ def evaluate_static(
     Raises
     ------
     InputError
-        Where the steps don't rise, there is no series, lengths differ, or a value isn't finite.
+        Where the steps don't rise, a step has no increasing deflection, lengths differ, or a value
+        is infinite.
 
     Examples
     --------
@@ -256,29 +350,37 @@ def evaluate_static(
     """
     torque = np.atleast_1d(np.asarray(torque_nm, dtype=np.float64))
     _check(torque, series, resolution, reference_uncertainty_percent)
-    positions: dict[float, LoadingSeries] = {}
+    positions: dict[float, list[FloatArray]] = {}
     for each in series:
-        positions.setdefault(each.position_deg, each)
-    table = np.stack([each.increasing for each in positions.values()])
-    n = table.shape[0]
-    mean = np.asarray(table.mean(axis=0), dtype=np.float64)
+        positions.setdefault(each.position_deg, []).append(each.increasing)
+    tables = [np.stack(rows) for rows in positions.values()]
+    averaged = [rows[:1] if k == 0 and len(tables) > 1 and len(rows) == 2 else rows
+                for k, rows in enumerate(tables)]  # fmt: skip
+    of_position = np.stack([_mean(rows) for rows in averaged])
+    # A step that only the repeat has is evaluated by it.
+    lacking = np.all(np.isnan(of_position), axis=0)
+    of_position[0, lacking] = _mean(tables[0])[lacking]
+    mean = _mean(of_position)
+    number = np.sum(np.isfinite(of_position), axis=0)
+    several = number > 1
     span = float(mean[-1])
     returns = [abs(each.zero_return) for each in series if each.zero_return is not None]
+    spread = np.where(several, _range(of_position), np.nan)
+    deviation = np.full(torque.size, np.nan)
+    deviation[several] = np.nanstd(of_position[:, several], axis=0, ddof=1)
     return StaticEvaluation(
         torque_nm=torque,
         mean=mean,
-        positions=n,
+        positions=number,
         span=span,
         sensitivity=span / float(torque[-1]),
-        repeatability_percent=_repeatability(series),
-        reproducibility_range_percent=100.0 * np.ptp(table, axis=0) / mean if n > 1 else None,
-        reproducibility_deviation_percent=(
-            100.0 * table.std(axis=0, ddof=1) / mean if n > 1 else None
-        ),
+        repeatability_percent=_known(_repeatability(tables)),
+        reproducibility_range_percent=_known(100.0 * spread / mean),
+        reproducibility_deviation_percent=_known(100.0 * deviation / mean),
         interpolations={
             degree: _interpolate(torque, mean, degree) for degree in DEGREES if torque.size > degree
         },
-        reversibility_percent=_reversibility(series, mean),
+        reversibility_percent=_known(_reversibility(series, mean)),
         zero_residual_percent=100.0 * max(returns) / span if returns else None,
         indication_deviation_percent=(
             None if scale is None else 100.0 * (mean - scale * torque) / (scale * torque)
@@ -288,28 +390,49 @@ def evaluate_static(
     )
 
 
-def _repeatability(series: Sequence[LoadingSeries]) -> NDArray[np.float64] | None:
-    first = [each for each in series if each.position_deg == series[0].position_deg]
-    if len(first) < 2:
-        return None
-    one, two = first[0].increasing, first[1].increasing
-    return np.asarray(100.0 * np.abs(one - two) / ((one + two) / 2.0), dtype=np.float64)
+def _known(values: FloatArray) -> FloatArray | None:
+    return None if np.all(np.isnan(values)) else values
 
 
-def _reversibility(
-    series: Sequence[LoadingSeries], mean: NDArray[np.float64]
-) -> NDArray[np.float64] | None:
+def _mean(rows: FloatArray) -> FloatArray:
+    """Return the mean of the finite values of each column; NaN without any."""
+    finite = np.isfinite(rows)
+    count = finite.sum(axis=0)
+    total = np.where(finite, rows, 0.0).sum(axis=0)
+    return np.divide(total, count, out=np.full(rows.shape[1], np.nan), where=count > 0)
+
+
+def _range(rows: FloatArray) -> FloatArray:
+    low = np.where(np.isnan(rows), np.inf, rows).min(axis=0)
+    high = np.where(np.isnan(rows), -np.inf, rows).max(axis=0)
+    return np.where(np.isfinite(low), high - low, np.nan)
+
+
+def _repeatability(tables: Sequence[FloatArray]) -> FloatArray:
+    """Return the largest range over series of one position, in % of their mean."""
+    relative = [
+        np.where(np.isfinite(rows).sum(axis=0) > 1, 100.0 * _range(rows) / _mean(rows), np.nan)
+        for rows in tables
+    ]
+    return np.fmax.reduce(relative)
+
+
+def _reversibility(series: Sequence[LoadingSeries], mean: FloatArray) -> FloatArray:
+    """Return the mean difference of decreasing and increasing deflections, in %.
+
+    A decreasing series without its own increasing deflection is compared with the mean.
+    """
     differences = [
-        np.abs(each.decreasing - each.increasing) for each in series if each.decreasing is not None
+        np.abs(each.decreasing - np.where(np.isnan(each.increasing), mean, each.increasing))
+        for each in series
+        if each.decreasing is not None
     ]
     if not differences:
-        return None
-    return np.asarray(100.0 * np.mean(differences, axis=0) / mean, dtype=np.float64)
+        return np.full(mean.size, np.nan)
+    return 100.0 * _mean(np.stack(differences)) / mean
 
 
-def _interpolate(
-    torque: NDArray[np.float64], mean: NDArray[np.float64], degree: int
-) -> Interpolation:
+def _interpolate(torque: FloatArray, mean: FloatArray, degree: int) -> Interpolation:
     # Scaled to 1, the powers are well conditioned; one step of refinement takes the residual's
     # rounding out, which matters because f_a is a small difference of large numbers.
     largest = float(torque[-1])
@@ -322,14 +445,15 @@ def _interpolate(
         degree=degree,
         coefficients=np.asarray(scaled / largest**powers, dtype=np.float64),
         deviation_percent=np.asarray(100.0 * (mean - fitted) / fitted, dtype=np.float64),
+        largest_nm=largest,
     )
 
 
 def _check(
-    torque: NDArray[np.float64],
+    torque: FloatArray,
     series: Sequence[LoadingSeries],
     resolution: float,
-    reference_uncertainty_percent: float | NDArray[np.float64],
+    reference_uncertainty_percent: float | FloatArray,
 ) -> None:
     if torque.size < 2 or not np.all(np.diff(torque, prepend=0.0) > 0):
         raise InputError(
@@ -341,28 +465,195 @@ def _check(
         raise InputError("no series", "at least one increasing series")
     for number, each in enumerate(series, start=1):
         for name, values in (("increasing", each.increasing), ("decreasing", each.decreasing)):
-            if values is None:
-                continue
-            if values.shape != torque.shape or not np.all(np.isfinite(values)):
+            if values is not None and (values.shape != torque.shape or np.any(np.isinf(values))):
                 raise InputError(
                     Message(
                         "series {number} has {name} values {values}", number, name, values.tolist()
                     ),
-                    Message("{size} finite deflections, one per step", torque.size),
+                    Message("{size} deflections, one per step, NaN where unknown", torque.size),
                 )
-        if not np.all(each.increasing > 0):
+        if np.any(each.increasing <= 0):
             raise InputError(
                 Message(
                     "series {number} has a deflection of {increasing:.6g}",
                     number,
-                    each.increasing.min(),
+                    np.nanmin(each.increasing),
                 ),
                 "deflections above 0",
                 "subtract the zero of the series; give counter-clockwise torque as magnitudes",
             )
+    unknown = np.all([np.isnan(each.increasing) for each in series], axis=0)
+    if np.any(unknown):
+        raise InputError(
+            Message("no increasing deflection at {torque:g} N·m", torque[unknown][0]),
+            "an increasing series with every step",
+            "leave the step out",
+        )
     for name, value in (
         ("resolution", resolution),
         ("uncertainty of the reference", reference_uncertainty_percent),
     ):
         if not np.all(np.isfinite(value) & (np.asarray(value) >= 0)):
             raise InputError(Message("{name} {value}", name, value), "a finite number, 0 or more")
+
+
+@dataclass(frozen=True)
+class ClassLimits:
+    """Limits of one class, in %.
+
+    Parameters
+    ----------
+    reproducibility, repeatability, interpolation, indication, reversibility : float
+        Limits of b, b′, |f_a|, |f_q| and h, of reading.
+    zero_residual : float
+        Limit of f₀, of the span.
+    resolution : float
+        Limit of r/X̄: the range starts at M_A ≥ (200/class)·r.
+    reference : float
+        Limit of the expanded uncertainty of the reference torque.
+    """
+
+    reproducibility: float
+    repeatability: float
+    interpolation: float
+    indication: float
+    zero_residual: float
+    reversibility: float
+    resolution: float
+    reference: float
+
+
+@dataclass(frozen=True, eq=False)
+class Classification:
+    """Range over which a calibration meets each class.
+
+    Parameters
+    ----------
+    starts_nm : dict of float to float or None
+        By class: the smallest step from which on every step up to the largest meets every limit;
+        None where not even the largest does.
+    whole_range : float or None
+        Best class over all steps.
+    """
+
+    starts_nm: dict[float, float | None]
+    whole_range: float | None
+
+    def __str__(self) -> str:
+        words: list[str] = []
+        for each, start in sorted(self.starts_nm.items(), reverse=True):
+            if start is None or (self.whole_range is not None and each > self.whole_range):
+                continue
+            if each == self.whole_range:
+                words.append(Message("class {name:g} over the whole range", each))
+            else:
+                words.append(Message("class {name:g} from {start:g} N·m", each, start))
+        return Message.joined(words) if words else "within no class"
+
+
+def limits_of_class(accuracy_class: float) -> ClassLimits:
+    """Return the limits of a class.
+
+    Raises
+    ------
+    InputError
+        Where there is no such class.
+
+    Examples
+    --------
+    >>> limits = limits_of_class(0.05)
+    >>> limits.repeatability, limits.zero_residual, limits.reversibility
+    (0.025, 0.0125, 0.063)
+    """
+    if accuracy_class not in CLASSES:
+        raise InputError(
+            Message("class {accuracy_class}", accuracy_class), ", ".join(map(str, CLASSES))
+        )
+    c = accuracy_class
+    rounded_up = {0.05: 0.063, 0.5: 0.63}
+    return ClassLimits(
+        reproducibility=c,
+        repeatability=c / 2,
+        interpolation=c / 2,
+        indication=c / 2,
+        zero_residual=c / 4,
+        reversibility=rounded_up.get(c, 1.25 * c),
+        resolution=c / 2,
+        reference=c / 5,
+    )
+
+
+def classify(
+    evaluation: StaticEvaluation,
+    *,
+    degree: int,
+    decreasing: bool,
+    form: Reproducibility = "range",
+    fixed_scale: bool = False,
+) -> Classification:
+    """Find the class of a calibration and the range over which each class is met.
+
+    Quantities are compared as they are stated, to `PERCENT_DIGITS` decimals. A step at which a
+    quantity wasn't measured meets no class.
+
+    Parameters
+    ----------
+    evaluation : StaticEvaluation
+        The calibration's quantities.
+    degree : int
+        Degree of the interpolation.
+    decreasing : bool
+        Whether decreasing torque counts.
+    form : {"range", "standard-deviation"}
+        Form of the reproducibility.
+    fixed_scale : bool, default False
+        Whether the indication is read with a fixed scale, so that f_q counts instead of f_a.
+
+    Raises
+    ------
+    InputError
+        Where a quantity that a class needs wasn't measured: a class is never given on part of it.
+    """
+    starts: dict[float, float | None] = {}
+    for accuracy_class in CLASSES:
+        meets = np.ones(evaluation.torque_nm.shape, dtype=np.bool_)
+        limits = limits_of_class(accuracy_class)
+        for name, values, limit in _limited(
+            evaluation, limits, degree, decreasing, form, fixed_scale
+        ):
+            if values is None:
+                raise InputError(
+                    Message("a calibration without {name}", name),
+                    "every quantity that the class limits",
+                    "measure it, or state the uncertainty without a class",
+                )
+            meets &= np.round(np.abs(values), PERCENT_DIGITS) <= limit
+        failing = np.flatnonzero(~meets)
+        first = 0 if failing.size == 0 else int(failing[-1]) + 1
+        starts[accuracy_class] = float(evaluation.torque_nm[first]) if first < meets.size else None
+    smallest = float(evaluation.torque_nm[0])
+    whole = [accuracy_class for accuracy_class, start in starts.items() if start == smallest]
+    return Classification(starts_nm=starts, whole_range=min(whole, default=None))
+
+
+def _limited(
+    evaluation: StaticEvaluation,
+    limits: ClassLimits,
+    degree: int,
+    decreasing: bool,
+    form: Reproducibility,
+    fixed_scale: bool,
+) -> Iterator[tuple[str, float | FloatArray | None, float]]:
+    """Yield name, values and limit of every quantity that a class limits."""
+    e = evaluation
+    yield "a repeated series (b′)", e.repeatability_percent, limits.repeatability
+    yield "a second position (b)", e.reproducibility_percent(form), limits.reproducibility
+    yield "a zero after a series (f₀)", e.zero_residual_percent, limits.zero_residual
+    yield "the resolution", e.resolution_percent, limits.resolution
+    yield "the reference's uncertainty", e.reference_uncertainty_percent, limits.reference
+    if fixed_scale:
+        yield "a fixed scale (f_q)", e.indication_deviation_percent, limits.indication
+    else:
+        yield "an interpolation", e.interpolation(degree).deviation_percent, limits.interpolation
+    if decreasing:
+        yield "a decreasing series (h)", e.reversibility_percent, limits.reversibility

@@ -1,19 +1,38 @@
 """A calibration's results before and after compensation, side by side."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
-from torquebench.calibration.classes import Classification, classify
 from torquebench.calibration.data import CalibrationData
-from torquebench.calibration.evaluation import StaticEvaluation, evaluate_static
-from torquebench.calibration.series import ZeroHysteresis, loading_series, zero_hysteresis
+from torquebench.calibration.evaluation import (
+    Classification,
+    Interpolation,
+    Regression,
+    StaticEvaluation,
+    classify,
+    evaluate_static,
+    regression,
+)
+from torquebench.calibration.series import (
+    DIRECTIONS,
+    Loading,
+    ZeroHysteresis,
+    loading_series,
+    own_steps,
+    tare,
+    zero_hysteresis,
+)
 from torquebench.calibration.verification import ErrorSummary, summarise_errors
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["CalibrationResults", "DirectionResults", "SideBySide", "calibration_results"]
+
+FloatArray = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,6 +43,10 @@ class SideBySide:
     ----------
     evaluation : StaticEvaluation
         All quantities, with the fixed scale of 1 N·m per N·m.
+    interpolation : Interpolation
+        Curve that f_a and W are about.
+    expanded_percent, interval_percent : array of float, shape (m,)
+        W (k = 2) and W′ = |f_q| + W at each step, %; with decreasing torque, where measured.
     classification : Classification or None
         By |f_q| against the fixed scale; None where a quantity that a class needs wasn't measured.
     unclassified : str
@@ -31,8 +54,32 @@ class SideBySide:
     """
 
     evaluation: StaticEvaluation
+    interpolation: Interpolation
+    expanded_percent: FloatArray
+    interval_percent: FloatArray
     classification: Classification | None
     unclassified: str = ""
+
+    @property
+    def columns(self) -> dict[str, FloatArray | None]:
+        """Quantities in % of reading at each step by their symbols; None where not measured."""
+        e = self.evaluation
+        return {
+            "f_q": e.indication_deviation_percent,
+            "b′": e.repeatability_percent,
+            "b": e.reproducibility_range_percent,
+            "f_a": self.interpolation.deviation_percent,
+            "h": e.reversibility_percent,
+            "r": e.resolution_percent,
+            "W": self.expanded_percent,
+        }
+
+    @property
+    def class_words(self) -> str:
+        """The class in words, or why there is none."""
+        if self.classification is None:
+            return Message("no class: {reason}", self.unclassified)
+        return str(self.classification)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,28 +101,40 @@ class DirectionResults:
     @property
     def name(self) -> str:
         """The direction in words."""
-        return "clockwise" if self.direction > 0 else "counter-clockwise"
+        return DIRECTIONS[self.direction]
 
 
 @dataclass(frozen=True, eq=False)
 class CalibrationResults:
-    """Results of a calibration's points for a certificate.
+    """Results of a calibration's points.
 
     Parameters
     ----------
+    data : CalibrationData
+        The evaluated points: with the steps as nominal torques, the zero of each series subtracted.
+    torque_nm : array of float, shape (n,), or None
+        Compensated torque of these points, less its zero.
     directions : tuple of DirectionResults
-        Clockwise first.
+        Clockwise first; without those that weren't loaded in steps.
     errors_before, errors_after : ErrorSummary
         Of all points against the standard; `errors_after` is None without a compensation.
+    regression : mapping of str to Regression
+        Straight line of the deflections over the standard: of all points, and of each direction.
     zero_before, zero_after : ZeroHysteresis or None
         Only of cycles that go through zero.
+    remarks : tuple of str
+        Subtracted zeros; points that were left out, or farther from their step than 0.5 %.
     """
 
+    data: CalibrationData
+    torque_nm: FloatArray | None
     directions: tuple[DirectionResults, ...]
     errors_before: ErrorSummary
     errors_after: ErrorSummary | None
+    regression: Mapping[str, Regression]
     zero_before: ZeroHysteresis | None
     zero_after: ZeroHysteresis | None
+    remarks: tuple[str, ...]
 
 
 def calibration_results(
@@ -88,13 +147,13 @@ def calibration_results(
 ) -> CalibrationResults:
     """Evaluate a calibration before and after compensation.
 
-    Steps that are off are evaluated too, normalised to their nominal torque; `find_deviations`
-    names them.
+    Every row counts: any number of series, positions and steps is pooled and normalised to the
+    nearest step. Steps of the profile that are missing or off are named by `find_deviations`.
 
     Parameters
     ----------
     data : CalibrationData
-        In steps, with nominal torques.
+        In measuring order; without nominal torques it is evaluated by its own steps.
     resolution_nm : float
         Resolution of the indication, in N·m.
     reference : CertifiedUncertainty
@@ -104,80 +163,97 @@ def calibration_results(
     degree : int, default 3
         Degree of the interpolation; lower with too few steps.
 
-    Raises
-    ------
-    InputError
-        Where there are no nominal torques or a series lacks a step.
-
     Examples
     --------
-    >>> data = CalibrationData(
-    ...     [5.01, 10.02], [5.0, 10.0], [1, 1], [1, 1], 10.0, nominal_nm=[5.0, 10.0]
-    ... )
+    >>> data = CalibrationData([5.01, 10.02], [5.0, 10.0], [1, 1], [1, 1], 10.0)
     >>> reference = CertifiedUncertainty.of_torque(2e-4)
-    >>> found = calibration_results(
+    >>> results = calibration_results(
     ...     data, resolution_nm=0.001, reference=reference, torque_nm=[5.0, 10.0]
     ... )
-    >>> (clockwise,) = found.directions
+    >>> (clockwise,) = results.directions
     >>> [round(float(side.evaluation.indication_deviation_percent[1]), 6)
     ...  for side in (clockwise.before, clockwise.after)]
     [0.2, 0.0]
     """
+    points = own_steps(data)
+    tared = tare(points)
     compensated = None
     if torque_nm is not None:
-        torque = np.asarray(torque_nm, dtype=np.float64)
-        compensated = replace(data, reading_nm=torque)
-    here = data.loading_direction()
+        compensated = replace(points, reading_nm=np.asarray(torque_nm, dtype=np.float64))
+    remarks = list(tared.remarks)
     directions = []
-    for sign in (1, -1):
-        if not np.any(here[data.direction != 0] == sign):
+    for sign in DIRECTIONS:
+        loading = loading_series(points, sign)
+        if loading is None:
+            continue
+        remarks += loading.remarks
+        if not loading.series:
             continue
         sides = [
-            None if points is None else _side(points, sign, resolution_nm, reference, degree)
-            for points in (data, compensated)
+            None if each is None else _side(each, sign, resolution_nm, reference, degree)
+            for each in (loading, compensated and loading_series(compensated, sign))
         ]
-        before, after = sides
-        assert before is not None
-        directions.append(DirectionResults(sign, before, after))
+        assert sides[0] is not None
+        directions.append(DirectionResults(sign, sides[0], sides[1]))
+    after = None if compensated is None else tare(compensated).data
     return CalibrationResults(
+        data=tared.data,
+        torque_nm=None if after is None else after.reading_nm,
         directions=tuple(directions),
-        errors_before=_errors(data),
-        errors_after=None if compensated is None else _errors(compensated),
-        zero_before=_zero(data),
-        zero_after=None if compensated is None else _zero(compensated),
+        errors_before=_errors(tared.data),
+        errors_after=None if after is None else _errors(after),
+        regression=_regressions(tared.data),
+        zero_before=zero_hysteresis(points),
+        zero_after=None if compensated is None else zero_hysteresis(compensated),
+        remarks=tuple(remarks),
     )
 
 
 def _side(
-    data: CalibrationData,
+    loading: Loading,
     sign: int,
     resolution_nm: float,
     reference: CertifiedUncertainty,
     degree: int,
 ) -> SideBySide:
-    torque, series = loading_series(data, sign, tolerance_percent=None)
+    torque = loading.torque_nm
     evaluation = evaluate_static(
         torque,
-        series,
+        loading.series,
         resolution=resolution_nm,
         reference_uncertainty_percent=100.0 * reference.at(sign * torque) / torque,
         scale=1.0,
     )
     decreasing = evaluation.reversibility_percent is not None
     possible = min(degree, max(evaluation.interpolations))
+    reason, classification = "", None
     try:
-        found = classify(evaluation, degree=possible, decreasing=decreasing, fixed_scale=True)
+        classification = classify(
+            evaluation, degree=possible, decreasing=decreasing, fixed_scale=True
+        )
     except InputError as error:
-        return SideBySide(evaluation, None, error.found)
-    return SideBySide(evaluation, found)
+        reason = error.found
+    return SideBySide(
+        evaluation,
+        evaluation.interpolation(possible),
+        evaluation.uncertainty_percent(possible, "range", decreasing=decreasing),
+        evaluation.interval_percent(possible, "range", decreasing=decreasing),
+        classification,
+        reason,
+    )
 
 
 def _errors(data: CalibrationData) -> ErrorSummary:
     return summarise_errors(data.reading_nm, data.standard_nm, data.range_nm)
 
 
-def _zero(data: CalibrationData) -> ZeroHysteresis | None:
-    try:
-        return zero_hysteresis(data)
-    except InputError:  # no cycles through zero
-        return None
+def _regressions(data: CalibrationData) -> dict[str, Regression]:
+    direction = data.loading_direction()
+    parts = {"all points": np.ones(len(data), dtype=np.bool_)}
+    if np.unique(direction).size > 1:
+        parts |= {name: direction == sign for sign, name in DIRECTIONS.items()}
+    lines = {
+        name: regression(data.standard_nm[rows], data.reading_nm[rows])
+        for name, rows in parts.items()
+    }
+    return {name: line for name, line in lines.items() if line is not None}

@@ -1,19 +1,389 @@
-"""From the table of a calibration to the series of a static evaluation, and its zero hysteresis."""
+"""From the table of a calibration to the series of a static evaluation: runs, zeros, steps."""
 
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import CalibrationData
+from torquebench.calibration.data import CalibrationData, infer_branch
 from torquebench.calibration.evaluation import LoadingSeries
-from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["STEP_TOLERANCE_PERCENT", "ZeroHysteresis", "loading_series", "zero_hysteresis"]
+__all__ = [
+    "DIRECTIONS",
+    "Loading",
+    "TaredPoints",
+    "ZeroHysteresis",
+    "loading_series",
+    "own_steps",
+    "tare",
+    "zero_hysteresis",
+]
 
-STEP_TOLERANCE_PERCENT = 0.5
-"""A step is refused if its reference torque deviates from its nominal torque by more than this."""
+FloatArray = NDArray[np.float64]
+DIRECTIONS = {1: "clockwise", -1: "counter-clockwise"}
+
+SAME_STEP_PERCENT = 2.5
+"""Reference torques of different series within this of each other are one step."""
+
+REPEATED_PERCENT = 0.5
+"""Reference torques of one series within this of each other repeat a step; farther ones don't. A
+reference torque deviating from its nominal torque by more is named."""
+
+FARTHEST_PERCENT = 10.0
+"""A torque farther from its nominal torque isn't reduced to it, but left out and named."""
+
+MOST_STEPS = 100
+"""More steps than this in one direction are a ramp."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Run:
+    """One rise and the fall after it, in one direction of one series, by rows of the table."""
+
+    series: int
+    direction: int
+    position_deg: float
+    rising: NDArray[np.intp]
+    falling: NDArray[np.intp]
+    zero: int | None
+    """Row of the unloaded reading that its deflections count from."""
+    final_zero: int | None
+    """Row of the unloaded reading after it."""
+
+    @property
+    def rows(self) -> NDArray[np.intp]:
+        """Loaded rows in measuring order."""
+        return np.sort(np.concatenate([self.rising, self.falling]))
+
+
+def _runs(data: CalibrationData) -> list[_Run]:
+    """Return the runs in measuring order; a rise after a fall begins one, whatever its series."""
+    branch = np.where(data.branch == 0, infer_branch(data.standard_nm, data.series), data.branch)
+    position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
+    zeros = np.flatnonzero(data.unloaded)
+    grouped: list[list[int]] = []
+    keys = np.stack([data.series, data.direction, position], axis=1)
+    for row in np.flatnonzero(~data.unloaded).tolist():
+        last = grouped[-1][-1] if grouped else None
+        rises = last is not None and branch[last] < 0 < branch[row]
+        if last is None or rises or np.any(keys[row] != keys[last]):
+            grouped.append([])
+        grouped[-1].append(row)
+    ends = [*(rows[0] for rows in grouped[1:]), len(data)]
+    runs = []
+    for group, end in zip(grouped, ends, strict=True):
+        rows = np.array(group, dtype=np.intp)
+        first, rising = int(rows[0]), rows[branch[rows] > 0]
+        own = zeros[data.series[zeros] == data.series[first]]
+        own = own[position[own] == position[first]]
+        same = zeros[position[zeros] == position[first]]
+        after = own[(own > rows[-1]) & (own < end) & (branch[own] < 0)]
+        # The zero before the run counts: in its series, else in its position. A fall alone has the
+        # zero that it ends at. Without any of these, the nearest zero counts.
+        candidates = (
+            own[own < first][-1:],
+            after[:1] if not rising.size else own[:0],
+            same[same < first][-1:],
+            same[np.argsort(np.abs(same - first))][:1],
+            zeros[np.argsort(np.abs(zeros - first))][:1],
+        )
+        zero = next((int(each[0]) for each in candidates if each.size), None)
+        runs.append(
+            _Run(
+                int(data.series[first]),
+                int(data.direction[first]),
+                float(position[first]),
+                rising,
+                rows[branch[rows] < 0],
+                zero,
+                int(after[0]) if after.size else None,
+            )
+        )
+    return runs
+
+
+@dataclass(frozen=True, eq=False)
+class TaredPoints:
+    """The points of a calibration with the zero of each series subtracted, X = I − I₀.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    zeros_nm : tuple of float
+        The subtracted zeros, one for each rise; empty where the readings were tared.
+    remarks : tuple of str
+        Which zeros, and where they weren't read before a series.
+    """
+
+    data: CalibrationData
+    zeros_nm: tuple[float, ...] = ()
+    remarks: tuple[str, ...] = ()
+
+
+def tare(data: CalibrationData) -> TaredPoints:
+    """Subtract from the readings of each series its own zero, X = I − I₀.
+
+    The zero of a series is the last reading without load before it, in the same series or mounting
+    position; where there is none, the nearest one. So a constant that is added to all readings
+    changes nothing. Readings that are stated to be tared stay as they are, and so do those of a
+    table without unloaded readings.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        In measuring order.
+
+    Examples
+    --------
+    >>> data = CalibrationData([1.0, 6.0, 11.0, 1.1], [0, 5, 10, 0], [1] * 4, [1, 1, 1, -1], 10.0)
+    >>> points = tare(data)
+    >>> points.data.reading_nm.round(6).tolist(), points.zeros_nm
+    ([0.0, 5.0, 10.0, 0.1], (1.0,))
+    """
+    runs = _runs(data)
+    if data.tared or not runs:
+        return TaredPoints(data)
+    if not np.any(data.unloaded):
+        return TaredPoints(
+            replace(data, tared=True),
+            remarks=("no reading without load: the readings count as tared",),
+        )
+    zeros = np.array([data.reading_nm[run.zero] for run in runs])
+    starts = np.array([run.rows[0] for run in runs])
+    rows = np.arange(len(data))
+    # An unloaded row before a run belongs to it, unless it is the end of the run before.
+    owner = np.minimum(np.searchsorted(starts, rows, side="left"), len(runs) - 1)
+    for number, run in enumerate(runs):
+        owner[run.rows] = number
+        if run.final_zero is not None:
+            owner[run.final_zero] = number
+    remarks = []
+    if np.any(zeros != 0.0):
+        shown = list(dict.fromkeys(f"{value:.5g}" for value in zeros))
+        more = Message(" and {count} more", len(shown) - 8) if len(shown) > 8 else ""
+        remarks.append(
+            Message("zero of each series, subtracted: {zeros} N·m{more}", ", ".join(shown[:8]), more)
+        )
+    late = dict.fromkeys(str(run.series) for run in runs if (run.zero or 0) > run.rows[0])
+    if late:
+        remarks.append(
+            Message(
+                "no reading without load before series {numbers}: the nearest one counts as its "
+                "zero",
+                ", ".join(late),
+            )
+        )
+    tared = replace(data, reading_nm=data.reading_nm - zeros[owner], tared=True)
+    return TaredPoints(tared, tuple(zeros.tolist()), tuple(remarks))
+
+
+def own_steps(data: CalibrationData, named_nm: Sequence[float] = ()) -> CalibrationData:
+    """Return the data with the nearest step as nominal torque of each point.
+
+    Data that have nominal torques already are returned as they are. Reference torques of
+    different runs within 2.5 % of each other are one step, those of one run within 0.5 %. It is
+    called by the named torque that is nearest to it within that distance, else by the plainest
+    number near its mean.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    named_nm : sequence of float
+        Magnitudes of steps, such as those of a profile.
+
+    Examples
+    --------
+    >>> data = CalibrationData([2, 4.1, 6, 2], [2.001, 4, 6, 1.999], [1, 1, 1, 2], [1] * 4, 10.0)
+    >>> own_steps(data).nominal_nm.tolist()
+    [2.0, 4.0, 6.0, 2.0]
+    """
+    if data.nominal_nm is not None:
+        return data
+    nominal = np.zeros(len(data))
+    for sign in DIRECTIONS:
+        runs = [run for run in _runs(data) if run.direction == sign]
+        branches = [rows for run in runs for rows in (run.rising, run.falling) if rows.size]
+        if not branches:
+            continue
+        rows = np.concatenate(branches)
+        branch = np.repeat(np.arange(len(branches)), [each.size for each in branches])
+        size = np.abs(data.standard_nm[rows])
+        order = np.argsort(size, kind="stable")
+        groups = [order[members] for members in _clusters(size[order], branch[order])]
+        names = _names(np.array([np.mean(size[group]) for group in groups]), named_nm)
+        for group, name in zip(groups, names, strict=True):
+            nominal[rows[group]] = sign * name
+    return replace(data, nominal_nm=nominal)
+
+
+def _clusters(size: FloatArray, branch: NDArray[np.intp]) -> list[slice]:
+    """Return slices of rising torques that are one step, the closest ones joined first."""
+    begin, end = np.arange(size.size), np.arange(size.size)  # of the cluster at its outer members
+    members = [{int(each)} for each in branch]
+    for k in np.argsort(np.diff(size) / size[1:], kind="stable"):
+        low, high = int(begin[k]), int(end[k + 1])
+        spread = 100.0 * (size[high] / size[low] - 1.0)
+        apart = members[low].isdisjoint(members[int(k) + 1])
+        if spread <= REPEATED_PERCENT or (spread <= SAME_STEP_PERCENT and apart):
+            members[low] |= members[int(k) + 1]
+            begin[high], end[low] = low, high
+    slices, first = [], 0
+    while first < size.size:
+        slices.append(slice(first, int(end[first]) + 1))
+        first = int(end[first]) + 1
+    return slices
+
+
+def _names(torque_nm: FloatArray, named_nm: Sequence[float]) -> FloatArray:
+    """Return each step as its nearest named torque, else by the fewest digits within 0.1 %."""
+    names = np.array(
+        [
+            next((each for each in _rounded(value) if abs(each - value) <= 1e-3 * value), value)
+            for value in torque_nm.tolist()
+        ]
+    )
+    for named in named_nm:
+        nearest = int(np.argmin(np.abs(torque_nm - named)))
+        if abs(torque_nm[nearest] - named) <= SAME_STEP_PERCENT / 100.0 * named:
+            names[nearest] = named
+    return names
+
+
+def _rounded(value: float) -> Iterator[float]:
+    return (float(f"{value:.{digits}g}") for digits in range(1, 8))
+
+
+@dataclass(frozen=True, eq=False)
+class Loading:
+    """Steps and series of one direction, as `evaluate_static` takes them.
+
+    Parameters
+    ----------
+    torque_nm : array of float, shape (m,)
+        Magnitudes of the steps, rising.
+    series : list of LoadingSeries
+        Deflections as magnitudes, NaN at steps that a series hasn't; empty with fewer than two
+        steps, or so many that they are a ramp.
+    remarks : tuple of str
+        What was left out or reduced by more than 0.5 %, and why.
+    """
+
+    torque_nm: FloatArray
+    series: list[LoadingSeries]
+    remarks: tuple[str, ...]
+
+
+def loading_series(data: CalibrationData, direction: int) -> Loading | None:
+    """Return steps and series of one direction; None where it wasn't loaded.
+
+    A reference transducer never shows the nominal step exactly, so each deflection is normalised
+    to it: X* = X · M_nom/M_ref. A step that is read more than once on one branch of a run is
+    averaged. Each run is a series: one rise and, where the branch says so, the fall after it.
+    Points at a nominal torque of 0 on the falling branch are the zero after it.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        In steps: with nominal torques, or those of `own_steps`.
+    direction : {+1, -1}
+        +1 clockwise, -1 counter-clockwise.
+    """
+    tared = tare(own_steps(data)).data
+    nominal = tared.nominal_nm
+    assert nominal is not None
+    name = DIRECTIONS[direction]
+    runs = [run for run in _runs(tared) if run.direction == direction]
+    if not runs:
+        return None
+    remarks: list[str] = []
+    reduced = np.full(len(tared), np.nan)
+    rows = np.concatenate([run.rows for run in runs])
+    off = 100.0 * np.abs(tared.standard_nm[rows] / nominal[rows] - 1.0)
+    near = rows[off <= FARTHEST_PERCENT]
+    reduced[near] = direction * tared.reading_nm[near] * nominal[near] / tared.standard_nm[near]
+    remarks += _off_steps(tared, rows[off > REPEATED_PERCENT], off[off > REPEATED_PERCENT], name)
+    rising = [row for run in runs for row in run.rising if reduced[row] > 0.0]
+    steps = np.unique(np.abs(nominal[rising]))
+    only_falling = np.setdiff1d(np.abs(nominal[near]), steps)
+    if only_falling.size:
+        remarks.append(
+            Message(
+                "{name}, without increasing torque: {steps} N·m; left out",
+                name,
+                _listed(only_falling),
+            )
+        )
+    if not 2 <= steps.size <= MOST_STEPS:
+        remarks.append(
+            Message("{name}, fewer than two steps: not evaluated", name)
+            if steps.size < 2
+            else Message(
+                "{name}, {count} different torques are a ramp: not evaluated by steps",
+                name,
+                steps.size,
+            )
+        )
+        return Loading(steps, [], tuple(remarks))
+
+    def column(rows: NDArray[np.intp]) -> FloatArray:
+        values = reduced[rows]
+        keep = values > 0.0
+        at = np.searchsorted(steps, np.abs(nominal[rows[keep]]))
+        keep_at = at < steps.size
+        at, values, origin = at[keep_at], values[keep][keep_at], rows[keep][keep_at]
+        known = steps[at] == np.abs(nominal[origin])
+        count = np.bincount(at[known], minlength=steps.size)
+        total = np.bincount(at[known], weights=values[known], minlength=steps.size)
+        return np.divide(total, count, out=np.full(steps.size, np.nan), where=count > 0)
+
+    series = []
+    for run in runs:
+        up, down = column(run.rising), column(run.falling)
+        top = np.flatnonzero(np.isfinite(up))[-1:]
+        if run.falling.size and np.isnan(down[top]).all():
+            down[top] = up[top]  # the reversal: the largest step is read once for both
+        returned = None
+        if run.final_zero is not None and (data.tared or run.final_zero != run.zero):
+            returned = float(tared.reading_nm[run.final_zero])
+        series.append(
+            LoadingSeries(run.position_deg, up, down if run.falling.size else None, returned)
+        )
+    return Loading(steps, series, tuple(remarks))
+
+
+def _listed(steps_nm: FloatArray) -> Message | str:
+    shown = ", ".join(f"{step:g}" for step in steps_nm[:4])
+    return (
+        Message("{steps} and {count} more", shown, steps_nm.size - 4)
+        if steps_nm.size > 4
+        else shown
+    )
+
+
+def _off_steps(
+    data: CalibrationData, rows: NDArray[np.intp], off: FloatArray, name: str
+) -> Iterator[str]:
+    """Yield the steps that were missed by more than their tolerance, the worst of each kind."""
+    assert data.nominal_nm is not None
+    far = off > FARTHEST_PERCENT
+    for which, consequence in ((~far, "reduced in proportion"), (far, "left out")):
+        if not np.any(which):
+            continue
+        worst = rows[which][np.argmax(off[which])]
+        more = Message(" ({count} more)", np.count_nonzero(which) - 1) if which.sum() > 1 else ""
+        yield Message(
+            "{name}, the step {nominal:.6g} N·m of series {series} was loaded with {standard:.6g} "
+            "N·m, deviation {off:.2g} %{more}: {consequence}",
+            name,
+            data.nominal_nm[worst],
+            data.series[worst],
+            data.standard_nm[worst],
+            off[which].max(),
+            more,
+            consequence,
+        )
 
 
 @dataclass(frozen=True)
@@ -37,148 +407,16 @@ class ZeroHysteresis:
     worst_percent_fs: float
 
 
-def loading_series(
-    data: CalibrationData,
-    direction: int,
-    *,
-    tolerance_percent: float | None = STEP_TOLERANCE_PERCENT,
-) -> tuple[NDArray[np.float64], list[LoadingSeries]]:
-    """Return steps and series of one direction, as `evaluate_static` takes them.
-
-    A reference transducer never shows the nominal step exactly, so each deflection is normalised
-    to it first: X* = X · M_nom/M_ref.
-
-    Parameters
-    ----------
-    data : CalibrationData
-        A calibration in steps, with nominal torques; a series is one rise and, where the branch
-        says so, the fall after it. Points at a nominal torque of 0 on the falling branch are the
-        zero after the series.
-    direction : {+1, -1}
-        +1 clockwise, -1 counter-clockwise.
-    tolerance_percent : float or None, default 0.5
-        Largest distance of the reference from the nominal torque, in % of it; None for any.
-
-    Returns
-    -------
-    torque_nm : array of float, shape (m,)
-        Magnitudes of the steps, rising.
-    series : list of LoadingSeries
-        Deflections as magnitudes.
-
-    Raises
-    ------
-    InputError
-        Where there are no nominal torques or no points, a step lies too far off, is missing in a
-        series or occurs in it twice.
-    """
-    if data.nominal_nm is None:
-        raise InputError(
-            "a calibration without nominal torques",
-            "a column nominal_nm",
-            "add the target torque of each step",
-        )
-    here = data.loading_direction() == direction
-    loaded = ~data.unloaded
-    if not np.any(here & loaded):
-        name = "clockwise" if direction > 0 else "counter-clockwise"
-        raise InputError(Message("no {name} points", name), "a calibration of this direction")
-    torque = np.unique(np.abs(data.nominal_nm[here & loaded]))
-    if tolerance_percent is not None:
-        _check_steps(data, here & loaded, tolerance_percent)
-    series = []
-    for number in np.unique(data.series[here & loaded]):
-        member = here & (data.series == number)
-        series.append(_one_series(data, member, loaded, torque, direction))
-    return torque, series
-
-
-def _one_series(
-    data: CalibrationData,
-    member: NDArray[np.bool_],
-    loaded: NDArray[np.bool_],
-    torque: NDArray[np.float64],
-    direction: int,
-) -> LoadingSeries:
-    assert data.nominal_nm is not None
-    columns: dict[int, NDArray[np.float64]] = {}
-    number = int(data.series[member][0])
-    for branch in (1, -1):
-        points = np.flatnonzero(member & loaded & (data.branch == branch))
-        if branch == -1 and points.size == 0:
-            continue
-        column = np.full(torque.size, np.nan)
-        for point in points:
-            step = int(np.searchsorted(torque, abs(data.nominal_nm[point])))
-            if np.isfinite(column[step]):
-                raise InputError(
-                    Message(
-                        "series {number} has the step {nominal_nm:.6g} N·m twice on one branch",
-                        number,
-                        data.nominal_nm[point],
-                    ),
-                    "each step once",
-                    "number repeated series differently",
-                )
-            normalised = data.nominal_nm[point] / data.standard_nm[point]
-            column[step] = direction * data.reading_nm[point] * normalised
-        if branch == -1 and np.isnan(column[-1]):
-            column[-1] = columns[1][-1]  # the reversal: the largest step is read once for both
-        missing = np.flatnonzero(np.isnan(column))
-        if missing.size:
-            raise InputError(
-                Message(
-                    "series {number} lacks the step {torque:.6g} N·m with {value} torque",
-                    number,
-                    torque[missing[0]],
-                    "increasing" if branch > 0 else "decreasing",
-                ),
-                "every step in every series",
-                "measure the series again",
-            )
-        columns[branch] = column
-    returns = data.reading_nm[member & ~loaded & (data.branch < 0)]
-    position = 0.0 if data.position_deg is None else float(data.position_deg[member][0])
-    return LoadingSeries(
-        position_deg=position,
-        increasing=columns[1],
-        decreasing=columns.get(-1),
-        zero_return=float(returns[-1]) if returns.size else None,
-    )
-
-
-def _check_steps(data: CalibrationData, where: NDArray[np.bool_], tolerance_percent: float) -> None:
-    assert data.nominal_nm is not None
-    for point in np.flatnonzero(where):
-        nominal, standard = data.nominal_nm[point], data.standard_nm[point]
-        off = 100.0 * abs(standard - nominal) / abs(nominal)
-        if off > tolerance_percent:
-            raise InputError(
-                Message(
-                    "the step {nominal:.6g} N·m of series {series} was loaded with "
-                    "{standard:.6g} N·m, deviation {off:.2g} %",
-                    nominal,
-                    data.series[point],
-                    standard,
-                    off,
-                ),
-                Message("a deviation of at most {tolerance_percent:g} %", tolerance_percent),
-                "load the step again",
-            )
-
-
-def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis:
+def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis | None:
     """Return the difference of the zero of reversing cycles after loading from either side.
 
+    None where no series has both zeros.
+
     Parameters
     ----------
     data : CalibrationData
-        Cycles 0 → +FS → 0 → −FS → 0, one a series, with a point at each zero.
-
-    Raises
-    ------
-    InputError
-        Where no series has both zeros.
+        Cycles 0 → +FS → 0 → −FS → 0, one a series, with a point at each zero, all counting from
+        one zero.
 
     Examples
     --------
@@ -192,18 +430,13 @@ def zero_hysteresis(data: CalibrationData) -> ZeroHysteresis:
     side = data.loading_direction()
     differences = []
     for number in np.unique(data.series):
-        zeros = {
-            sign: data.reading_nm[unloaded & (data.series == number) & (side == sign)]
-            for sign in (1, -1)
-        }
-        if zeros[1].size and zeros[-1].size:
-            differences.append(float(zeros[1].mean() - zeros[-1].mean()))
-    if not differences:
-        raise InputError(
-            "no series with a zero after either direction",
-            "cycles through both directions",
-            "calibrate by the profile reversing",
+        after, before = (
+            data.reading_nm[unloaded & (data.series == number) & (side == sign)] for sign in (1, -1)
         )
+        if after.size and before.size:
+            differences.append(float(after.mean() - before.mean()))
+    if not differences:
+        return None
     mean = float(np.mean(differences))
     worst = max(differences, key=abs)
     return ZeroHysteresis(

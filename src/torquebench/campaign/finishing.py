@@ -304,7 +304,9 @@ def run_data(folder: RunFolder) -> CalibrationData:
             Message("{path} holds no points of a calibration", folder.path), "a calibration run"
         )
     try:
-        return CalibrationData(**results["data"])
+        # A bench subtracts its zeros; runs of 0.2.0 don't say so.
+        measured = folder.metadata.get("kind") != "calibration-table"
+        return CalibrationData(**{"tared": measured, **results["data"]})
     except TypeError as error:
         raise RecordError(
             Message("{path}: results.json has other columns ({error})", folder.path, error)

@@ -182,7 +182,7 @@ class CompensationModel(Estimator, ABC):
         Raises
         ------
         InputError
-            NaN, too few points, a constant reading, contradictory duplicates, readings beyond
+            NaN, too few points, a constant reading, contradictory duplicates, torques beyond
             `range_nm`, an outlier (with ``outliers="refuse"``), a parameter out of its limits.
         """
         self.check_parameters()
@@ -196,7 +196,7 @@ class CompensationModel(Estimator, ABC):
             self._minimum_distinct(),
             model=self.kind or type(self).__name__,
         )
-        self._set_range(points.reading)
+        self._set_range(points.reading, points.y)
         weights, self.outliers_ = point_weights(points, self.outliers)
         points, weights = reduce_points(points, weights, self.maximum_points, self.used_features)
         try:
@@ -412,13 +412,13 @@ class CompensationModel(Estimator, ABC):
         except ValueError as problem:
             raise explain_rejection(problem, X) from problem
 
-    def _set_range(self, reading: FloatArray) -> None:
+    def _set_range(self, reading: FloatArray, torque: FloatArray) -> None:
         largest = float(np.max(np.abs(reading)))
         self.full_scale_nm_ = largest if self.range_nm is None else float(self.range_nm)
-        margin = self.range_margin * self.full_scale_nm_
-        if largest > self.full_scale_nm_ + margin:
+        beyond = float(np.max(np.abs(torque)))
+        if self.range_nm is not None and beyond > (1.0 + self.range_margin) * self.full_scale_nm_:
             raise InputError(
-                Message("calibration reading of {largest:.6g} N·m", largest),
+                Message("calibration torque of {largest:.6g} N·m", beyond),
                 Message(
                     "up to {full_scale_nm:.6g} N·m and {range_margin:.3g} % beyond",
                     self.full_scale_nm_,
@@ -442,9 +442,9 @@ class CompensationModel(Estimator, ABC):
         return max(-self.reading_low_nm_, self.reading_high_nm_) / (1.0 + self.range_margin)
 
     def _reached(self, largest_nm: float) -> float:
-        """Return the largest torque of a direction, N·m: full scale where that was intended."""
-        whole = largest_nm >= WHOLE_SHARE * self.full_scale_nm_
-        return self.full_scale_nm_ if whole else largest_nm
+        """Return the largest reading of a direction, N·m: full scale where that was intended."""
+        within = WHOLE_SHARE <= largest_nm / self.full_scale_nm_ <= 1.0 + self.range_margin
+        return self.full_scale_nm_ if within else largest_nm
 
     def _refuse_outside_range(self, reading: FloatArray) -> None:
         outside = (reading < self.reading_low_nm_) | (reading > self.reading_high_nm_)

@@ -117,6 +117,7 @@ def calibration_of_rows(
         true_torque_nm=optional("true_torque_nm"),
         standard_temperature_c=optional("standard_temperature_c"),
         measured_on=datetime.now(UTC).date(),
+        tared=True,
     ).zeroed_each_series()
 
 

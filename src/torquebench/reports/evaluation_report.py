@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from torquebench.calibration import (
-    CalibrationData,
+    PERCENT_DIGITS,
     CalibrationResults,
     Deviation,
     DirectionResults,
-    EvaluablePoints,
     Profile,
+    SideBySide,
     StaticEvaluation,
 )
 from torquebench.campaign.reducers.quantities import result_quantities
@@ -40,7 +41,7 @@ __all__ = [
     "QUANTITIES",
     "evaluation_page",
     "open_loop_page",
-    "own_steps_words",
+    "regression_table",
     "residual_zero",
     "static_page",
     "static_quantities",
@@ -148,12 +149,11 @@ def _open_loop_figure(loop: LoopFeatures) -> str:
 
 def static_page(
     source: str,
-    points: CalibrationData,
-    profile: Profile,
+    profile: Profile | None,
     deviations: Sequence[Deviation],
-    results: CalibrationResults | None,
-    torque_nm: Sequence[float] | None,
-    evaluable: EvaluablePoints,
+    results: CalibrationResults,
+    *,
+    with_regression: bool = False,
 ) -> Page:
     """Return the report of a static calibration in steps.
 
@@ -161,42 +161,41 @@ def static_page(
     ----------
     source : str
         Name of the table.
-    points : CalibrationData
-    profile : Profile
+    profile : Profile or None
         Profile for comparison.
     deviations : sequence of Deviation
         Deviations from it.
-    results : CalibrationResults or None
-        None if it couldn't be evaluated.
-    torque_nm : array of float, shape (n,), or None
-        Compensated torque of the points.
-    evaluable : EvaluablePoints
-        By whose steps it was evaluated, and what was left out.
+    results : CalibrationResults
+    with_regression : bool
+        Whether to state straight lines.
     """
-    checked = "" if profile.verified else ", not checked against a licensed text"
+    points, torque_nm = results.data, results.torque_nm
     facts = [
         ("Table", source),
         ("Points", f"{len(points)}, {points.range_nm:g} N·m"),
         ("Transducer", points.transducer_serial or "not stated"),
-        ("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"),
-        *(("Evaluated by", each) for each in own_steps_words(evaluable)),
-        *(("Remark", each) for each in evaluable.remarks),
     ]
+    if profile is not None:
+        checked = "" if profile.verified else ", not checked against a licensed text"
+        facts.append(("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"))
+    facts += [("Remark", each) for each in results.remarks]
     name = "reading" if torque_nm is None else "before"
     curves = [Curve(name, points.standard_nm, points.reading_nm - points.standard_nm, raw=True)]
     caption = "Error of every point against the standard."
     if torque_nm is not None:
         caption = "Error of every point against the standard, before and after compensation."
-        error = np.asarray(torque_nm) - points.standard_nm
-        curves.append(Curve("after compensation", points.standard_nm, error))
+        curves.append(
+            Curve("after compensation", points.standard_nm, torque_nm - points.standard_nm)
+        )
     figure = Figure(error_figure(curves, points.range_nm), caption)
     sections = [Section("Calibration", "", (Facts(facts), figure))]
+    sections += [_direction(each) for each in results.directions]
+    if with_regression:
+        sections.append(Section("Straight lines", "", (Table(*regression_table(results)),)))
     if deviations:
         rows = [(each.clause, each.found, each.allowed, each.consequence) for each in deviations]
         table = Table(("clause", "found", "allowed", "certificate"), rows)
         sections.append(Section("Deviations from the profile", "", (table,)))
-    if results is not None:
-        sections += [_direction(each) for each in results.directions]
     return Page("Static evaluation", source, sections, simulated=points.simulated)
 
 
@@ -205,52 +204,52 @@ def _direction(direction: DirectionResults) -> Section:
     for word, side in (("before", direction.before), ("after", direction.after)):
         if side is None:
             continue
-        found = side.classification
-        if found is None:
-            said = f"none: {side.unclassified}"
-        elif found.whole_range is not None:
-            said = f"{found.whole_range:g} over the whole range"
-        else:
-            starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
-            said = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts) or "none"
-        header, rows = static_quantities(side.evaluation)
-        zero = residual_zero(side.evaluation)
-        caption = f"{word.capitalize()} compensation, % of reading; {zero}; class {said}."
+        header, rows = static_quantities(side)
+        curve = side.interpolation
+        caption = (
+            f"{word.capitalize()} compensation, % of reading; {residual_zero(side.evaluation)}; "
+            f"{curve.equation} (degree {curve.degree}, N·m); {side.class_words}."
+        )
         blocks.append(Table(header, rows, caption))
     return Section(direction.name.capitalize(), QUANTITIES, blocks)
-
-
-def own_steps_words(points: EvaluablePoints) -> tuple[str, ...]:
-    """Return the steps by which a table was evaluated where they aren't the profile's."""
-    if points.of_profile or points.data is None or points.data.nominal_nm is None:
-        return ()
-    steps = ", ".join(f"{step:g}" for step in sorted(set(points.data.nominal_nm.tolist())))
-    return (f"the table's own steps: {steps} N·m",)
 
 
 def residual_zero(evaluation: StaticEvaluation) -> str:
     """Return the residual zero in words."""
     zero = evaluation.zero_residual_percent
-    return "f₀ " + ("not measured" if zero is None else f"{zero:.4f} % of the span")
+    shown = "not measured" if zero is None else f"{zero:.{PERCENT_DIGITS}f} % of the span"
+    return f"f₀ {shown}"
 
 
-def static_quantities(
-    evaluation: StaticEvaluation,
-) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+def static_quantities(side: SideBySide) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of all quantities of a direction, one line a step."""
-    degree = max(evaluation.interpolations)
-    decreasing = evaluation.reversibility_percent is not None
-    columns = (
-        ("f_q", evaluation.indication_deviation_percent),
-        ("b′", evaluation.repeatability_percent),
-        ("b", evaluation.reproducibility_range_percent),
-        ("f_a", evaluation.interpolation(degree).deviation_percent),
-        ("h", evaluation.reversibility_percent),
-        ("r", evaluation.resolution_percent),
-        ("W", evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)),
-    )
+    columns = side.columns
+
+    def cell(values: NDArray[np.float64] | None, row: int) -> str:
+        if values is None or np.isnan(values[row]):
+            return "-"
+        return f"{round(float(values[row]), PERCENT_DIGITS) + 0.0:.{PERCENT_DIGITS}f}"
+
     rows = [
-        (f"{torque:g}", *("-" if each is None else f"{each[row]:.4f}" for _, each in columns))
-        for row, torque in enumerate(evaluation.torque_nm)
+        (f"{torque:g}", *(cell(values, row) for values in columns.values()))
+        for row, torque in enumerate(side.evaluation.torque_nm)
     ]
-    return ("N·m", *(name for name, _ in columns)), rows
+    return ("N·m", *columns), rows
+
+
+def regression_table(
+    results: CalibrationResults,
+) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Return headings and rows of the straight lines X = slope · M + intercept."""
+    rows = [
+        (
+            name,
+            f"{line.slope:.7g}",
+            f"{line.intercept:.4g}",
+            f"{line.see:.4g}",
+            f"{line.r_squared:.8f}",
+            str(line.points),
+        )
+        for name, line in results.regression.items()
+    ]
+    return ("", "slope", "intercept N·m", "SEE N·m", "r²", "points"), rows

@@ -44,6 +44,8 @@ ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
 _STEADY = "steady"
 """Comment of a table of steady means, as the points of a calibration are."""
+_TARED = "tared"
+"""Comment of a table whose readings count from the zero of their series already."""
 _WINDOW = "window_s"
 """Comment with the length of the windows of a table's readings."""
 _DAY = "measured_on"
@@ -74,14 +76,15 @@ def read_calibration(
     as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
     counter's identity; arguments take precedence over them. ``# reference_uncertainty = 0.02``
     states U (k = 2) of the standard; see `CertifiedUncertainty.of_text`. ``# measured_on =
-    2026-03-31`` states the day, from which the age of the calibration counts.
+    2026-03-31`` states the day, from which the age of the calibration counts. ``# tared = true``
+    (or a column ``zero_nm``) states that the readings count from the zero of their series.
 
     Parameters
     ----------
     path : pathlib.Path or str
         The file.
     range_nm : float, optional
-        Full scale in N·m; without it, that of the file, or the largest torque in it.
+        Full scale in N·m; without it, that of the file, or the largest nominal torque or standard value in it.
     both_directions : bool, default False
         Whether clockwise and counter-clockwise torque must both occur.
     side, transducer_serial, counter_identity : str
@@ -138,7 +141,7 @@ def parse_calibration(
     --------
     >>> data = parse_calibration("reading_nm,standard_nm\n5.1,5.0\n10.2,10.0\n", "a table")
     >>> data.standard_nm.tolist(), data.range_nm
-    ([5.0, 10.0], 10.2)
+    ([5.0, 10.0], 10.0)
     """
     chain = ("", transducer_serial, counter_identity)
     return calibration_of(parse_csv(text, origin), range_nm, False, chain)
@@ -163,9 +166,13 @@ def calibration_of(
     if numbers is None:
         numbers = np.ones(reading.size, dtype=np.int64)
     branch = branches(table)
-    scale = _range(table, range_nm, reading, standard)
+    nominal = quantity(table, columns, "nominal_nm")
+    named = nominal is not None and np.max(np.abs(standard)) <= (1 + RANGE_MARGIN) * np.max(
+        np.abs(nominal)
+    )
+    scale = _range(table, range_nm, nominal if named and nominal is not None else standard)
+    _check_range(table, columns["standard_nm"][0], standard, scale)
     for key, values in (("reading_nm", reading), ("standard_nm", standard)):
-        _check_range(table, columns[key][0], values, scale)
         if values.size > 2 and np.ptp(values) == 0.0:
             raise InputError(
                 Message(
@@ -188,10 +195,15 @@ def calibration_of(
         side=side or noted.get("side", ""),
         transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
         counter_identity=counter_identity or noted.get("counter_identity", ""),
-        **{name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS},
+        nominal_nm=nominal,
+        **{
+            name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS if name != "nominal_nm"
+        },
         simulated=is_simulated(noted),
         reference=reference_in(noted, scale, table.origin),
         measured_on=_measured_on(table),
+        tared=_is_stated(noted, _TARED) or "zero_nm" in columns,
+        row=table.lines,
     )
     _check_duplicates(table, data)
     if both_directions:
@@ -381,6 +393,8 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
     notes |= reference_remarks(data.reference)
     if data.simulated:
         notes["simulated"] = "true"
+    if data.tared:
+        notes[_TARED] = "true"
     if data.measured_on is not None:
         notes[_DAY] = data.measured_on.isoformat()
     if data.steady:
@@ -457,12 +471,7 @@ def _window_s(table: CsvTable) -> float | None:
     return window_s
 
 
-def _range(
-    table: CsvTable,
-    given: float | None,
-    reading: NDArray[np.float64],
-    standard: NDArray[np.float64],
-) -> float:
+def _range(table: CsvTable, given: float | None, torque: NDArray[np.float64]) -> float:
     if given is not None:
         return given
     noted = table.remarks.get("range_nm")
@@ -474,11 +483,14 @@ def _range(
                 Message("{origin}: the comment says range_nm = {range!r}", table.origin, noted),
                 "a number in N·m",
             ) from error
-    if not np.any(standard):
+    if not np.any(torque):
         raise InputError(
             Message("{origin}: all standard values are 0 N·m", table.origin), "a loaded chain"
         )
-    return float(np.max(np.abs([reading, standard])))
+    largest = float(np.max(np.abs(torque)))
+    # A standard never shows full scale exactly: the plainest number within 0.1 % is meant.
+    rounded = (float(f"{largest:.{digits}g}") for digits in range(1, 8))
+    return next((each for each in rounded if abs(each - largest) <= 1e-3 * largest), largest)
 
 
 def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_nm: float) -> None:

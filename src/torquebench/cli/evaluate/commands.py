@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from datetime import date, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -39,11 +39,9 @@ if TYPE_CHECKING:
         CalibrationData,
         CalibrationResults,
         Deviation,
-        DirectionResults,
-        EvaluablePoints,
         Profile,
         ReferenceStandard,
-        StaticEvaluation,
+        SideBySide,
     )
     from torquebench.campaign.external_calibration import ExternalCalibration
     from torquebench.uncertainty import CertifiedUncertainty
@@ -160,8 +158,11 @@ def static(
         ),
     ] = None,
     profile: Annotated[
-        str, typer.Option(help="The profile that was followed: a name, or the path of a .toml.")
-    ] = "staircase",
+        str | None,
+        typer.Option(
+            help="A profile for comparison: a name, or the path of a .toml. `staircase` for --register."
+        ),
+    ] = None,
     range_nm: RangeOption = None,
     column: ColumnOption = None,
     model: Annotated[
@@ -179,28 +180,41 @@ def static(
         Path | None, typer.Option("--out", help="A JSON file with every number.")
     ] = None,
     report: ReportOption = None,
+    degree: Annotated[
+        int, typer.Option(min=1, max=3, help="Degree of the interpolation, less with few steps.")
+    ] = 3,
+    with_regression: Annotated[
+        bool,
+        typer.Option(
+            "--regression", help="State slope, intercept, standard error of estimate and r², too."
+        ),
+    ] = False,
     *,
     registration: RegistrationOptions,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
 
-    The table is compared with the profile; each deviation is named with its clause. A table without
-    all series or steps of the profile is evaluated by its own steps. Exit code 1 if the profile
-    refuses a certificate because of a deviation. With --register, table, equipment and conditions
-    are registered in any case.
+    Any number of series, mounting positions and steps is pooled and evaluated by the table's own
+    steps. The zero of each series is subtracted, unless a comment states "# tared = true". With
+    --profile or --register the table is compared with a profile, each deviation is named with its
+    clause, and the exit code is 1 if the profile refuses a certificate because of one. With
+    --register, table, equipment and conditions are registered in any case.
     """
     from torquebench.calibration import (
         CalibrationRecord,
         assign_nominal,
+        calibration_results,
         check_steps,
-        evaluable_points,
         find_deviations,
         load_profile,
+        own_steps,
     )
     from torquebench.tables import read_calibration
+    from torquebench.uncertainty import CertifiedUncertainty
 
-    chosen = load_profile(profile)
-    check_steps(chosen)
+    chosen = load_profile(profile or "staircase") if profile or registration.register else None
+    if chosen is not None:
+        check_steps(chosen)
     check_reports(report)
     if result is not None:
         check_output(result, data, endings=(".json",))
@@ -217,31 +231,50 @@ def static(
         remark=warn,
         mapping=column or (),
     )
-    points = assign_nominal(read, chosen)
-    record = CalibrationRecord(points, moment, registration.standard())
-    deviations = find_deviations(record, chosen)
-    _print_heading(points, chosen)
-    _print_deviations(deviations)
-    evaluable = evaluable_points(read, points, chosen, deviations)
+    points = own_steps(read) if chosen is None else assign_nominal(read, chosen)
+    deviations: tuple[Deviation, ...] = ()
+    if chosen is not None:
+        record = CalibrationRecord(points, moment, registration.standard())
+        deviations = find_deviations(record, chosen)
     stated = _reference(reference_uncertainty, points, data.name)
     circumstances = None
     if registration.register:
         circumstances = registration.circumstances(points, moment, person, resolution, stated)
-    found = _evaluate(evaluable, resolution, stated, model)
+    certified = stated
+    if isinstance(certified, float):
+        certified = CertifiedUncertainty.of_torque(1e-2 * certified)
+    results = calibration_results(
+        points,
+        resolution_nm=resolution,
+        reference=certified,
+        torque_nm=None if model is None else _compensated(model, points),
+        degree=degree,
+    )
+    if not results.directions and circumstances is None:
+        raise InputError(
+            Message.joined(results.remarks, "; "),
+            "a table in steps",
+            "torquebench fit takes a table that isn't in steps",
+        )
+    _print_heading(points, chosen)
+    _print_results(results, with_regression=with_regression)
+    if chosen is not None:
+        _print_deviations(deviations)
     if report:
         from torquebench.reports.evaluation_report import static_page
 
-        shown = points if evaluable.data is None else evaluable.data
-        torque = None if model is None else _compensated(model, shown)
-        page = static_page(data.name, shown, chosen, deviations, found, torque, evaluable)
+        page = static_page(data.name, chosen, deviations, results, with_regression=with_regression)
         write_reports(page, report)
     content = {
-        "profile": {"name": chosen.name, "sha256": chosen.sha256},
+        "profile": {} if chosen is None else {"name": chosen.name, "sha256": chosen.sha256},
         "data_sha256": points.sha256(),
         "deviations": list(deviations),
-        "steps_of_profile": evaluable.of_profile,
-        "left_out": list(evaluable.remarks),
-        "results": found,
+        "remarks": list(results.remarks),
+        "results": {
+            each.name: getattr(results, each.name)
+            for each in fields(results)
+            if each.name not in ("data", "torque_nm", "remarks")
+        },
     }
     answer(points=len(points), range_nm=points.range_nm, **content)
     if result is not None:
@@ -250,7 +283,7 @@ def static(
 
         atomic_write(result, json_text(content, indent=2) + "\n")
         say_file("Every number", result)
-    if circumstances is not None:
+    if circumstances is not None and chosen is not None:
         _register(registration.records, data, points, chosen, circumstances, model)
     if any(each.consequence == "refuse" for each in deviations):
         warn("the profile refuses a certificate for this calibration")
@@ -307,35 +340,6 @@ def _given(stated: str, points: CalibrationData) -> CertifiedUncertainty | float
     return percent
 
 
-def _evaluate(
-    points: EvaluablePoints,
-    resolution_nm: float,
-    reference: CertifiedUncertainty | float,
-    model: Path | None,
-) -> CalibrationResults | None:
-    """Evaluate and print; the resolution is in N·m, a reference's U as a number in % of torque."""
-    from torquebench.calibration import calibration_results
-    from torquebench.reports.evaluation_report import own_steps_words
-    from torquebench.uncertainty import CertifiedUncertainty
-
-    for remark in points.remarks:
-        warn(remark)
-    if points.data is None:
-        return None
-    for words in own_steps_words(points):
-        say(f"evaluated by {words}")
-    if isinstance(reference, float):
-        reference = CertifiedUncertainty.of_torque(1e-2 * reference)
-    results = calibration_results(
-        points.data,
-        resolution_nm=resolution_nm,
-        reference=reference,
-        torque_nm=None if model is None else _compensated(model, points.data),
-    )
-    _print_results(results)
-    return results
-
-
 def _register(
     folder: Path,
     table: Path,
@@ -369,12 +373,13 @@ def _compensated(file: Path, points: CalibrationData) -> Any:
     return load_chain(file).torque(points.readings()).value_nm
 
 
-def _print_heading(points: CalibrationData, profile: Profile) -> None:
+def _print_heading(points: CalibrationData, profile: Profile | None) -> None:
     simulated = " - simulated" if points.simulated else ""
     chain = f", transducer {points.transducer_serial}" if points.transducer_serial else ""
     say(f"[bold]{len(points)} points, {points.range_nm:g} N·m{escape(chain)}{simulated}[/bold]")
-    checked = "" if profile.verified else ", not checked against a licensed text"
-    say(f"profile {escape(profile.name)} (SHA-256 {profile.sha256[:12]}…{checked})")
+    if profile is not None:
+        checked = "" if profile.verified else ", not checked against a licensed text"
+        say(f"profile {escape(profile.name)} (SHA-256 {profile.sha256[:12]}…{checked})")
 
 
 def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
@@ -394,12 +399,24 @@ def _print_deviations(deviations: tuple[Deviation, ...]) -> None:
     out().print(table)
 
 
-def _print_results(results: CalibrationResults) -> None:
-    from torquebench.reports.evaluation_report import QUANTITIES
+def _print_results(results: CalibrationResults, *, with_regression: bool) -> None:
+    from torquebench.reports.evaluation_report import QUANTITIES, regression_table
 
+    for remark in results.remarks:
+        warn(remark)
     for direction in results.directions:
-        _print_direction(direction)
+        for title, side in (("before", direction.before), ("after", direction.after)):
+            if side is not None:
+                heading = f"{direction.name}, {title} compensation, % of reading"
+                out().print(Text(heading, style="bold"))
+                _print_side(side)
     say(QUANTITIES)
+    if with_regression:
+        header, rows = regression_table(results)
+        table = narrow_table(columns=["|", *(f">{name}" for name in header[1:])])
+        for row in rows:
+            table.add_row(*row)
+        out().print(table)
     for title, zero in (("before", results.zero_before), ("after", results.zero_after)):
         if zero is not None:
             say(
@@ -408,35 +425,19 @@ def _print_results(results: CalibrationResults) -> None:
             )
 
 
-def _print_direction(direction: DirectionResults) -> None:
-    sides = [("before", direction.before)]
-    if direction.after is not None:
-        sides.append(("after", direction.after))
-    for title, side in sides:
-        heading = f"{direction.name}, {title} compensation, % of reading"
-        out().print(Text(heading, style="bold"))
-        out().print(_quantities(side.evaluation))
-        found = side.classification
-        if found is None:
-            say(f"no class: {side.unclassified}")
-        elif found.whole_range is not None:
-            say(f"class {found.whole_range:g} over the whole range")
-        else:
-            starts = [(c, start) for c, start in found.starts_nm.items() if start is not None]
-            words = ", ".join(f"{c:g} from {start:g} N·m" for c, start in starts)
-            say(f"class {words}" if words else "within no class")
-
-
-def _quantities(evaluation: StaticEvaluation) -> Any:
-    """Return the table of all quantities, one line a step."""
+def _print_side(side: SideBySide) -> None:
+    """Print all quantities, one line a step, the curve and the class."""
     from torquebench.reports.evaluation_report import residual_zero, static_quantities
 
-    header, rows = static_quantities(evaluation)
-    columns = [f">{name}" for name in header]
-    table = narrow_table(columns=columns, caption=residual_zero(evaluation))
+    header, rows = static_quantities(side)
+    table = narrow_table(
+        columns=[f">{name}" for name in header], caption=residual_zero(side.evaluation)
+    )
     for row in rows:
         table.add_row(*row)
-    return table
+    out().print(table)
+    say(f"{side.interpolation.equation} (degree {side.interpolation.degree}, N·m)")
+    say(side.class_words)
 
 
 for command in (dynamics, lubrication):

@@ -8,7 +8,7 @@ from math import inf, sqrt
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration import CalibrationData
+from torquebench.calibration import CalibrationData, tare
 from torquebench.chain import (
     Component,
     Inertia,
@@ -110,7 +110,7 @@ def evaluate_results(
         Where the model refuses a reading.
     """
     steps = _Steps.of(data)
-    before = _Raw(data, steps, resolution_nm)
+    before = _Raw(tare(data).data, steps, resolution_nm)
     after = None if chain is None else _Compensated(data, steps, chain, reference, resolution_nm)
     certified_nm = reference.uncertainty(data.range_nm).at(steps.torque_nm)
     rows: list[ResultRow] = []

@@ -105,7 +105,6 @@ def _table(
     side: SideBySide, direction: int, compensated: bool, resolution_nm: float
 ) -> StaticTable:
     evaluation = side.evaluation
-    degree = max(evaluation.interpolations)
     classes: list[StaticClass] = []
     if side.classification is not None:
         # From the best class to the worst: a worse one is listed only if its range begins earlier.
@@ -115,8 +114,8 @@ def _table(
     return StaticTable(
         direction=direction,
         compensated=compensated,
-        rows=tuple(_rows(evaluation, degree)),
-        degree=degree,
+        rows=tuple(_rows(side)),
+        degree=side.interpolation.degree,
         resolution_nm=resolution_nm,
         zero_residual=evaluation.zero_residual_percent,
         classes=tuple(classes),
@@ -124,28 +123,23 @@ def _table(
     )
 
 
-def _rows(evaluation: StaticEvaluation, degree: int) -> Iterator[StaticRow]:
-    decreasing = evaluation.reversibility_percent is not None
-    expanded = evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)
-    known = evaluation.indication_deviation_percent is not None
-    interval = (
-        evaluation.interval_percent(degree, "range", decreasing=decreasing) if known else None
-    )
-    for row, torque in enumerate(evaluation.torque_nm):
+def _rows(side: SideBySide) -> Iterator[StaticRow]:
+    columns = side.columns
+    for row, torque in enumerate(side.evaluation.torque_nm):
         yield StaticRow(
             torque_nm=float(torque),
-            indication=_at(evaluation.indication_deviation_percent, row),
-            repeatability=_at(evaluation.repeatability_percent, row),
-            reproducibility=_at(evaluation.reproducibility_range_percent, row),
-            interpolation=_at(evaluation.interpolation(degree).deviation_percent, row),
-            reversibility=_at(evaluation.reversibility_percent, row),
-            expanded=float(expanded[row]),
-            interval=_at(interval, row),
+            indication=_at(columns["f_q"], row),
+            repeatability=_at(columns["b′"], row),
+            reproducibility=_at(columns["b"], row),
+            interpolation=_at(columns["f_a"], row),
+            reversibility=_at(columns["h"], row),
+            expanded=float(side.expanded_percent[row]),
+            interval=float(side.interval_percent[row]),
         )
 
 
 def _at(values: NDArray[np.float64] | None, row: int) -> float | None:
-    return None if values is None else float(values[row])
+    return None if values is None or np.isnan(values[row]) else float(values[row])
 
 
 def _missing(evaluation: StaticEvaluation) -> Iterator[str]:

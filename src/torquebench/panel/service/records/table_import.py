@@ -19,16 +19,14 @@ from torquebench.calibration import (
     CalibrationData,
     CalibrationRecord,
     Deviation,
+    DirectionResults,
     ErrorSummary,
-    EvaluablePoints,
     Profile,
     ReferenceStandard,
     assign_nominal,
     calibration_results,
     check_steps,
-    evaluable_points,
     find_deviations,
-    summarise_errors,
 )
 from torquebench.campaign.external_calibration import ExternalCalibration, register_table
 from torquebench.errors import InputError
@@ -203,7 +201,8 @@ class TableView:
         Whether the table states that its points are simulated.
     profile : str
     standard_nm, error_nm : tuple of float
-        Of every point, in measuring order; the error is reading minus standard.
+        Of every point, in measuring order; the error is reading minus standard, with the zero of
+        the series subtracted.
     series, branch : tuple of int
     raw : ErrorSummary
         Of the readings against the standard.
@@ -212,7 +211,9 @@ class TableView:
     certifiable : bool
         Whether the profile allows a certificate.
     directions : tuple of TableDirection
-        By the profile's steps, or by the table's own if some are missing; empty if it has no steps.
+        By the table's steps; empty if it has none.
+    remarks : tuple of str
+        Subtracted zeros, and points that were left out.
     """
 
     points: int
@@ -227,6 +228,7 @@ class TableView:
     deviations: tuple[Deviation, ...]
     certifiable: bool
     directions: tuple[TableDirection, ...]
+    remarks: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -317,19 +319,23 @@ class TableImport:
         read, profile = self._points(asked)
         points = assign_nominal(read, profile)
         deviations = _deviations(points, profile, asked)
+        results = calibration_results(
+            points, resolution_nm=asked.resolution_nm, reference=asked.uncertainty(points)
+        )
         return TableView(
             points=len(points),
             range_nm=points.range_nm,
             simulated=points.simulated,
             profile=profile.name,
             standard_nm=tuple(points.standard_nm.tolist()),
-            error_nm=tuple((points.reading_nm - points.standard_nm).tolist()),
+            error_nm=tuple((-results.data.additional_torque_nm).tolist()),
             series=tuple(points.series.tolist()),
             branch=tuple(points.branch.tolist()),
-            raw=summarise_errors(points.reading_nm, points.standard_nm, points.range_nm),
+            raw=results.errors_before,
             deviations=deviations[:MOST_DEVIATIONS],
             certifiable=not any(deviation.consequence == "refuse" for deviation in deviations),
-            directions=_directions(evaluable_points(read, points, profile, deviations), asked),
+            directions=tuple(_direction(each) for each in results.directions),
+            remarks=results.remarks,
         )
 
     def enter(self, actor: Actor, request: Mapping[str, Any] | EnterTableRequest) -> EnteredTable:
@@ -423,30 +429,15 @@ def _deviations(
     return find_deviations(CalibrationRecord(points, asked.performed, standard), profile)
 
 
-def _directions(points: EvaluablePoints, asked: TableRequest) -> tuple[TableDirection, ...]:
-    if points.data is None:
-        return ()
-    results = calibration_results(
-        points.data,
-        resolution_nm=asked.resolution_nm,
-        reference=asked.uncertainty(points.data),
+def _direction(direction: DirectionResults) -> TableDirection:
+    side = direction.before
+    return TableDirection(
+        direction.name,
+        None if side.classification is None else side.classification.whole_range,
+        side.unclassified,
+        tuple(side.evaluation.torque_nm.tolist()),
+        tuple(side.expanded_percent.tolist()),
     )
-    evaluated = []
-    for direction in results.directions:
-        evaluation, kept = direction.before.evaluation, direction.before.classification
-        decreasing = evaluation.reversibility_percent is not None
-        degree = max(evaluation.interpolations)
-        uncertainty = evaluation.uncertainty_percent(degree, "range", decreasing=decreasing)
-        evaluated.append(
-            TableDirection(
-                direction.name,
-                None if kept is None else kept.whole_range,
-                direction.before.unclassified,
-                tuple(evaluation.torque_nm.tolist()),
-                tuple(uncertainty.tolist()),
-            )
-        )
-    return tuple(evaluated)
 
 
 def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> ExternalCalibration:
