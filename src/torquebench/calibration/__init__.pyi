@@ -17,6 +17,8 @@ from .data import (
     RANGE_MARGIN as RANGE_MARGIN,
     CalibrationData as CalibrationData,
     infer_branch as infer_branch,
+    infer_series as infer_series,
+    plainest as plainest,
 )
 from .deviations import (
     CalibrationRecord as CalibrationRecord,

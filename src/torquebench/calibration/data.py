@@ -21,7 +21,15 @@ from torquebench.units import HOUR
 if TYPE_CHECKING:
     from torquebench.chain import Reference
 
-__all__ = ["OPTIONAL_COLUMNS", "RANGE_MARGIN", "UNLOADED_SHARE", "CalibrationData", "infer_branch"]
+__all__ = [
+    "OPTIONAL_COLUMNS",
+    "RANGE_MARGIN",
+    "UNLOADED_SHARE",
+    "CalibrationData",
+    "infer_branch",
+    "infer_series",
+    "plainest",
+]
 
 RANGE_MARGIN = 0.02
 """Share of the range by which readings and standard values may exceed it."""
@@ -601,6 +609,50 @@ def infer_branch(standard_nm: ArrayLike, series: ArrayLike) -> NDArray[np.int8]:
         where = np.flatnonzero(numbers == number)
         branch[where] = _branch_of_series(standard[where], tolerance)
     return branch
+
+
+def infer_series(standard_nm: ArrayLike) -> NDArray[np.int64]:
+    """Return the number of the series of each point of a table in measuring order, from 1.
+
+    A series is at most one rise and fall in each direction: where torque rises again in a direction
+    in which it has fallen, another one begins, with the last of several unloaded points before it.
+
+    Examples
+    --------
+    >>> infer_series([0.0, 5.0, 0.0, -5.0, 0.0, 5.0, 10.0, 5.0, 0.0]).tolist()
+    [1, 1, 1, 1, 1, 2, 2, 2, 2]
+    """
+    standard = _column("standard_nm", standard_nm, int(np.size(standard_nm)))
+    branch = infer_branch(standard, np.ones(standard.size))
+    loaded = np.abs(standard) > UNLOADED_SHARE * float(np.max(np.abs(standard), initial=0.0))
+    size, side = np.abs(standard), standard > 0
+    starts: list[int] = []
+    fallen: set[bool] = set()
+    last = -1
+    for row in np.flatnonzero(loaded).tolist():
+        if last >= 0:
+            rises = branch[row] > 0 and (branch[last] < 0 or size[row] < size[last])
+            if rises or side[row] != side[last]:
+                fallen.add(bool(side[last]))
+                if bool(side[row]) in fallen:
+                    # One reading between belongs to the end of the series before.
+                    repeated = row == last + 1 and last > 0 and size[last] == size[last - 1]
+                    starts.append(row - 1 if row > last + 2 or repeated else row)
+                    fallen = set()
+        last = row
+    return np.asarray(np.searchsorted(starts, np.arange(standard.size), side="right") + 1)
+
+
+def plainest(value: float, within: float) -> float:
+    """Return the number with the fewest digits within a share of a value.
+
+    Examples
+    --------
+    >>> plainest(99.97, 1e-3), plainest(93.7, 1e-3)
+    (100.0, 93.7)
+    """
+    rounded = (float(f"{value:.{digits}g}") for digits in range(1, 8))
+    return next((each for each in rounded if abs(each - value) <= within * abs(value)), value)
 
 
 def _branch_of_series(torque: NDArray[np.float64], tolerance: float) -> NDArray[np.int8]:

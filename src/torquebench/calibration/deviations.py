@@ -1,7 +1,7 @@
 """Deviations of a calibration from its profile, each with the clause that it breaks."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import date, datetime
 from typing import Literal
 

@@ -135,8 +135,8 @@ def regression(torque_nm: ArrayLike, deflection: ArrayLike) -> Regression | None
 
     Examples
     --------
-    >>> regression([0, 1, 2], [0.1, 1.1, 2.1])
-    Regression(slope=1.0, intercept=0.1, see=0.0, r_squared=1.0, points=3)
+    >>> regression([0, 1, 2], [1, 3, 5])
+    Regression(slope=2.0, intercept=1.0, see=0.0, r_squared=1.0, points=3)
     """
     x, y = (np.asarray(values, dtype=np.float64) for values in (torque_nm, deflection))
     if x.size < 2 or np.ptp(x) == 0.0:
@@ -399,7 +399,7 @@ def _mean(rows: FloatArray) -> FloatArray:
     finite = np.isfinite(rows)
     count = finite.sum(axis=0)
     total = np.where(finite, rows, 0.0).sum(axis=0)
-    return np.divide(total, count, out=np.full(rows.shape[1], np.nan), where=count > 0)
+    return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
 
 def _range(rows: FloatArray) -> FloatArray:
@@ -414,7 +414,7 @@ def _repeatability(tables: Sequence[FloatArray]) -> FloatArray:
         np.where(np.isfinite(rows).sum(axis=0) > 1, 100.0 * _range(rows) / _mean(rows), np.nan)
         for rows in tables
     ]
-    return np.fmax.reduce(relative)
+    return np.asarray(np.fmax.reduce(relative), dtype=np.float64)
 
 
 def _reversibility(series: Sequence[LoadingSeries], mean: FloatArray) -> FloatArray:

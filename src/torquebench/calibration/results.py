@@ -189,19 +189,22 @@ def calibration_results(
         remarks += loading.remarks
         if not loading.series:
             continue
-        sides = [
-            None if each is None else _side(each, sign, resolution_nm, reference, degree)
-            for each in (loading, compensated and loading_series(compensated, sign))
-        ]
-        assert sides[0] is not None
-        directions.append(DirectionResults(sign, sides[0], sides[1]))
-    after = None if compensated is None else tare(compensated).data
+        before = _side(loading, sign, resolution_nm, reference, degree)
+        after = None if compensated is None else loading_series(compensated, sign)
+        directions.append(
+            DirectionResults(
+                sign,
+                before,
+                None if after is None else _side(after, sign, resolution_nm, reference, degree),
+            )
+        )
+    corrected = None if compensated is None else tare(compensated).data
     return CalibrationResults(
         data=tared.data,
-        torque_nm=None if after is None else after.reading_nm,
+        torque_nm=None if corrected is None else corrected.reading_nm,
         directions=tuple(directions),
         errors_before=_errors(tared.data),
-        errors_after=None if after is None else _errors(after),
+        errors_after=None if corrected is None else _errors(corrected),
         regression=_regressions(tared.data),
         zero_before=zero_hysteresis(points),
         zero_after=None if compensated is None else zero_hysteresis(compensated),

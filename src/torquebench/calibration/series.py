@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.calibration.data import CalibrationData, infer_branch
+from torquebench.calibration.data import CalibrationData, infer_branch, plainest
 from torquebench.calibration.evaluation import LoadingSeries
 from torquebench.message import Message
 
@@ -164,7 +164,9 @@ def tare(data: CalibrationData) -> TaredPoints:
         shown = list(dict.fromkeys(f"{value:.5g}" for value in zeros))
         more = Message(" and {count} more", len(shown) - 8) if len(shown) > 8 else ""
         remarks.append(
-            Message("zero of each series, subtracted: {zeros} N·m{more}", ", ".join(shown[:8]), more)
+            Message(
+                "zero of each series, subtracted: {zeros} N·m{more}", ", ".join(shown[:8]), more
+            )
         )
     late = dict.fromkeys(str(run.series) for run in runs if (run.zero or 0) > run.rows[0])
     if late:
@@ -236,23 +238,14 @@ def _clusters(size: FloatArray, branch: NDArray[np.intp]) -> list[slice]:
     return slices
 
 
-def _names(torque_nm: FloatArray, named_nm: Sequence[float]) -> FloatArray:
-    """Return each step as its nearest named torque, else by the fewest digits within 0.1 %."""
-    names = np.array(
-        [
-            next((each for each in _rounded(value) if abs(each - value) <= 1e-3 * value), value)
-            for value in torque_nm.tolist()
-        ]
-    )
+def _names(mean: FloatArray, named_nm: Sequence[float]) -> FloatArray:
+    """Return each step as its nearest named torque, else by the plainest number within 0.5 %."""
+    names = np.array([plainest(value, REPEATED_PERCENT / 100.0) for value in mean.tolist()])
     for named in named_nm:
-        nearest = int(np.argmin(np.abs(torque_nm - named)))
-        if abs(torque_nm[nearest] - named) <= SAME_STEP_PERCENT / 100.0 * named:
+        nearest = int(np.argmin(np.abs(mean - named)))
+        if abs(mean[nearest] - named) <= SAME_STEP_PERCENT / 100.0 * named:
             names[nearest] = named
     return names
-
-
-def _rounded(value: float) -> Iterator[float]:
-    return (float(f"{value:.{digits}g}") for digits in range(1, 8))
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,7 +329,7 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
         known = steps[at] == np.abs(nominal[origin])
         count = np.bincount(at[known], minlength=steps.size)
         total = np.bincount(at[known], weights=values[known], minlength=steps.size)
-        return np.divide(total, count, out=np.full(steps.size, np.nan), where=count > 0)
+        return np.where(count > 0, total / np.maximum(count, 1), np.nan)
 
     series = []
     for run in runs:
@@ -347,6 +340,12 @@ def loading_series(data: CalibrationData, direction: int) -> Loading | None:
         returned = None
         if run.final_zero is not None and (data.tared or run.final_zero != run.zero):
             returned = float(tared.reading_nm[run.final_zero])
+        elif run.final_zero is not None:
+            # It was its own zero: what it returned to shows against the nearest other one.
+            others = np.setdiff1d(np.flatnonzero(data.unloaded), run.final_zero)
+            if others.size:
+                nearest = others[np.argmin(np.abs(others - run.final_zero))]
+                returned = float(data.reading_nm[run.final_zero] - data.reading_nm[nearest])
         series.append(
             LoadingSeries(run.position_deg, up, down if run.falling.size else None, returned)
         )
@@ -375,7 +374,7 @@ def _off_steps(
         more = Message(" ({count} more)", np.count_nonzero(which) - 1) if which.sum() > 1 else ""
         yield Message(
             "{name}, the step {nominal:.6g} N·m of series {series} was loaded with {standard:.6g} "
-            "N·m, deviation {off:.2g} %{more}: {consequence}",
+            "N·m, deviation {off:.3g} %{more}: {consequence}",
             name,
             data.nominal_nm[worst],
             data.series[worst],

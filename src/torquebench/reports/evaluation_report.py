@@ -241,7 +241,7 @@ def regression_table(
     results: CalibrationResults,
 ) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
     """Return headings and rows of the straight lines X = slope · M + intercept."""
-    rows = [
+    rows: list[tuple[str, ...]] = [
         (
             name,
             f"{line.slope:.7g}",

@@ -5,12 +5,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import date
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.calibration import OPTIONAL_COLUMNS, RANGE_MARGIN, CalibrationData, infer_branch
+from torquebench.calibration import (
+    OPTIONAL_COLUMNS,
+    RANGE_MARGIN,
+    CalibrationData,
+    infer_branch,
+    infer_series,
+    plainest,
+)
 from torquebench.chain import EmptyRun, Readings, readings_of_rows, stretches
 from torquebench.chain.readings import MEASURED
 from torquebench.errors import InputError
@@ -84,7 +92,8 @@ def read_calibration(
     path : pathlib.Path or str
         The file.
     range_nm : float, optional
-        Full scale in N·m; without it, that of the file, or the largest nominal torque or standard value in it.
+        Full scale in N·m; without it, that of the file, or the largest nominal torque or standard
+        value in it.
     both_directions : bool, default False
         Whether clockwise and counter-clockwise torque must both occur.
     side, transducer_serial, counter_identity : str
@@ -163,9 +172,12 @@ def calibration_of(
     assert standard is not None
     check_direction(table, standard)
     numbers = series(table)
+    branch = branches(table)
     if numbers is None:
         numbers = np.ones(reading.size, dtype=np.int64)
-    branch = branches(table)
+        loaded = standard[standard != 0.0]
+        if loaded.size <= _MOST_STEPS and np.unique(loaded).size < loaded.size:
+            numbers = infer_series(standard)
     nominal = quantity(table, columns, "nominal_nm")
     named = nominal is not None and np.max(np.abs(standard)) <= (1 + RANGE_MARGIN) * np.max(
         np.abs(nominal)
@@ -186,6 +198,7 @@ def calibration_of(
                 Message("check that {columns} is the right column", columns[key][0]),
             )
     noted = table.remarks
+    optional: dict[str, Any] = {name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS}
     data = CalibrationData(
         reading_nm=reading,
         standard_nm=standard,
@@ -195,15 +208,12 @@ def calibration_of(
         side=side or noted.get("side", ""),
         transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
         counter_identity=counter_identity or noted.get("counter_identity", ""),
-        nominal_nm=nominal,
-        **{
-            name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS if name != "nominal_nm"
-        },
+        **optional,
         simulated=is_simulated(noted),
         reference=reference_in(noted, scale, table.origin),
         measured_on=_measured_on(table),
         tared=_is_stated(noted, _TARED) or "zero_nm" in columns,
-        row=table.lines,
+        row=np.array(table.lines),
     )
     _check_duplicates(table, data)
     if both_directions:
@@ -487,10 +497,7 @@ def _range(table: CsvTable, given: float | None, torque: NDArray[np.float64]) ->
         raise InputError(
             Message("{origin}: all standard values are 0 N·m", table.origin), "a loaded chain"
         )
-    largest = float(np.max(np.abs(torque)))
-    # A standard never shows full scale exactly: the plainest number within 0.1 % is meant.
-    rounded = (float(f"{largest:.{digits}g}") for digits in range(1, 8))
-    return next((each for each in rounded if abs(each - largest) <= 1e-3 * largest), largest)
+    return plainest(float(np.max(np.abs(torque))), 1e-3)  # a standard never shows it exactly
 
 
 def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_nm: float) -> None:

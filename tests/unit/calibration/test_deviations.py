@@ -33,6 +33,7 @@ def measured(profile):
         nominal_nm=torque,
         position_deg=[step.position_deg for step in steps],
         temperature_c=np.full(torque.size, 23.0),
+        tared=True,
     )
 
 
@@ -53,9 +54,9 @@ def test_a_calibration_that_follows_its_profile_has_no_deviation(name):
 
 def test_a_torque_below_the_first_step_is_no_zero_that_returned_badly():
     torque = [0.06, 4.0, 9.9, 4.0, 0.08]
-    data = CalibrationData([*torque[:4], 0.2], torque, [1] * 5, [1, 1, 1, -1, -1], RANGE_NM)
+    data = CalibrationData([*torque[:4], 0.26], torque, [1] * 5, [1, 1, 1, -1, -1], RANGE_NM)
     staircase = load_profile("staircase")
-    assert assign_nominal(data, staircase).nominal_nm.tolist() == [0.0, 10.0, 10.0, 10.0, 0.0]
+    assert assign_nominal(data, staircase).nominal_nm.tolist() == [0.0, 4.0, 10.0, 4.0, 0.0]
     found = find_deviations(record(assign_nominal(data, staircase)), staircase)
     returned = [each.found for each in found if each.kind == "zero_return"]
     assert returned == ["the zero after series 1 returned to 0.2 N·m, 0.2 % of full scale"]

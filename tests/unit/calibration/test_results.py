@@ -38,7 +38,7 @@ def test_both_directions_stand_side_by_side_before_and_after():
         assert np.allclose(after.evaluation.indication_deviation_percent, 0.0, atol=0.002)
         assert before.classification.whole_range == 1.0
         assert after.classification.whole_range == 0.1
-        assert before.evaluation.positions == 3
+        assert before.evaluation.positions.tolist() == [3] * 8
     assert results.errors_before.worst_percent_fs == pytest.approx(0.402, abs=0.001)
     assert results.errors_after.worst_percent_fs < 0.02
     assert results.zero_before is None

@@ -160,7 +160,8 @@ def static(
     profile: Annotated[
         str | None,
         typer.Option(
-            help="A profile for comparison: a name, or the path of a .toml. `staircase` for --register."
+            help="A profile for comparison: a name, or the path of a .toml; with --register "
+            "`staircase` by default."
         ),
     ] = None,
     range_nm: RangeOption = None,
