@@ -166,6 +166,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
         range_nm=100.0,
         position_deg=[step.position_deg for step in steps],
         temperature_c=np.linspace(22.0, 23.5, torque.size),
+        tared=True,
     )
     write_calibration(tmp_path / "whole.csv", points)
     options = (
@@ -178,7 +179,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     )
     done = run(
         *("evaluate", "static", "whole.csv", *options, "--performed", "2025-06-15"),
-        *("--reference-due", "2025-12-31", "--out", "numbers.json"),
+        *("--profile", "staircase", "--reference-due", "2025-12-31", "--out", "numbers.json"),
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr + done.stdout
@@ -192,7 +193,7 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     write_calibration(tmp_path / "lacking.csv", lacking)
     done = run(
         *("evaluate", "static", "lacking.csv", *options, "--performed", "2025-06-15"),
-        *("--reference-due", "2025-06-14", "--report", "lacking.html"),
+        *("--profile", "staircase", "--reference-due", "2025-06-14", "--report", "lacking.html"),
         cwd=tmp_path,
     )
     assert done.returncode == 1
@@ -200,12 +201,13 @@ def test_a_table_from_elsewhere_is_evaluated_and_held_against_its_profile(tmp_pa
     assert "positions[1].series[0]" in said
     assert "reference.in_date" in said
     assert "the profile refuses a certificate" in done.stderr
-    assert "evaluated by the table's own steps: " in said
-    assert "class 0.1 over the whole range" in said
+    assert said.index("class 0.1 over the whole range") < said.index("positions[1].series[0]")
     assert "h: reversibility" in said
     page = html.unescape((tmp_path / "lacking.html").read_text(encoding="utf-8"))
-    assert "the table's own steps: " in page
-    assert "% of the span; class 0.1 over the whole range" in page
+    assert "(degree 3, N·m); class 0.1 over the whole range" in page
+    done = run("evaluate", "static", "lacking.csv", *options, cwd=tmp_path)
+    assert done.returncode == 0, "nobody asked for a certificate"
+    assert "refuse" not in done.stdout + done.stderr
 
     tomorrow = f"{datetime.now() + timedelta(days=1):%Y-%m-%d}"
     done = run("evaluate", "static", "whole.csv", *options, "--performed", tomorrow, cwd=tmp_path)

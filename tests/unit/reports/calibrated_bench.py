@@ -55,6 +55,7 @@ def points(profile: Profile, *, simulated: bool, temperature_drift_k: float) -> 
         position_deg=np.array([step.position_deg for step in steps]),
         temperature_c=23.0 + np.linspace(0.0, temperature_drift_k, standard.size),
         true_torque_nm=standard if simulated else None,
+        tared=True,
     )
 
 

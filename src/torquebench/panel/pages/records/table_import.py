@@ -256,6 +256,8 @@ class TableEntry:
         )
         if view.simulated:
             note(text("external.simulated"), "warn")
+        for remark in view.remarks:
+            note(text.core(remark), "warn")
         if view.deviations:
             kind = "warn" if view.certifiable else "bad"
             title = text("external.deviations" if view.certifiable else "external.not_certifiable")
