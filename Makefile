@@ -2,6 +2,8 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PLUGINS := opcua plant sparkplug teds
+PROJECTS := pyproject.toml constraints.txt $(PLUGINS:%=plugins/%/pyproject.toml)
 
 .PHONY: run plant test programs lint types contracts docs pictures tests other-processor clean clean-kernels
 
@@ -12,7 +14,7 @@ run: $(VENV)/.installed
 # view open at the end.
 plant: $(VENV)/.installed-plant
 	@$(PYTHON) tests/programs.py postgres
-	$(BIN)/python -m examples.plant.demonstration $(if $(VIEW),--view)
+	$(BIN)/python -m plugins.plant.example.demonstration $(if $(VIEW),--view)
 
 # Types, documentation and contracts keep one processor busy each; who has done first leaves none
 # idle.
@@ -64,12 +66,14 @@ $(VENV)/.installed: $(BIN)/python pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[panel]'
 	touch $@
 
-$(VENV)/.installed-test: $(BIN)/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]'
+$(VENV)/.installed-test: $(BIN)/python $(PROJECTS)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]' \
+	  $(PLUGINS:%=--editable 'plugins/%[test]')
 	touch $@ $(VENV)/.installed
 
-$(VENV)/.installed-plant: $(BIN)/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[panel,plant]'
+$(VENV)/.installed-plant: $(BIN)/python $(PROJECTS)
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . \
+	  --editable plugins/plant
 	touch $@
 
 # Numba's cache looks at a kernel's own file only: after a change to a function that a kernel in

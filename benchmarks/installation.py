@@ -27,7 +27,6 @@ EXTRAS = {
     "": "`fit`, `verify`, `apply`, `export`, `budget`, `evaluate`, Python",
     "bench": "also the bench, the demo, records and certificates",
     "panel": "also the panel and its HTTP API",
-    "plant": "`[bench]` and many benches in one registry",
 }
 IMPORTS = ("import torquebench", "from torquebench.compensation import make_model")
 PORT = 8377

@@ -45,7 +45,7 @@ SETTINGS = {
     ),
     "sparkplug": (
         "Sparkplug settings",
-        "torquebench.panel.sparkplug.settings",
+        "torquebench_sparkplug.settings",
         "SparkplugSettings",
     ),
 }
@@ -315,11 +315,23 @@ def _python(module: str, title: str) -> str:
     return "\n".join([*lines, "```"])
 
 
+def _pages_of_plugins() -> dict[str, str]:
+    """Return the pages beside the plugins' sources; their links into `docs` stay right."""
+    root = Path(__file__).parents[2]
+    return {
+        f"plugins/{page.stem}": page.read_text(encoding="utf-8").replace(
+            "](../../../docs/", "](../../"
+        )
+        for page in sorted(root.glob("plugins/*/docs/*.md"))
+    }
+
+
 def write_pages(folder: Path) -> list[Path]:
     """Write every generated page; one that hasn't changed keeps its date."""
     pages = {"commands": _commands(), "answers": _answers(), "alarms": _alarms()}
     pages |= {f"{key}-file": _settings(*value) for key, value in SETTINGS.items()}
     pages |= {f"python/{module}": _python(module, title) for module, title in PYTHON.items()}
+    pages |= _pages_of_plugins()
     listed = "\n".join(f"{module}" for module in PYTHON)
     pages["python/index"] = (
         "# Python interface\n\nWhat is listed here is the documented interface.\n\n"

@@ -29,8 +29,6 @@ SELDOM = (
     "__main__",
     "bench.drivers",
     "notebook",
-    "opcua",
-    "panel.opcua",
     "records.export_mdf4",
     "records.registry.migrations",
     "simulators",

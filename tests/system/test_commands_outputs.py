@@ -69,7 +69,6 @@ def test_a_table_for_other_programs_goes_to_standard_output(tables: Path) -> Non
         ("records", "compare", "1", "2", "--out", "steps.parquet"),
         ("records", "export-data", "latest", "--out", "samples.xlsx"),
         ("records", "export-data", "latest", "--format", "csv", "--out", "samples.parquet"),
-        ("plant", "due", "--plant", "postgresql://nowhere/nothing", "--out", "due.xlsx"),
     ],
 )
 def test_an_ending_that_promises_another_format_is_refused(

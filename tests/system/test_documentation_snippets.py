@@ -21,7 +21,11 @@ from torquebench.records import Registry
 ROOT = Path(__file__).parents[2]
 PAGES = sorted(
     str(page.relative_to(ROOT))
-    for page in (ROOT / "README.md", *(ROOT / "docs").rglob("*.md"))
+    for page in (
+        ROOT / "README.md",
+        *(ROOT / "docs").rglob("*.md"),
+        *(ROOT / "plugins").glob("*/docs/*.md"),
+    )
     if not {"decisions", "generated", "project"} & set(page.parts)
 )
 NEED_A_SERVER = {"docs/reference/http-api.md"}  # run by test_http_api_client

@@ -55,8 +55,6 @@ def test_tables_are_fitted_verified_and_compensated_without_extras(tmp_path: Pat
     [
         ("records list", "bench"),
         ("panel", "panel"),
-        ("panel --sparkplug s.toml", "sparkplug"),
-        ("panel --opcua opc.tcp://127.0.0.1:4840", "opcua"),
     ],
 )
 def test_a_command_that_needs_an_extra_names_it(tmp_path: Path, command: str, extra: str) -> None:

@@ -50,13 +50,11 @@ from torquebench.chain import (
 )
 from torquebench.cli.measure import _torque as live_torque
 from torquebench.compensation import make_model, save_model
-from torquebench.opcua import live_values
 from torquebench.panel.service.live.hub import LatestValue, LiveHub
 from torquebench.panel.service.live.snapshot import (
     CompensationState,
     side_snapshots,
 )
-from torquebench.panel.sparkplug.metrics import _side as side_metrics
 from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.records import RunFolder
 from torquebench.records.export.streams import export_streams
@@ -64,6 +62,8 @@ from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
 from torquebench.station.journal import RunJournal
 from torquebench.uncertainty import CertifiedUncertainty
+from torquebench_opcua import live_values
+from torquebench_sparkplug.metrics import _side as side_metrics
 
 FloatArray = NDArray[np.float64]
 

@@ -16,9 +16,6 @@ from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import app
 from torquebench.dynamics.design import GAIN_OF_BANDWIDTH
-from torquebench.opcua import access as opcua_access
-from torquebench.opcua import files as opcua_files
-from torquebench.opcua import results as opcua_results
 from torquebench.panel import connections, turns
 from torquebench.panel.api import security, stream
 from torquebench.panel.service.access import lease, login_throttle, sessions
@@ -34,7 +31,7 @@ ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = [
     page
-    for page in (ROOT / "README.md", *DOCS.rglob("*.md"))
+    for page in (ROOT / "README.md", *DOCS.rglob("*.md"), *ROOT.glob("plugins/*/docs/*.md"))
     if not {"_build", "generated"} & set(page.parts)
 ]
 READ = [page for page in PAGES if "decisions" not in page.parts]
@@ -187,13 +184,6 @@ FIGURES = {
         f"the newest {hub.ROWS * 0.3 / 60:.0f} min in rows of 0.3 s",
         f"It can include up to {runs.LONGEST_BEFORE_S:.0f} s before the start",
     ),
-    "how-to/publish-by-sparkplug.md": (
-        f"A value older than {hub.STALE_AFTER_S:.0f} s has quality",
-    ),
-    "how-to/connect-by-opc-ua.md": (
-        f"the newest {opcua_results.MOST_RESULTS} as variables",
-        f"after {opcua_files.IDLE_S:.0f} s without a read it is removed",
-    ),
     "how-to/measure-quick-torques.md": (f"by default {GAIN_OF_BANDWIDTH:g} times the chain's",),
     "how-to/test-a-reducer.md": (
         f"at most {EfficiencySettings.most_repeats} times",
@@ -218,5 +208,5 @@ def test_figures_of_the_documentation_are_those_of_the_code(page: str) -> None:
 def test_figures_that_the_documentation_spells_out_are_those_of_the_code() -> None:
     assert login_throttle.PER_PERSON_AND_ADDRESS == 5
     assert (sessions.IDLE_S, sessions.LONGEST_S, lease.IDLE_S) == (3600.0, 12 * 3600.0, 120.0)
-    assert (store.DEEPEST, sampling.LEAST_POSITIONS, opcua_access.VALID_DAYS) == (12, 3, 5 * 365)
+    assert (store.DEEPEST, sampling.LEAST_POSITIONS) == (12, 3)
     assert guarding.RATE_MARGIN == 4.0

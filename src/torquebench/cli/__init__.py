@@ -1,4 +1,4 @@
-"""The command line: one file a group of commands, gathered by `main`.
+"""The command line: one file a group of commands, gathered by `main`; plugins add theirs.
 
 Commands import what they need when they run, so that `torquebench --help` answers at once.
 """
@@ -6,8 +6,9 @@ Commands import what they need when they run, so that `torquebench --help` answe
 import gc
 import os
 import sys
+from functools import cache
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -19,21 +20,41 @@ from torquebench.cli.output_options import (
     leave_out_types_of_flags,
 )
 from torquebench.cli.records import commands as records
+from torquebench.cli.terminal.console import warn
+from torquebench.errors import TorquebenchError
+from torquebench.plugins import COMMANDS, SERVICES, entry_points, load
 
 __all__ = ["app", "main"]
 
-app = typer.Typer(
-    name="torquebench",
-    help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
-    "place, compensate, state the uncertainty. The simulated bench is the default.",
-    no_args_is_help=True,
-    rich_markup_mode=HELP_MARKUP,
-    pretty_exceptions_enable=False,
-    context_settings={"help_option_names": HELP_OPTIONS},
-)
+_WANTED = sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else ""
+"""The command that this process was started for; empty where it isn't known."""
 
 
-def _add_commands(wanted: str) -> None:
+def __getattr__(name: str) -> typer.Typer:
+    """Return `app`, built on first use: plugins' commands import this package themselves."""
+    if name == "app":
+        return _application()
+    raise AttributeError(name)
+
+
+@cache
+def _application() -> typer.Typer:
+    app = typer.Typer(
+        name="torquebench",
+        help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
+        "place, compensate, state the uncertainty. The simulated bench is the default.",
+        no_args_is_help=True,
+        rich_markup_mode=HELP_MARKUP,
+        pretty_exceptions_enable=False,
+        context_settings={"help_option_names": HELP_OPTIONS},
+    )
+    app.callback()(_options)
+    _add_commands(app, _WANTED)
+    add_output_options(app)
+    return app
+
+
+def _add_commands(app: typer.Typer, wanted: str) -> None:
     """Add every command; only those on records where one of them is wanted.
 
     Commands on records are built alone, since building all others takes longer than listing
@@ -42,7 +63,7 @@ def _add_commands(wanted: str) -> None:
     if wanted == "records":
         app.add_typer(records.app)
         return
-    from torquebench.cli import demo, mechanics, teds
+    from torquebench.cli import demo, mechanics
     from torquebench.cli.calibrate import calibrate
     from torquebench.cli.certificate import certificate
     from torquebench.cli.check_standard import check
@@ -52,16 +73,15 @@ def _add_commands(wanted: str) -> None:
     from torquebench.cli.measure import measure
     from torquebench.cli.models.commands import apply, fit, verify
     from torquebench.cli.models.files import budget, export
-    from torquebench.cli.panel import panel
+    from torquebench.cli.panel import panel_command
     from torquebench.cli.papers import papers
-    from torquebench.cli.plant import questions as plant_questions
     from torquebench.cli.reducers import commands as reducer_test
     from torquebench.cli.simulate import simulate
     from torquebench.cli.turn import turn
     from torquebench.cli.verification import verification
 
     demo.register(app)
-    for command in (
+    commands = (
         calibrate,
         check,
         certificate,
@@ -73,19 +93,35 @@ def _add_commands(wanted: str) -> None:
         budget,
         measure,
         turn,
-        panel,
         papers,
         in_place,
         doctor,
         simulate,
-    ):
+    )
+    groups = tuple(each.app for each in (reducer_test, mechanics, records, evaluate))
+    for command in commands:
         app.command()(command)
-    for group in (reducer_test, mechanics, records, evaluate, plant_questions, teds):
-        app.add_typer(group.app)
+    for group in groups:
+        app.add_typer(group)
+    known = {"demo", *(each.__name__ for each in commands), *(each.info.name for each in groups)}
+    plugins = wanted.replace("-", "_") not in known  # looking for them takes time
+    app.command("panel")(panel_command([*_installed(SERVICES).values()] if plugins else []))
+    for name, added in _installed(COMMANDS).items() if plugins else ():
+        if isinstance(added, typer.Typer):
+            app.add_typer(added, name=name)
+        else:
+            app.command(name)(added)
 
 
-_add_commands(sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else "")
-add_output_options(app)
+def _installed(group: str) -> dict[str, Any]:
+    """Return what installed packages add by name; a warning names a package that fails."""
+    added = {}
+    for point in entry_points(group):
+        try:
+            added[point.name] = load(point)
+        except TorquebenchError as error:
+            warn(f"{error.found}; {error.remedy}")
+    return added
 
 
 def _print_version(wanted: bool) -> None:
@@ -96,8 +132,7 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
-def options(
+def _options(
     version: Annotated[  # noqa: ARG001 - its callback prints it
         bool,
         typer.Option(
@@ -135,7 +170,7 @@ _debug = False
 
 def _run(arguments: list[str]) -> int:
     try:
-        command = typer.main.get_command(app)
+        command = typer.main.get_command(_application())
         leave_out_types_of_flags(command)
         command(args=arguments, prog_name="torquebench")
     except SystemExit as end:

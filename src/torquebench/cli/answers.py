@@ -208,21 +208,6 @@ EXPORTED_MODEL = Record(
     "low_nm=reading_low_nm high_nm=reading_high_nm largest_deviation_nm=bound_nm",
     _FILES,
 )
-DATA_SHEET = Record(
-    "A transducer's electronic data sheet, as `teds read` writes it.",
-    facts={"basic": {str: Any}, "templates": [{str: Any}]},
-    sometimes={"text": str, "free_bits": str, "unread": {str: str}},
-)
-DATA_SHEET_SHOWN = Record("Content of a memory.", facts={"sheet": DATA_SHEET}, sometimes=_FILES)
-CALIBRATION_CURVE = Record(
-    "A compensation as calibration curve, and how far it deviates from the compensation.",
-    "torquebench.teds:CurveFit",
-    "segments power residual_nm residual_percent_fs branch_residual_nm branch_residual_percent_fs",
-)
-DATA_SHEET_WRITTEN = Record(
-    "Written content of a memory; `bytes` without checksums, `curve` of a model.",
-    facts={"sheet": DATA_SHEET, "bytes": int, "curve": CALIBRATION_CURVE, **_FILES},
-)
 BUDGETED_READING = Record(
     "The budget of one compensated reading, and the interval of Monte Carlo.",
     "torquebench.uncertainty:Validation",
@@ -480,60 +465,6 @@ EVALUATED_REDUCER = Record(
     },
     sometimes=_FILES,
 )
-REGISTERED_BENCH = Record(
-    "A bench, and the URL with which it sends.",
-    facts={"number": int, "name": str, "place": str, "url": str},
-)
-PLANT_REGISTERED = Record("The new bench of a plant.", facts={"benches": [REGISTERED_BENCH]})
-PLANT_BENCH = Record(
-    "One bench of a plant.",
-    "torquebench.plant:BenchState",
-    "number name place entries=head.sequence runs folders last_contact replaced_by",
-)
-PLANT_BENCHES = Record("Benches of a plant.", facts={"benches": [PLANT_BENCH]})
-PLANT_MADE = Record(
-    "A plant's registry, or a user of it.",
-    facts={"plant": str},
-    sometimes={"folders": str, "url": str},
-)
-PLANT_SENT = Record(
-    "Data sent by a bench.",
-    "torquebench.plant:Forwarded",
-    "bench entries folders bytes=size withdrawn problems chain_end=head.__str__",
-)
-PLANT_RUN = Record(
-    "One run of a plant.",
-    "torquebench.plant:PlantRun",
-    "run=run_id bench kind started status specimen_type serial batch simulated",
-    {"withdrawn": bool},
-)
-PLANT_RUNS = Record("Runs of a plant, the newest first.", facts={"runs": [PLANT_RUN]})
-PLANT_WITHDRAWN = Record(
-    "A run that was withdrawn, and in how many registries it was known.",
-    facts={"run": str, "bench": str, "known": int},
-)
-PLANT_VERIFIED_BENCH = Record(
-    "One bench's hash chain in the plant.",
-    facts={"bench": str, "entries": int, "defects": [str]},
-)
-PLANT_VERIFIED = Record("All chains of a plant.", facts={"benches": [PLANT_VERIFIED_BENCH]})
-PLANT_ANSWER = Record(
-    "An answer of the plant as a table: names end with their unit, values are in the rows.",
-    "torquebench.plant:Answer",
-    "title simulated rows facts notes",
-    sometimes=_FILES,
-)
-
-_PLANT_QUESTIONS = (
-    "due",
-    "drift",
-    "specimens",
-    "capability",
-    "charts",
-    "outliers",
-    "compare",
-    "reevaluate",
-)
 ANSWERS: dict[str, tuple[Record, ...]] = {
     "demo": (DEMO,),
     "calibrate": (CALIBRATED, PLANNED),
@@ -577,28 +508,15 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "records discard": (ENTERED,),
     "records list": (LISTED,),
     "records show": (SHOWN,),
-    "teds show": (DATA_SHEET_SHOWN,),
-    "teds read": (DATA_SHEET_SHOWN,),
-    "teds write": (DATA_SHEET_WRITTEN,),
     "evaluate static": (EVALUATED_STATIC,),
     "evaluate dynamics": (EVALUATED_DYNAMICS,),
     "evaluate lubrication": (EVALUATED_LUBRICATION,),
     **{f"evaluate {name}": (EVALUATED_REDUCER,) for name in EVALUATIONS},
-    "plant init": (PLANT_MADE,),
-    "plant register": (PLANT_REGISTERED,),
-    "plant add-reader": (PLANT_MADE,),
-    "plant push": (PLANT_SENT,),
-    "plant status": (PLANT_BENCHES,),
-    "plant runs": (PLANT_RUNS,),
-    "plant withdraw": (PLANT_WITHDRAWN,),
-    "plant verify": (PLANT_VERIFIED,),
-    **{f"plant {name}": (PLANT_ANSWER,) for name in _PLANT_QUESTIONS},
 }
 """The records of which a command prints one, by its name."""
 
 WITHOUT_ANSWER = {
     "panel": "serves the panel until it is ended",
-    "plant view": "serves the plant's view until it is ended",
     "simulate": "serves simulated instruments until it is ended",
 }
 """Commands without `--json`, and the reason."""

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import contextlib
-from importlib import import_module
-from pathlib import Path
-from typing import Annotated
+from collections.abc import Callable, Sequence
+from dataclasses import make_dataclass
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -18,85 +18,60 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.terminal.console import note, say, warn
 
-__all__ = ["panel"]
+if TYPE_CHECKING:
+    from torquebench.panel.beside import PanelService
+
+__all__ = ["panel_command"]
 
 
-def panel(
-    bench: BenchOption = None,
-    data: DataOption = DEFAULT_DATA,
-    port: Annotated[
-        int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
-    ] = 8080,
-    behind_proxy: Annotated[
-        str,
-        typer.Option(
-            metavar="ADDRESS",
-            help="Trust the client address stated by the reverse proxy at this address.",
-        ),
-    ] = "",
-    opcua: Annotated[
-        str | None,
-        typer.Option(
-            metavar="URL",
-            help="Also serve the bench by OPC UA, as in opc.tcp://0.0.0.0:4840 (extra opcua).",
-        ),
-    ] = None,
-    fast: Annotated[
-        bool,
-        typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
-    ] = False,
-    sparkplug: Annotated[
-        Path | None,
-        typer.Option(
-            help="Publish the bench by MQTT Sparkplug B, as this settings file (.toml) says."
-        ),
-    ] = None,
-    *,
-    serving: AddressOptions,
-) -> None:
-    """Open the bench and serve the operator panel and the HTTP API.
+def panel_command(services: Sequence[PanelService]) -> Callable[..., None]:
+    """Return the command `panel` with an option for every service beside it."""
 
-    The simulated bench by default, in real time, on the loopback address. The first start prints
-    a code with which the administrator is set up in the browser. Ctrl-C ends it; the bench is
-    without torque before the process ends.
-    """
-    from torquebench.panel.address import ANY_ADDRESS
+    def panel(
+        bench: BenchOption = None,
+        data: DataOption = DEFAULT_DATA,
+        port: Annotated[
+            int, typer.Option(min=0, max=65535, help="Port to listen on; 0 takes a free one.")
+        ] = 8080,
+        behind_proxy: Annotated[
+            str,
+            typer.Option(
+                metavar="ADDRESS",
+                help="Trust the client address stated by the reverse proxy at this address.",
+            ),
+        ] = "",
+        fast: Annotated[
+            bool,
+            typer.Option("--fast", help="Simulated procedures run as fast as they compute."),
+        ] = False,
+        *,
+        serving: AddressOptions,
+        beside: Any,
+    ) -> None:
+        """Open the bench and serve the operator panel and the HTTP API.
 
-    address = serving.address(port, behind_proxy)
-    endpoint = None
-    if opcua is not None:
-        import_module("asyncua")  # first, so that the error names this extra
-        from torquebench.opcua import Endpoint
+        The simulated bench by default, in real time, on the loopback address. The first start
+        prints a code with which the administrator is set up in the browser. Ctrl-C ends it; the
+        bench is without torque before the process ends.
+        """
+        from torquebench.panel.address import ANY_ADDRESS
 
-        endpoint = Endpoint.parse(opcua)
-    description = bench_description(bench)
-    published = None
-    if sparkplug is not None:
-        import_module("paho.mqtt")
-        from torquebench.panel.sparkplug.publisher import Publisher
-        from torquebench.panel.sparkplug.settings import load_settings
+        address = serving.address(port, behind_proxy)
+        wanted = [
+            (service, service.settings(value))
+            for service in services
+            if (value := getattr(beside, _field(service))) is not None
+        ]
+        description = bench_description(bench)
 
-        published = load_settings(sparkplug)
+        from torquebench.panel.server import serve
+        from torquebench.panel.service import BenchService
 
-    from torquebench.panel.server import serve
-    from torquebench.panel.service import BenchService
-
-    with (
-        BenchService.open(description, data, fast=fast) as service,
-        contextlib.ExitStack() as served,
-    ):
-        if service.station.description.simulated:
-            note("simulated bench")
-
-        plant = ""
-        if endpoint is not None:
-            from torquebench.opcua import OpcUaServer
-
-            plant = served.enter_context(OpcUaServer(service, endpoint)).url
+        addresses: list[str] = []
 
         def ready(url: str) -> None:
-            if plant:
-                say(f"OPC UA: {plant}")
+            for other in addresses:
+                say(other)
             say(f"Panel: {url}")
             code = service.people.setup_code
             if code is not None:
@@ -109,11 +84,37 @@ def panel(
                 )
             note("Ctrl-C ends it.")
 
-        with contextlib.ExitStack() as publishing:
-            if published is not None:
-                publisher = Publisher.of(
-                    service, published, lambda text: note(f"Sparkplug: {text}")
-                )
-                publishing.enter_context(publisher)
+        with (
+            BenchService.open(description, data, fast=fast) as service,
+            contextlib.ExitStack() as running,
+        ):
+            if service.station.description.simulated:
+                note("simulated bench")
+            for other, settings in wanted:
+                other_address = running.enter_context(other.serve(service, settings, note))
+                addresses += [] if other_address is None else [other_address]
             serve(service, address, ready)
-    note("panel ended; the bench is without torque")
+        note("panel ended; the bench is without torque")
+
+    panel.__annotations__["beside"] = _options(services)
+    return panel
+
+
+def _options(services: Sequence[PanelService]) -> type:
+    """Return a group of options, one for each service."""
+    fields = [
+        (
+            _field(service),
+            Annotated[
+                str | None,
+                typer.Option(f"--{service.option}", metavar=service.value, help=service.help),
+            ],
+            None,
+        )
+        for service in services
+    ]
+    return make_dataclass("ServiceOptions", fields, frozen=True)
+
+
+def _field(service: PanelService) -> str:
+    return service.option.replace("-", "_")

@@ -10,10 +10,14 @@ from __future__ import annotations
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from functools import cache
 from importlib import resources
+from typing import Any
 
+from torquebench.errors import TorquebenchError
 from torquebench.message import Message
+from torquebench.plugins import TRANSLATIONS, entry_points, load
 
 __all__ = ["has_words", "templates", "translated"]
 
@@ -36,10 +40,16 @@ def templates(language: str) -> Mapping[str, str]:
     ('creep under load', 'Kriechen unter Last')
     """
     texts: dict[str, str] = {}
-    folder = resources.files("torquebench.translations") / language
-    for file in sorted(folder.iterdir(), key=lambda file: file.name):
-        for section in tomllib.loads(file.read_text(encoding="utf-8")).values():
-            texts.update(section)
+    packages: list[Any] = ["torquebench"]
+    for point in entry_points(TRANSLATIONS):
+        with suppress(TorquebenchError):  # the command line warns of a package that fails
+            packages.insert(0, load(point))
+    for package in packages:
+        folder = resources.files(package) / "translations" / language
+        if folder.is_dir():
+            for file in sorted(folder.iterdir(), key=lambda file: file.name):
+                for section in tomllib.loads(file.read_text(encoding="utf-8")).values():
+                    texts.update(section)
     if language == "en":
         return texts
     names = {name: texts[term] for name, term in templates("en").items() if term in texts}

@@ -11,7 +11,7 @@ import logging
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import partial
-from importlib import import_module, metadata
+from importlib import import_module
 from types import ModuleType
 from typing import Any, Literal
 
@@ -22,10 +22,10 @@ from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.roles import Side
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.plugins import DRIVERS, entry_points
 from torquebench.validation import validated
 
 __all__ = [
-    "ENTRY_POINTS",
     "DriverPlugin",
     "InstrumentRequest",
     "Options",
@@ -34,9 +34,6 @@ __all__ = [
     "protocols",
     "require_library",
 ]
-
-ENTRY_POINTS = "torquebench.drivers"
-"""Group of the entry points by which other packages add protocols."""
 
 Role = Literal[
     "counter", "angles", "drive", "reference", "temperature", "modes", "clamp", "rail", "supply"
@@ -116,7 +113,7 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     ['canopen', 'modbus', 'nidaqmx']
     """
     found: dict[str, Callable[[], DriverPlugin]] = {}
-    for point in metadata.entry_points(group=ENTRY_POINTS):
+    for point in entry_points(DRIVERS):
         found[point.name] = point.load
     for name, module in _BUILT_IN.items():
         found[name] = partial(_built_in, module)

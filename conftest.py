@@ -1,0 +1,131 @@
+"""What all tests share: reference data, isolation, and a watch on threads and tasks left behind."""
+
+import itertools
+import logging
+import os
+import signal
+import threading
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+# Before NumPy and Matplotlib are imported: one thread each, since tests run side by side.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+os.environ["MPLBACKEND"] = "Agg"
+# Benches in real time would take the processor from the tests beside them.
+os.environ["TORQUEBENCH_PRIORITY"] = "usual"
+
+import pytest
+from hypothesis import HealthCheck, settings
+from tests import postgresql_server
+
+# A shell that starts the tests in the background has Ctrl-C ignored, and every process that a test
+# starts would inherit that; the handler takes it back.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+_CI = bool(os.environ.get("CI"))
+_REPOSITORY = Path(__file__).resolve().parent
+_REFERENCE_DATA = Path(
+    os.environ.get("TORQUEBENCH_REFERENCE_DATA", _REPOSITORY.parent / "shared" / "data")
+)
+
+settings.register_profile(
+    "torquebench", deadline=None, derandomize=_CI, suppress_health_check=[HealthCheck.too_slow]
+)
+settings.load_profile("torquebench")
+
+
+_LONG = (
+    "test_http_api_schema.py",
+    "test_demo_acceptance.py",
+    "test_papers_command.py",
+    "test_panel_calibration.py",
+    "test_panel_actions.py",
+    "test_plant_demonstration.py",
+    "test_documentation_bench.py",
+    "test_networked_bench.py",
+    "test_reevaluation_postgresql.py",
+    "test_installation.py",
+)
+"""With a test of twenty seconds or more: begun last, it would leave the other processor idle."""
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Begin with the longest; leave out what needs data that a clone lacks."""
+    items.sort(key=lambda item: item.path.name not in _LONG)
+    if _CI or _REFERENCE_DATA.is_dir():
+        return
+    left_out = [item for item in items if "reference_data" in getattr(item, "fixturenames", ())]
+    if left_out:
+        items[:] = [item for item in items if item not in left_out]
+        config.hook.pytest_deselected(items=left_out)
+
+
+def pytest_report_header() -> list[str]:
+    """Say in a line each which tests are left out, and how to run them."""
+    lines = []
+    if not (_CI or _REFERENCE_DATA.is_dir()):
+        lines.append(
+            f"reference tests are left out: no folder {_REFERENCE_DATA} "
+            "(give it by TORQUEBENCH_REFERENCE_DATA)"
+        )
+    if not (_CI or postgresql_server.binaries()):
+        lines.append(
+            "the registry isn't tested on PostgreSQL: no server is installed "
+            "(Debian package: postgresql)"
+        )
+    return lines
+
+
+@pytest.fixture(scope="session")
+def reference_data() -> Callable[[str], Path]:
+    """Return a function from a name below the reference data to its path."""
+
+    def path(name: str) -> Path:
+        found = _REFERENCE_DATA / name
+        assert found.exists(), f"reference data {found} is missing"
+        return found
+
+    return path
+
+
+_numbers = itertools.count()
+
+
+@pytest.fixture(autouse=True)
+def _isolated_data_directory(
+    tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path_factory.getbasetemp() / f"torquebench-data-{next(_numbers)}"
+    monkeypatch.setenv("TORQUEBENCH_DATA", str(folder))
+
+
+class _AsyncioComplaints(logging.Handler):
+    """Collects what asyncio has to say about tasks that nobody awaited or ended."""
+
+    def __init__(self) -> None:
+        super().__init__(logging.ERROR)
+        self.messages: list[str] = []
+
+    def emit(self, record: logging.LogRecord) -> None:
+        self.messages.append(record.getMessage())
+
+
+@pytest.fixture(autouse=True)
+def _nothing_left_behind() -> Iterator[None]:
+    before = set(threading.enumerate())
+    complaints = _AsyncioComplaints()
+    logger = logging.getLogger("asyncio")
+    logger.addHandler(complaints)
+    yield
+    logger.removeHandler(complaints)
+    deadline = time.monotonic() + 60.0
+    while leaked := [thread for thread in threading.enumerate() if thread not in before]:
+        if time.monotonic() > deadline:
+            pytest.fail(f"threads left behind: {', '.join(thread.name for thread in leaked)}")
+        leaked[0].join(0.05)
+    if complaints.messages:
+        pytest.fail("asyncio complains: " + "; ".join(complaints.messages))

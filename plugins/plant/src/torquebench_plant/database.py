@@ -1,0 +1,541 @@
+"""The plant's registry on a PostgreSQL server: creation, connection, queries."""
+
+from __future__ import annotations
+
+import secrets
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, fields
+from datetime import UTC, datetime
+from typing import Any, Self
+
+from sqlalchemy import Connection, bindparam, func, insert, inspect, select, text, update
+from sqlalchemy.engine import URL, make_url
+
+from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
+from torquebench.records.chain import ChainHead, Link, broken_links
+from torquebench.records.registry.database import database_failures, engine_of, url_with_driver
+from torquebench_plant.folders import FolderStore
+from torquebench_plant.functions import BENCH_FUNCTIONS, functions
+from torquebench_plant.tables import (
+    PLANT_SCHEMA,
+    PLANT_VERSION,
+    benches,
+    folders,
+    links,
+    mirrored,
+    plant_metadata,
+    runs,
+    settings,
+)
+
+__all__ = ["BenchState", "Plant", "PlantDatabase", "PlantRun"]
+
+_KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
+CHUNK = 5000
+
+
+@dataclass(frozen=True)
+class BenchState:
+    """One bench in the plant's registry.
+
+    Parameters
+    ----------
+    number : int
+        Its number in the plant: benches may have the same name.
+    name, place : str
+        As it was registered.
+    head : ChainHead
+        End of its chain, as far as it has arrived.
+    last_contact : datetime or None
+        When it last sent something.
+    runs, folders : int
+        Numbers of known runs and of sealed folders that have arrived.
+    replaced_by : int or None
+        Number of the bench that went on in its place.
+    """
+
+    number: int
+    name: str
+    place: str
+    registered: datetime
+    head: ChainHead
+    last_contact: datetime | None
+    runs: int
+    folders: int
+    replaced_by: int | None = None
+
+    @property
+    def title(self) -> str:
+        """Number and name, which distinguishes benches with the same name."""
+        return f"{self.number} {self.name}"
+
+
+@dataclass(frozen=True)
+class PlantRun:
+    """One line of the plant's list of runs; the fields are those of `records.RunSummary`.
+
+    Parameters
+    ----------
+    bench : str
+        Number and name of the bench.
+    specimen_type, serial, batch : str
+        Of a tested reducer; empty for other runs and until its folder has arrived.
+    withdrawn : datetime or None
+        Time since when it doesn't count.
+    url : str
+        URL of its folder; empty until it has arrived.
+    """
+
+    bench_key: int
+    bench: str
+    run_id: str
+    kind: str
+    started: datetime
+    status: str
+    simulated: bool
+    operator: str
+    software_version: str
+    specimen_type: str
+    serial: str
+    batch: str
+    withdrawn: datetime | None
+    withdrawn_by: str
+    withdrawn_reason: str
+    url: str
+    points_url: str
+
+
+class PlantDatabase:
+    """A connection to a plant's registry.
+
+    Parameters
+    ----------
+    url : str or sqlalchemy.URL
+        ``postgresql://user:password@server/database``.
+
+    Raises
+    ------
+    InputError
+        The URL names no PostgreSQL, or its driver isn't installed.
+    UnavailableError
+        The server doesn't answer.
+    """
+
+    def __init__(self, url: str | URL) -> None:
+        parsed = url_with_driver(url)
+        if parsed.drivername == "sqlite":
+            raise InputError(
+                Message("a plant's registry in {parsed}", parsed.render_as_string()),
+                "postgresql://user:password@server/database",
+                "a plant's registry is shared by many benches and needs a server",
+            )
+        self.url = parsed
+        self._engine = engine_of(parsed)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_exception: object) -> None:
+        self.close()
+
+    @property
+    def name(self) -> str:
+        """URL without its password."""
+        return self.url.render_as_string()
+
+    def close(self) -> None:
+        """Close all connections."""
+        self._engine.dispose()
+
+    @contextmanager
+    def transaction(self) -> Iterator[Connection]:
+        """Yield a connection in one transaction.
+
+        Raises
+        ------
+        RecordError
+            If the database fails or refuses; nothing is stored then.
+        """
+        with (
+            database_failures(Message("the plant's registry {name}", self.name)),
+            self._engine.begin() as connection,
+        ):
+            yield connection
+
+
+class Plant(PlantDatabase):
+    """A plant's registry, for administration and for queries.
+
+    Examples
+    --------
+    >>> plant = Plant("postgresql://admin:secret@server/torquebench")
+    >>> plant.name
+    'postgresql+pg8000://admin:***@server/torquebench'
+    >>> plant.close()
+    """
+
+    @classmethod
+    def open(cls, url: str | URL) -> Self:
+        """Open a plant's registry that exists.
+
+        Raises
+        ------
+        RecordError
+            The database holds none, or one of another version.
+        """
+        plant = cls(url)
+        try:
+            with plant.transaction() as connection:
+                known = inspect(connection).has_table("settings", schema=PLANT_SCHEMA)
+                version = plant._setting(connection, "version") if known else ""
+        except BaseException:
+            plant.close()
+            raise
+        if version != PLANT_VERSION:
+            plant.close()
+            raise RecordError(
+                Message(
+                    "{name} holds {version}",
+                    plant.name,
+                    Message("a plant's registry of version {version}", version)
+                    if known
+                    else "no plant's registry",
+                ),
+                Message("one of version {plant_version}", PLANT_VERSION),
+                "torquebench plant init makes one in an existing database",
+            )
+        return plant
+
+    @classmethod
+    def create(cls, url: str | URL, folders_url: str) -> Self:
+        """Make a plant's registry in an existing database, and open it.
+
+        Parameters
+        ----------
+        url : str or sqlalchemy.URL
+            Of a role that may make tables and roles.
+        folders_url : str
+            Where sealed run folders go: ``file:///…`` or ``s3://bucket/…``.
+
+        Raises
+        ------
+        RecordError
+            There is one already, or the database isn't in UTF-8.
+        """
+        plant = cls(url)
+        try:
+            with plant.transaction() as connection:
+                plant._create(connection, folders_url.rstrip("/"))
+        except BaseException:
+            plant.close()
+            raise
+        return plant
+
+    def _create(self, connection: Connection, folders_url: str) -> None:
+        encoding = connection.scalar(text("SHOW server_encoding"))
+        if encoding != "UTF8":
+            raise RecordError(
+                Message("{name} is in {encoding}", self.name, encoding), "a database in UTF8"
+            )
+        if inspect(connection).has_schema(PLANT_SCHEMA):
+            raise RecordError(
+                Message("{name} has a schema {plant_schema!r}", self.name, PLANT_SCHEMA),
+                "a database without one",
+                "use it as it is, or name another database",
+            )
+        connection.execute(text(f"CREATE SCHEMA {PLANT_SCHEMA}"))
+        plant_metadata.create_all(connection, checkfirst=False)
+        for statement in functions(tuple(mirrored), _KEPT):
+            connection.exec_driver_sql(statement)
+        content = {
+            "version": PLANT_VERSION,
+            "folders": folders_url,
+            "identity": secrets.token_hex(8),
+        }
+        connection.execute(
+            insert(settings), [{"name": key, "content": value} for key, value in content.items()]
+        )
+        connection.execute(
+            text(f"REVOKE ALL ON ALL FUNCTIONS IN SCHEMA {PLANT_SCHEMA} FROM PUBLIC")
+        )
+
+    @staticmethod
+    def _setting(connection: Connection, name: str) -> str:
+        query = select(settings.c.content).where(settings.c.name == name)
+        return connection.scalar(query) or ""
+
+    @property
+    def folders_url(self) -> str:
+        """Where sealed run folders go."""
+        with self.transaction() as connection:
+            return self._setting(connection, "folders")
+
+    def register_bench(
+        self, name: str, place: str = "", *, replaces: int | None = None
+    ) -> tuple[int, URL]:
+        """Give a bench a number and a role in the database.
+
+        The role may only add rows of this bench. Benches may have the same name.
+
+        Parameters
+        ----------
+        name, place : str
+            Its name and location.
+        replaces : int, optional
+            Number of the bench whose registry was recreated; its earlier rows no longer count.
+
+        Returns
+        -------
+        int, sqlalchemy.URL
+            Its number, and the URL by which the bench reaches the plant; it holds its password,
+            which isn't stored anywhere else.
+        """
+        if not name.strip():
+            raise InputError("a bench without a name", "a name")
+        with self.transaction() as connection:
+            if replaces is not None:
+                self._bench(connection, replaces)
+            number = connection.scalar(
+                insert(benches)
+                .values(name=name.strip(), place=place.strip(), registered=datetime.now(UTC))
+                .returning(benches.c.bench_key)
+            )
+            assert number is not None
+            # Roles outlive a database that is dropped and made again under its name.
+            made = self._setting(connection, "identity")[:6]
+            role = f"torquebench_{self.url.database}_{made}_{number}"[-63:]
+            connection.execute(
+                update(benches).where(benches.c.bench_key == number).values(role=role)
+            )
+            url = self._add_role(
+                connection,
+                role,
+                f"CONNECT ON DATABASE {_quoted(self.url.database or '')}",
+                *(f"EXECUTE ON FUNCTION {PLANT_SCHEMA}.{each}" for each in BENCH_FUNCTIONS),
+            )
+            if replaces is not None:
+                connection.execute(
+                    update(benches)
+                    .where(benches.c.bench_key == replaces)
+                    .values(replaced_by=number)
+                )
+        return number, url
+
+    def add_reader(self, name: str) -> URL:
+        """Create a read-only role; return its URL."""
+        with self.transaction() as connection:
+            return self._add_role(
+                connection, name, f"SELECT ON ALL TABLES IN SCHEMA {PLANT_SCHEMA}"
+            )
+
+    def _add_role(self, connection: Connection, role: str, *rights: str) -> URL:
+        """Create a role that may sign in, with rights in the plant's schema; return its URL."""
+        password, quoted = secrets.token_urlsafe(24), _quoted(role)
+        connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
+        for right in (f"USAGE ON SCHEMA {PLANT_SCHEMA}", *rights):
+            connection.exec_driver_sql(f"GRANT {right} TO {quoted}")
+        return make_url(self.url).set(drivername="postgresql", username=role, password=password)
+
+    def _bench(self, connection: Connection, number: int) -> None:
+        known = connection.scalars(select(benches.c.bench_key)).all()
+        if number not in known:
+            raise InputError(
+                Message("bench number {number}", number),
+                ", ".join(str(each) for each in sorted(known)[:20]) or "a registered bench",
+                "torquebench plant status lists them",
+            )
+
+    def benches(self) -> list[BenchState]:
+        """Return every bench, the oldest first."""
+        known, arrived = (
+            select(func.count()).where(table.c.bench_key == benches.c.bench_key).scalar_subquery()
+            for table in (runs, folders)
+        )
+        query = select(benches, known.label("known"), arrived.label("arrived"))
+        query = query.order_by(benches.c.bench_key)
+        with self.transaction() as connection:
+            return [
+                BenchState(
+                    number=row.bench_key,
+                    name=row.name,
+                    place=row.place,
+                    registered=row.registered,
+                    head=ChainHead(row.head_sequence, row.head_sha256),
+                    last_contact=row.last_contact,
+                    runs=row.known,
+                    folders=row.arrived,
+                    replaced_by=row.replaced_by,
+                )
+                for row in connection.execute(query)
+            ]
+
+    def runs(
+        self, limit: int = 100, offset: int = 0, *, withdrawn: bool | None = None, **filters: Any
+    ) -> list[PlantRun]:
+        """Return runs of all benches, the newest first.
+
+        Parameters
+        ----------
+        limit, offset : int
+            Number of rows, and number of the newest rows to skip.
+        withdrawn : bool, optional
+            Only withdrawn runs, or only those that aren't.
+        **filters
+            Required value of a field of `PlantRun`, such as ``kind="test-hysteresis"``,
+            ``bench_key=3``, ``batch="B-17"``.
+
+        Raises
+        ------
+        InputError
+            A filter that isn't a column of runs.
+        """
+        unknown = sorted(set(filters) - set(_FILTERS))
+        if unknown:
+            raise InputError(Message("filter {unknown}", ", ".join(unknown)), ", ".join(_FILTERS))
+        query = (
+            select(
+                *(runs.c[name] for name in _LISTED),
+                func.concat(benches.c.bench_key, " ", benches.c.name).label("bench"),
+                func.coalesce(folders.c.url, "").label("url"),
+                func.coalesce(folders.c.points_url, "").label("points_url"),
+            )
+            .join(benches, benches.c.bench_key == runs.c.bench_key)
+            .outerjoin(
+                folders,
+                (folders.c.bench_key == runs.c.bench_key) & (folders.c.run_id == runs.c.run_id),
+            )
+            .where(benches.c.replaced_by.is_(None))
+            .order_by(runs.c.started.desc())
+            .limit(limit)
+            .offset(offset)
+        )
+        for name, wanted in filters.items():
+            if wanted is not None:
+                query = query.where(runs.c[name] == wanted)
+        if withdrawn is not None:
+            query = query.where(runs.c.withdrawn.is_not(None) == withdrawn)
+        with self.transaction() as connection:
+            return [PlantRun(**row._mapping) for row in connection.execute(query)]
+
+    def run(self, run_id: str, bench: int | None = None) -> PlantRun:
+        """Return one run.
+
+        Raises
+        ------
+        InputError
+            There is none, or benches have several of this name and none is chosen.
+        """
+        found = self.runs(3, run_id=run_id, bench_key=bench)
+        if len(found) != 1:
+            said = ", ".join(each.bench for each in found)
+            raise InputError(
+                Message("run {run_id} of {count} benches: {said}", run_id, len(found), said)
+                if found
+                else Message("run {run_id} isn't known", run_id),
+                "a run of one bench",
+                "name the bench by its number" if found else "torquebench plant runs lists them",
+            )
+        return found[0]
+
+    def withdraw(self, run: PlantRun, *, by: str, reason: str) -> int:
+        """Withdraw a run: no answer uses it any more, and its bench notes it at its next contact.
+
+        The same sealed run is withdrawn wherever it is known. Its folder and its rows stay.
+
+        Returns
+        -------
+        int
+            How many entries of the run were withdrawn.
+
+        Raises
+        ------
+        InputError
+            Nobody or no reason is named, or it is withdrawn already.
+        """
+        if not by.strip() or not reason.strip():
+            raise InputError("a withdrawal without name or reason", "a name and a reason")
+        if run.withdrawn is not None:
+            raise InputError(
+                Message(
+                    "run {run_id} was withdrawn by {withdrawn_by}: {withdrawn_reason}",
+                    run.run_id,
+                    run.withdrawn_by,
+                    run.withdrawn_reason,
+                ),
+                "a run that counts",
+            )
+        with self.transaction() as connection:
+            marked = connection.scalar(
+                text("SELECT plant.withdraw(:bench, :run, :by, :why)"),
+                {
+                    "bench": run.bench_key,
+                    "run": run.run_id,
+                    "by": by.strip(),
+                    "why": reason.strip(),
+                },
+            )
+        return int(marked or 0)
+
+    def links(self, bench: int, after: int = 0) -> Iterator[Link]:
+        """Yield the links that a bench has sent, in the order of its chain."""
+        names = ("sequence", "table", "key", "recorded", "content", "previous_sha256", "sha256")
+        query = (
+            select(*(links.c[name] for name in names))
+            .where(links.c.bench_key == bench, links.c.sequence > bindparam("after"))
+            .order_by(links.c.sequence)
+            .limit(CHUNK)
+        )
+        while True:
+            with self.transaction() as connection:
+                rows: Sequence[Any] = connection.execute(query, {"after": after}).all()
+            yield from (Link(*row) for row in rows)
+            if len(rows) < CHUNK:
+                return
+            after = rows[-1].sequence
+
+    def verify_chain(self, state: BenchState) -> tuple[int, list[str]]:
+        """Check the hash chain of a bench in the plant, from its first entry to its head.
+
+        Returns
+        -------
+        int, list of str
+            Number of checked entries, and the findings.
+        """
+        checked, last, problems = 0, ChainHead(0, "0" * 64), []
+
+        def counted() -> Iterator[Link]:
+            nonlocal checked, last
+            for link in self.links(state.number):
+                checked += 1
+                last = ChainHead(link.sequence, link.sha256)
+                yield link
+
+        problems = [said for _, said in broken_links(counted())]
+        if last != state.head:
+            problems.append(f"the chain ends with {last} instead of {state.head}")
+        return checked, problems
+
+    def verify_folders(self, bench: int) -> list[str]:
+        """Compare every folder of a bench that has arrived with its manifest in the chain."""
+        query = (
+            select(folders.c.url, runs.c.manifest_sha256)
+            .join(
+                runs,
+                (runs.c.bench_key == folders.c.bench_key) & (runs.c.run_id == folders.c.run_id),
+            )
+            .where(folders.c.bench_key == bench)
+        )
+        store = FolderStore(self.folders_url)
+        with self.transaction() as connection:
+            rows = connection.execute(query).all()
+        return [said for url, manifest in rows for said in store.verify(url, manifest)]
+
+
+_LISTED = tuple(each.name for each in fields(PlantRun) if each.name in runs.columns)
+_FILTERS = tuple(name for name in _LISTED if not name.startswith(("withdrawn", "started")))
+
+
+def _quoted(name: str) -> str:
+    return '"' + name.replace('"', '""') + '"'

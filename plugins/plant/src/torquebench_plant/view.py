@@ -1,0 +1,355 @@
+"""Plant view in a browser: results of all benches, available without any bench.
+
+Pages are plain HTML, generated on the server from `torquebench_plant`; they only read.
+"""
+
+from __future__ import annotations
+
+import base64
+import secrets
+import tempfile
+from collections.abc import Callable, Mapping
+from datetime import UTC, date, datetime
+from html import escape
+from pathlib import Path
+from typing import Any
+from urllib.parse import urlencode
+
+import uvicorn
+from fastapi import FastAPI, Request
+from fastapi.concurrency import run_in_threadpool
+from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
+from starlette.background import BackgroundTask
+
+import torquebench_plant as questions
+from torquebench.errors import InputError, TorquebenchError
+from torquebench.figures import COLOURS, new_figure, svg_text
+from torquebench.message import Message
+from torquebench.panel.address import Address
+from torquebench.panel.api import Guard
+from torquebench.panel.server import listen, uvicorn_config
+from torquebench.panel.text import Text, choose_language
+from torquebench_plant import Answer, Plant, SpecimenFilter
+
+__all__ = ["create_plant_view", "serve_plant_view"]
+
+STYLE = Path(__file__).with_name("view.css")
+SHOWN = 200
+"""Most rows of a table on a page; the files hold all."""
+PAGES = ("overview", "runs", "transducers", "production", "comparison")
+_FORMS: Mapping[str, tuple[str, ...]] = {
+    "runs": ("bench", "kind", "status", "specimen_type", "serial", "batch", "operator"),
+    "transducers": ("serial", "kind"),
+    "production": ("specimen_type", "quantity", "bench", "batch", "lower", "upper"),
+    "comparison": ("serial", "quantity", "reference"),
+}
+Wanted = Mapping[str, str]
+
+
+def _number(wanted: Wanted, name: str) -> int | None:
+    given = wanted.get(name, "")
+    if not given:
+        return None
+    if not given.isdecimal():
+        raise InputError(Message("{name} {given!r}", name, given), "a number")
+    return int(given)
+
+
+def _limit(wanted: Wanted, name: str) -> float | None:
+    try:
+        return float(wanted[name].replace(",", ".")) if wanted.get(name) else None
+    except ValueError as error:
+        raise InputError(Message("{name} {wanted!r}", name, wanted[name]), "a number") from error
+
+
+def _benches(plant: Plant, _wanted: Wanted) -> Answer:
+    states = plant.benches()
+    columns: dict[str, list[Any]] = {
+        "bench": [each.title for each in states],
+        "place": [each.place for each in states],
+        "runs": [each.runs for each in states],
+        "folders": [each.folders for each in states],
+        "entries": [each.head.sequence for each in states],
+        "last_contact": [each.last_contact for each in states],
+        "replaced_by": [each.replaced_by for each in states],
+    }
+    return Answer("Benches", columns)
+
+
+def _runs(plant: Plant, wanted: Wanted) -> Answer:
+    filters: dict[str, Any] = {
+        name: wanted[name] for name in _FORMS["runs"][1:] if wanted.get(name)
+    }
+    found = plant.runs(SHOWN, bench_key=_number(wanted, "bench"), **filters)
+    names = ("run_id", "bench", "kind", "started", "specimen_type", "serial", "batch", "operator")
+    columns: dict[str, list[Any]] = {name: [getattr(run, name) for run in found] for name in names}
+    columns["status"] = ["withdrawn" if run.withdrawn else run.status for run in found]
+    return Answer("Runs", columns, simulated=any(run.simulated for run in found))
+
+
+def _due(plant: Plant, _wanted: Wanted) -> Answer:
+    return questions.due(plant, 60)
+
+
+def _drift(plant: Plant, wanted: Wanted) -> Answer | None:
+    if wanted.get("kind"):
+        return questions.drift_of_kind(plant, wanted["kind"])
+    return questions.drift(plant, wanted["serial"]) if wanted.get("serial") else None
+
+
+def _specimens(wanted: Wanted) -> SpecimenFilter | None:
+    if not (wanted.get("specimen_type") and wanted.get("quantity")):
+        return None
+    return SpecimenFilter(
+        wanted["specimen_type"],
+        wanted["quantity"],
+        _number(wanted, "bench"),
+        wanted.get("batch") or None,
+    )
+
+
+def _capability(plant: Plant, wanted: Wanted) -> Answer | None:
+    chosen = _specimens(wanted)
+    if chosen is None:
+        return None
+    lower, upper = _limit(wanted, "lower"), _limit(wanted, "upper")
+    return questions.capability(plant, chosen, lower=lower, upper=upper)
+
+
+def _charts(plant: Plant, wanted: Wanted) -> Answer | None:
+    chosen = _specimens(wanted)
+    return None if chosen is None else questions.charts(plant, chosen)
+
+
+def _outliers(plant: Plant, wanted: Wanted) -> Answer | None:
+    chosen = _specimens(wanted)
+    return None if chosen is None else questions.outliers(plant, chosen)
+
+
+def _comparison(plant: Plant, wanted: Wanted) -> Answer | None:
+    if not (wanted.get("serial") and wanted.get("quantity")):
+        return None
+    reference = _number(wanted, "reference")
+    return questions.compare(plant, wanted["serial"], wanted["quantity"], reference=reference)
+
+
+ANSWERS: Mapping[str, Callable[[Plant, Wanted], Answer | None]] = {
+    "benches": _benches,
+    "due": _due,
+    "runs": _runs,
+    "drift": _drift,
+    "capability": _capability,
+    "charts": _charts,
+    "outliers": _outliers,
+    "compare": _comparison,
+}
+_ON_PAGE: Mapping[str, tuple[str, ...]] = {
+    "overview": ("benches", "due"),
+    "runs": ("runs",),
+    "transducers": ("drift",),
+    "production": ("capability", "charts", "outliers"),
+    "comparison": ("compare",),
+}
+
+
+def create_plant_view(plant: Plant, password: str = "") -> FastAPI:
+    """Return the application; with a password every page asks for it (any name)."""
+    app = FastAPI(title="torquebench plant", docs_url=None, redoc_url=None, openapi_url=None)
+
+    def refused(request: Request) -> Response | None:
+        if not password:
+            return None
+        scheme, _, given = request.headers.get("authorization", "").partition(" ")
+        try:
+            said = base64.b64decode(given).decode().partition(":")[2]
+        except ValueError:
+            said = ""
+        if scheme.lower() == "basic" and secrets.compare_digest(said.encode(), password.encode()):
+            return None
+        return Response("", 401, {"WWW-Authenticate": 'Basic realm="torquebench plant"'})
+
+    @app.get("/view.css")
+    async def style() -> Response:
+        return FileResponse(STYLE)
+
+    @app.get("/")
+    @app.get("/{page}")
+    async def page(request: Request, page: str = "overview") -> Response:
+        if (answer := refused(request)) is not None:
+            return answer
+        name, _, ending = page.partition(".")
+        wanted = {key: value.strip() for key, value in request.query_params.items()}
+        if name in ANSWERS and ending in ("csv", "parquet"):
+            return await run_in_threadpool(_file, plant, name, ending, wanted)
+        language = choose_language(wanted.get("lang"), request.headers.get("accept-language"))
+        if page not in PAGES:
+            return HTMLResponse(_frame(Text(language), "overview", ""), 404)
+        return await run_in_threadpool(_page, plant, Text(language), page, wanted)
+
+    return app
+
+
+def serve_plant_view(
+    plant: Plant,
+    address: Address,
+    password: str = "",
+    on_ready: Callable[[str], None] = lambda _url: None,
+) -> None:
+    """Serve the view until Ctrl-C.
+
+    Raises
+    ------
+    InputError
+        Other machines could read it without a password.
+    """
+    address.check()
+    if not address.local and not password:
+        raise InputError(
+            Message("a plant view on {host} without a password", address.host),
+            "a password, or the loopback address",
+            "set TORQUEBENCH_VIEW_PASSWORD",
+        )
+    with listen(address) as listening:
+        guarded = Guard(create_plant_view(plant, password), address.hosts, secure=address.secure)
+        on_ready(address.url(int(listening.getsockname()[1])))
+        uvicorn.Server(uvicorn_config(guarded, address)).run(sockets=[listening])
+
+
+def _file(plant: Plant, name: str, ending: str, wanted: Wanted) -> Response:
+    try:
+        found = ANSWERS[name](plant, wanted)
+    except TorquebenchError as error:
+        return PlainTextResponse(f"{error}\n", _status(error))
+    if found is None:
+        return Response("", 404)
+    with tempfile.NamedTemporaryFile(suffix=f".{ending}", delete=False) as file:
+        path = Path(file.name)
+    found.write(path)
+    done = BackgroundTask(path.unlink, missing_ok=True)
+    return FileResponse(path, filename=f"{name}.{ending}", background=done)
+
+
+def _page(plant: Plant, text: Text, page: str, wanted: Wanted) -> HTMLResponse:
+    parts, status = [_form(text, page, wanted)], 200
+    for name in _ON_PAGE[page]:
+        try:
+            found = ANSWERS[name](plant, wanted)
+        except TorquebenchError as error:
+            said, more = text.refusal(error)
+            parts.append(f'<p class="problem" role="alert">{escape(said)}<br>{escape(more)}</p>')
+            status = _status(error)
+            break
+        if found is not None:
+            parts.append(_section(text, name, found, wanted))
+    return HTMLResponse(_frame(text, page, "".join(parts)), status)
+
+
+def _status(error: TorquebenchError) -> int:
+    return 400 if isinstance(error, InputError) else 503
+
+
+def _section(text: Text, name: str, found: Answer, wanted: Wanted) -> str:
+    simulated = f" · {text('frame.simulated')}" if found.simulated else ""
+    title = text("plant.benches") if name == "benches" else text.core(found.title)
+    title = text("plant.runs") if name == "runs" else title
+    facts = "".join(
+        f"<dt>{escape(text.core(key))}</dt><dd>{escape(_shown(value, text))}</dd>"
+        for key, value in found.facts.items()
+    )
+    notes = "".join(f"<p>{escape(text.core(said))}</p>" for said in found.notes)
+    asked = urlencode({key: value for key, value in wanted.items() if key != "lang"})
+    files = " · ".join(
+        f'<a href="/{name}.{ending}?{escape(asked)}">{ending.upper()}</a>'
+        for ending in ("csv", "parquet")
+    )
+    figure = _figure(text, found) if name == "charts" else ""
+    return (
+        f"<section><h2>{escape(title)}{simulated}</h2>{notes}<dl>{facts}</dl>{figure}"
+        f"{_table(text, found)}<p>{files}</p></section>"
+    )
+
+
+def _table(text: Text, found: Answer) -> str:
+    rows = found.rows()
+    kept = [name for name in found.columns if any(row[name] not in (None, "") for row in rows)]
+    shown = found.shown(SHOWN)
+    head = "".join(f'<th scope="col">{escape(_heading(text, name))}</th>' for name in kept)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{escape(_shown(row[name], text))}</td>" for name in kept) + "</tr>"
+        for row in (reversed(shown) if found.in_time else shown)
+    )
+    if not rows:
+        return f"<p>{escape(text('plant.nothing'))}</p>"
+    key = "plant.last" if found.in_time else "plant.first"
+    more = text(key, shown=SHOWN, all=len(rows)) if len(rows) > SHOWN else ""
+    return (
+        f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+        f"</div><p>{escape(more)}</p>"
+    )
+
+
+def _heading(text: Text, name: str) -> str:
+    return text.title(text.maybe(f"plant.column_{name}", name.replace("_", " ")))
+
+
+def _shown(value: Any, text: Text) -> str:
+    if value is None:
+        return "-"
+    if isinstance(value, datetime):
+        return f"{value.astimezone(UTC):%Y-%m-%d %H:%M}"
+    if isinstance(value, date):
+        return value.isoformat()
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    return text.core(value if isinstance(value, str) else str(value))
+
+
+def _figure(text: Text, found: Answer) -> str:
+    """Return both control charts, one above the other."""
+    figure, (single, moving) = new_figure(2.4, 2)
+    values = found.columns["value"]
+    single.plot(values, ".", color=COLOURS[0], markersize=3)
+    for name in ("lower limit of single values", "centre", "upper limit of single values"):
+        single.axhline(found.facts[name], color=COLOURS[1], linewidth=0.8)
+    moving.plot(found.columns["ewma"], color=COLOURS[0], linewidth=1.0)
+    for name in ("ewma_lower", "ewma_upper"):
+        moving.plot(found.columns[name], color=COLOURS[1], linewidth=0.8)
+    label = escape(text("plant.charts"))
+    return f'<div role="img" aria-label="{label}">{svg_text(figure)}</div>'
+
+
+def _form(text: Text, page: str, wanted: Wanted) -> str:
+    fields = _FORMS.get(page)
+    if fields is None:
+        return ""
+    inputs = "".join(
+        f"<label>{escape(_heading(text, name))} "
+        f'<input name="{name}" value="{escape(wanted.get(name, ""))}"></label> '
+        for name in fields
+    )
+    language = f'<input type="hidden" name="lang" value="{text.language}">'
+    show = escape(text("plant.show"))
+    return f'<form method="get" action="/{page}">{inputs}{language}<button>{show}</button></form>'
+
+
+def _frame(text: Text, page: str, content: str) -> str:
+    links = "".join(
+        f'<a href="/{name}?lang={text.language}"'
+        f"{' aria-current=page' if name == page else ''}>{escape(text(f'plant.{name}'))}</a>"
+        for name in PAGES
+    )
+    others = "".join(
+        f'<a href="/{page}?lang={each}" lang="{each}">{escape(Text(each)("name.language"))}</a>'
+        for each in ("en", "zh")
+        if each != text.language
+    )
+    title = escape(text("plant.title"))
+    tag = {"en": "en", "zh": "zh-CN"}[text.language]
+    return (
+        f'<!DOCTYPE html><html lang="{tag}"><head><meta charset="utf-8">'
+        '<meta name="viewport" content="width=device-width">'
+        f"<title>{title} · torquebench</title>"
+        '<link rel="stylesheet" href="/view.css"></head>'
+        f"<body><header><h1>{title}</h1><nav>{links}</nav><nav>{others}</nav></header>"
+        f"<main>{content}</main></body></html>"
+    )

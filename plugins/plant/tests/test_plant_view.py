@@ -1,0 +1,103 @@
+"""The plant's view in a browser, served by the command: it needs no bench, and only reads."""
+
+import contextlib
+import os
+import re
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+from plugins.plant.tests.plant_bench import filled
+from tests import postgresql_server
+from tests.system.command_line import COMMAND, TIMEOUT_S, environment
+
+from torquebench.records import Registry
+from torquebench_plant import Plant, forward
+
+if postgresql_server.binaries() is None and not os.environ.get("CI"):
+    __test__ = False  # conftest.py says in the report's head that PostgreSQL is left out
+
+
+@pytest.fixture(scope="module")
+def reader(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """URL of somebody who may only read a plant of two benches."""
+    place = tmp_path_factory.mktemp("plant")
+    with postgresql_server.server() as socket:
+        database = postgresql_server.create_database(socket, "view")
+        with Plant.create(database, f"file://{place}/share") as plant:
+            for name in ("one", "other"):
+                _, link = plant.register_bench("Bench <1>", "Hall 3")
+                with Registry.open(filled(place / name, prefix=name)) as registry:
+                    assert forward(registry, link).problems == []
+            yield plant.add_reader("reader").render_as_string(hide_password=False)
+
+
+@contextlib.contextmanager
+def served(*options: str, **changes: str) -> Iterator[str]:
+    command = [COMMAND, "plant", "view", "--port", "0", *options]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, env=environment(**changes), cwd="/"
+    ) as process:
+        assert process.stdout is not None
+        found = re.search(r"http://\S+", process.stdout.readline())
+        assert found is not None
+        yield found[0]
+        process.terminate()
+
+
+def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
+    with served("--plant", reader) as url, httpx.Client(base_url=url, timeout=TIMEOUT_S) as browser:
+        first = browser.get("/")
+        assert first.status_code == 200
+        assert "2 Bench &lt;1&gt;" in first.text
+        assert "never calibrated" in first.text
+        runs = browser.get("/runs", params={"batch": "B1"})
+        assert runs.text.count("test-hysteresis-0001") == 2
+        times = re.findall(r"<td>(2026-\d\d-\d\d \d\d:\d\d)</td>", browser.get("/runs").text)
+        assert times == sorted(times, reverse=True)
+        assert len(set(times)) == 4
+        chosen = {"specimen_type": "RV-40E", "quantity": "backlash_arcmin", "upper": "1"}
+        production = browser.get("/production", params=chosen)
+        assert "Cpk" in production.text
+        assert "<svg" in production.text
+        chinese = browser.get("/production", params={**chosen, "lang": "zh"})
+        assert "过程能力" in chinese.text
+        assert "标准差" in chinese.text
+        assert browser.get("/transducers", params={"serial": "T-1"}).status_code == 200
+        table = browser.get("/runs.csv", params={"batch": "B1"})
+        assert len(table.text.splitlines()) == 3
+        assert browser.get("/charts.parquet", params=chosen).content[:4] == b"PAR1"
+        wrong = browser.get("/production", params={**chosen, "quantity": "none"})
+        assert wrong.status_code == 400
+        assert "backlash_arcmin" in wrong.text
+        wrong = browser.get("/charts.csv", params={**chosen, "quantity": "none"})
+        assert (wrong.status_code, "backlash_arcmin" in wrong.text) == (400, True)
+        assert browser.get("/transducers", params={"serial": "<script>"}).text.count("<script") == 0
+        assert browser.get("/runs", params={"bench": "x"}).status_code == 400
+        assert browser.get("/nothing").status_code == 404
+        assert browser.get("/view.css").status_code == 200
+        assert browser.post("/runs").status_code == 405
+        foreign = browser.get("/", headers={"host": "elsewhere.example"})
+        assert foreign.status_code == 403
+
+
+def test_a_password_is_asked_for_where_others_can_read(reader: str) -> None:
+    with served("--plant", reader, TORQUEBENCH_VIEW_PASSWORD="secret") as url:
+        assert httpx.get(url, timeout=TIMEOUT_S).status_code == 401
+        assert httpx.get(url, auth=("anybody", "wrong"), timeout=TIMEOUT_S).status_code == 401
+        assert httpx.get(url, auth=("anybody", "secret"), timeout=TIMEOUT_S).status_code == 200
+        assert httpx.get(f"{url}/runs.csv", timeout=TIMEOUT_S).status_code == 401
+    command = [COMMAND, "plant", "view", "--host", "0.0.0.0", "--insecure-network", "--port", "0"]
+    done = subprocess.run(
+        [*command, "--plant", reader],
+        capture_output=True,
+        text=True,
+        env=environment(),
+        cwd="/",
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 2
+    assert "TORQUEBENCH_VIEW_PASSWORD" in done.stderr

@@ -1,0 +1,291 @@
+"""`torquebench teds`: the electronic data sheet in a transducer's connector (IEEE 1451.4)."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from rich.markup import escape
+
+from torquebench.cli.answers import ANSWERS, Record
+from torquebench.cli.options import HELP_MARKUP, check_output
+from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.errors import InputError
+from torquebench.message import Message
+
+if TYPE_CHECKING:
+    from torquebench_teds import CurveFit, Sheet
+    from torquebench_teds.templates import Array, Field
+
+__all__ = ["app"]
+
+app = typer.Typer(
+    name="teds",
+    help="Read and write a transducer's electronic data sheet (TEDS, IEEE 1451.4).",
+    no_args_is_help=True,
+    rich_markup_mode=HELP_MARKUP,
+)
+
+_FILES = {"files": [str]}
+DATA_SHEET = Record(
+    "A transducer's electronic data sheet, as `teds read` writes it.",
+    facts={"basic": {str: Any}, "templates": [{str: Any}]},
+    sometimes={"text": str, "free_bits": str, "unread": {str: str}},
+)
+DATA_SHEET_SHOWN = Record("Content of a memory.", facts={"sheet": DATA_SHEET}, sometimes=_FILES)
+CURVE_ANSWER = Record(
+    "A compensation as calibration curve, and how far it deviates from the compensation.",
+    "torquebench_teds:CurveFit",
+    "segments power residual_nm residual_percent_fs branch_residual_nm branch_residual_percent_fs",
+)
+DATA_SHEET_WRITTEN = Record(
+    "Written content of a memory; `bytes` without checksums, `curve` of a model.",
+    facts={"sheet": DATA_SHEET, "bytes": int, "curve": CURVE_ANSWER, **_FILES},
+)
+
+ANSWERS |= {
+    "teds show": (DATA_SHEET_SHOWN,),
+    "teds read": (DATA_SHEET_SHOWN,),
+    "teds write": (DATA_SHEET_WRITTEN,),
+}
+
+MemoryArgument = Annotated[
+    Path, typer.Argument(help="What the memory holds: binary, or hexadecimal digits as text.")
+]
+ChecksumsOption = Annotated[
+    bool,
+    typer.Option(
+        "--checksums/--no-checksums",
+        help="Whether each page of 32 bytes begins with its checksum, as a memory's do.",
+    ),
+]
+
+
+class Memory(StrEnum):
+    """Usual memories."""
+
+    ds2430a = "DS2430A"
+    ds2431 = "DS2431"
+    ds2433 = "DS2433"
+    ds28ec20 = "DS28EC20"
+
+
+@app.command("show")
+def show(
+    memory: Annotated[Path, typer.Argument(help="What the memory holds, or a sheet (.json).")],
+    checksums: ChecksumsOption = True,
+) -> None:
+    """Show what a data sheet says."""
+    from torquebench_teds.templates import BASIC, TEMPLATES
+
+    sheet = _sheet(memory, checksums)
+    _print_values("basic sheet", BASIC, sheet.basic)
+    for section in sheet.sections:
+        template = TEMPLATES[section.template]
+        _print_values(
+            f"template {template.number}: {template.title}", template.fields, section.values
+        )
+    if sheet.text:
+        say(f"text: {escape(sheet.text)}")
+    _tell_unread(sheet)
+    _answer(sheet)
+
+
+@app.command("read")
+def read(
+    memory: MemoryArgument,
+    result: Annotated[Path, typer.Option("--out", help="The sheet to write: NAME.json.")],
+    checksums: ChecksumsOption = True,
+) -> None:
+    """Read a memory into a sheet that can be edited, as JSON.
+
+    What this version doesn't know is kept bit by bit, and `write` writes it again.
+    """
+    from torquebench.atomic_write import atomic_write
+    from torquebench.records.files import json_text
+    from torquebench_teds import sheet_to_json
+
+    check_output(result, memory)
+    sheet = _sheet(memory, checksums)
+    atomic_write(result, json_text(sheet_to_json(sheet), indent=2) + "\n")
+    _tell_unread(sheet)
+    _answer(sheet)
+    say_file("Sheet", result)
+
+
+@app.command("write")
+def write(
+    sheet: Annotated[Path, typer.Argument(help="A sheet as JSON, as `read` writes it.")],
+    result: Annotated[
+        Path,
+        typer.Option("--out", help="The file to write: NAME.hex as digits, others binary."),
+    ],
+    memory: Annotated[Memory, typer.Option(help="The memory that it is for.")] = Memory.ds2433,
+    model: Annotated[
+        Path | None,
+        typer.Option(
+            help="A model file that `fit` wrote: becomes the calibration curve (template 41) in "
+            "place of the one in the sheet."
+        ),
+    ] = None,
+    segments: Annotated[
+        int, typer.Option(min=1, max=255, help="Segments of the calibration curve.")
+    ] = 1,
+    power: Annotated[
+        int | None,
+        typer.Option(
+            min=1, max=9, help="Its highest power; by default as many as bring something."
+        ),
+    ] = None,
+    checksums: ChecksumsOption = True,
+) -> None:
+    """Write a sheet as the content of a memory, with a compensation as its calibration curve.
+
+    What the curve loses of the compensation is stated in N·m and in % of full scale.
+    """
+    from torquebench.atomic_write import atomic_write
+    from torquebench_teds import SIZES, encode, sheet_from_json, write_memory
+
+    check_output(result, sheet, *([] if model is None else [model]))
+    wanted = sheet_from_json(_json(sheet))
+    encode(wanted)  # a wrong sheet is refused before a model is compiled
+    fit = None
+    if model is not None:
+        wanted, fit = _with_curve(wanted, model, segments, power)
+    data = encode(wanted)
+    content = write_memory(data, SIZES[memory.value], checksums=checksums)
+    if result.suffix.lower() == ".hex":
+        digits = content.hex().upper()
+        lines = [digits[start : start + 64] for start in range(0, len(digits), 64)]
+        content = ("\n".join(lines) + "\n").encode("ascii")
+    atomic_write(result, content)
+    say_file("Memory", result)
+    say(f"{len(data)} bytes of data sheet")
+    if fit is not None:
+        _tell_fit(fit)
+    _answer(wanted, bytes=len(data), curve=None if fit is None else CURVE_ANSWER.of(fit))
+
+
+def _sheet(memory: Path, checksums: bool) -> Sheet:
+    from torquebench_teds import decode, encode, read_file, sheet_from_json
+
+    if memory.suffix.lower() == ".json":
+        return decode(encode(sheet_from_json(_json(memory))))
+    return decode(read_file(memory, checksums=checksums))
+
+
+def _json(path: Path) -> Any:
+    import json
+
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, UnicodeDecodeError, json.JSONDecodeError) as problem:
+        raise InputError(
+            Message("{path} can't be read: {problem}", path, problem),
+            "a sheet as JSON in UTF-8",
+            "write one with `torquebench teds read`, or copy the example of the documentation",
+        ) from problem
+
+
+def _with_curve(
+    sheet: Sheet, model: Path, segments: int, power: int | None
+) -> tuple[Sheet, CurveFit]:
+    import dataclasses
+
+    from torquebench.compensation import load_model
+    from torquebench_teds import BRIDGE, CALIBRATION_CURVE, Section, fit_curve, torque_span
+
+    bridge = sheet.section(BRIDGE)
+    if bridge is None:
+        raise InputError(
+            "a sheet without template 33 (bridge sensor)",
+            "a sheet that states the spans of torque and of the electrical value",
+            "add the template to the sheet",
+        )
+    span = torque_span(bridge)
+    stored = load_model(model)
+
+    from torquebench.chain import MeasuringChain
+    from torquebench.compensation import compile_table
+
+    if MeasuringChain.of(stored).turns:
+        warn("the curve is static: temperature, rotation and inertia aren't in it")
+    serial = stored.provenance.transducer_serial
+    if serial and str(sheet.basic["serial"]) not in serial:
+        warn(
+            f"the model was made with transducer {serial}, the sheet is of {sheet.basic['serial']}"
+        )
+    fit = fit_curve(
+        compile_table(stored.model, uncertainty=False), span, segments=segments, power=power
+    )
+    old = sheet.section(CALIBRATION_CURVE)
+    dated = {
+        "calibration_date": stored.provenance.calibrated_on or None,
+        "calibration_initials": "" if old is None else old.values["calibration_initials"],
+        "calibration_period_days": 0 if old is None else old.values["calibration_period_days"],
+    }
+    curve = Section(CALIBRATION_CURVE, {**fit.values, **dated})
+    others = tuple(each for each in sheet.sections if each is not old)
+    return dataclasses.replace(sheet, sections=(*others, curve)), fit
+
+
+def _tell_fit(fit: CurveFit) -> None:
+    many = "1 segment" if fit.segments == 1 else f"{fit.segments} segments"
+    say(f"calibration curve: {many}, powers to {fit.power}")
+    say(
+        f"deviates from the compensation by at most {fit.residual_nm:.2g} N·m "
+        f"({fit.residual_percent_fs:.2g} % FS)"
+    )
+    if fit.branch_residual_nm > 1.05 * fit.residual_nm:
+        say(
+            f"on a known branch by at most {fit.branch_residual_nm:.2g} N·m "
+            f"({fit.branch_residual_percent_fs:.2g} % FS): one curve holds no hysteresis"
+        )
+
+
+def _tell_unread(sheet: Sheet) -> None:
+    if sheet.unread is not None:
+        warn(
+            f"{sheet.unread.why} isn't known: {len(sheet.unread.bits)} bits from there on are "
+            "kept as they are"
+        )
+
+
+def _answer(sheet: Sheet, **facts: Any) -> None:
+    from torquebench_teds import sheet_to_json
+
+    answer(sheet=sheet_to_json(sheet), **facts)
+
+
+def _print_values(title: str, fields: tuple[Field | Array, ...], values: Any) -> None:
+    from torquebench_teds.templates import Array
+
+    table = narrow_table(columns=(title, "|"))
+    for each in fields:
+        if not isinstance(each, Array):
+            table.add_row(each.label, _shown(values[each.name]))
+            continue
+        table.add_row(each.label, str(len(values[each.name])))
+        for item in values[each.name]:
+            table.add_row("", _item(each, item))
+    out().print(table)
+
+
+def _item(array: Array, item: Any) -> str:
+    from torquebench_teds.templates import Array
+
+    parts = []
+    for each in array.fields:
+        if isinstance(each, Array):
+            parts += [f"\n{_item(each, below)}" for below in item[each.name]]
+        else:
+            parts.append(f"{each.label} {_shown(item[each.name])}")
+    return ", ".join(parts).replace(", \n", "\n")
+
+
+def _shown(value: Any) -> str:
+    if value is None:
+        return "not known"
+    return f"{value:.7g}" if isinstance(value, float) else escape(str(value))
