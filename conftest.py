@@ -26,6 +26,11 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+# Programs that tests start use the plugins of this checkout, wherever they are installed from.
+_SOURCES = [str(path) for path in Path(__file__).parent.glob("plugins/*/src")]
+_BEFORE = os.environ.get("PYTHONPATH")
+os.environ["PYTHONPATH"] = os.pathsep.join([*_SOURCES, *([_BEFORE] if _BEFORE else [])])
+
 _CI = bool(os.environ.get("CI"))
 _REPOSITORY = Path(__file__).resolve().parent
 _REFERENCE_DATA = Path(
