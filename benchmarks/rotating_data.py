@@ -28,7 +28,7 @@ from benchmarks.rotating_chains import (
     make_rotating_chain,
 )
 from torquebench.errors import InputError
-from torquebench.tables.csv_text import read_csv
+from torquebench.tables import read_table
 
 CHAINS = 4
 FORMAT = "torquebench rotating data 1"
@@ -95,7 +95,7 @@ def judged(folder: Path) -> list[str]:
     about = json.loads((folder / "chain.json").read_text(encoding="utf-8"))
     if about.get("format") != FORMAT:
         raise InputError(f"{folder}: format {about.get('format')!r}", repr(FORMAT))
-    truth, found = read_csv(folder / "truth.csv"), read_csv(folder / "torque.csv")
+    truth, found = read_table(folder / "truth.csv"), read_table(folder / "torque.csv")
     true_nm, torque_nm = truth.numbers("torque_nm"), found.numbers("torque_nm")
     if true_nm.size != torque_nm.size:
         raise InputError(
@@ -103,7 +103,7 @@ def judged(folder: Path) -> list[str]:
         )
     percent, error = 100.0 / about["range_nm"], torque_nm - true_nm
     covered = "-"
-    if "expanded_uncertainty_nm" in found.header:
+    if "expanded_uncertainty_nm" in found:
         u = np.hypot(
             found.numbers("expanded_uncertainty_nm"), about["truth_expanded_uncertainty_nm"]
         )

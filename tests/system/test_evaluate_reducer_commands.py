@@ -110,8 +110,8 @@ def test_where_keeps_the_rows_that_are_meant(tmp_path: Path, no_load: Path) -> N
     [
         (("--where", "good=7"), ("no row is left",)),
         (("--where", "nobody=1"), ("--where nobody=1", "speed_rpm")),
-        (("--where", "good=yes"), ("numbers after the =",)),
-        (("--column", "torque=Nothing[Nm]"), ("no column nothing",)),
+        (("--where", "good=yes"), ("no row is left",)),
+        (("--column", "torque=Nothing[Nm]"), ("no column Nothing",)),
         (("--column", "torque=torque_nm[rpm]"), ("the unit rpm", "nm")),
         (("--column", "torque=good"), ("names no unit",)),
         (("--column", "weight=good[kg]"), ("--column weight=good[kg]", "speed")),

@@ -8,8 +8,7 @@ import pytest
 from benchmarks import rotating_data
 
 from torquebench.errors import InputError
-from torquebench.tables import read_calibration, read_empty_run
-from torquebench.tables.csv_text import read_csv
+from torquebench.tables import read_calibration, read_empty_run, read_table
 
 
 def test_the_data_set_is_written_with_its_truth_and_judged(
@@ -24,7 +23,7 @@ def test_the_data_set_is_written_with_its_truth_and_judged(
     assert points.speed_rpm is not None
     assert {0.0} < set(np.abs(points.speed_rpm).round().tolist())
     assert len(read_empty_run(folder / "empty-38.csv")) > 1000
-    readings, truth = read_csv(folder / "readings.csv"), read_csv(folder / "truth.csv")
+    readings, truth = read_table(folder / "readings.csv"), read_table(folder / "truth.csv")
     read, true = readings.numbers("reading_nm"), truth.numbers("torque_nm")
     assert 0.0 < np.sqrt(np.mean((read - true) ** 2)) < 0.01 * points.range_nm
 

@@ -20,6 +20,7 @@ from torquebench.units import HOUR
 
 if TYPE_CHECKING:
     from torquebench.chain import Reference
+    from torquebench.compensation import ReadingScale
 
 __all__ = [
     "OPTIONAL_COLUMNS",
@@ -97,6 +98,8 @@ class CalibrationData:
         Row of each point in its table, as the file numbers them.
     table : array of str, shape (n,), optional
         Name of that table, where the points are of several.
+    scale : ReadingScale, optional
+        Unit that the readings came in, where it wasn't a torque's.
 
     Raises
     ------
@@ -139,6 +142,7 @@ class CalibrationData:
     tared: bool = False
     row: NDArray[np.int64] | None = None
     table: NDArray[np.str_] | None = None
+    scale: "ReadingScale | None" = None
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.range_nm) and self.range_nm > 0):
@@ -538,7 +542,7 @@ class CalibrationData:
         if not parts:
             raise InputError("no calibration table to join", "at least one")
         head = parts[0]
-        for name in ("range_nm", "side", "transducer_serial", "counter_identity"):
+        for name in ("range_nm", "side", "transducer_serial", "counter_identity", "scale"):
             values = {getattr(part, name) for part in parts}
             if len(values) > 1:
                 raise InputError(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
@@ -36,11 +35,8 @@ from torquebench.dynamics import (
 )
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.records import json_text
-from torquebench.tables.columns import quantity, understood
-from torquebench.tables.csv_text import CsvTable
-from torquebench.tables.files import read_table
-from torquebench.tables.readings import is_simulated
+from torquebench.records import json_text, sha256_of_file
+from torquebench.tables import Table, TableColumns, read_table
 
 __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dynamics"]
 
@@ -141,7 +137,7 @@ def identify_dynamics(
     if not runs:
         raise InputError("no table with a known torque", "one at least")
     tables = {path: read_table(path) for path in runs}
-    on_bench = [path for path, table in tables.items() if "segment" in table.header]
+    on_bench = [path for path, table in tables.items() if "segment" in table]
     if on_bench and len(on_bench) < len(tables):
         raise InputError(
             Message("{on_bench} of `turn --profile dynamics` beside other tables", on_bench[0]),
@@ -211,7 +207,7 @@ class _OnBench:
     sha256: dict[str, str]
 
     @classmethod
-    def of(cls, tables: Mapping[Path, CsvTable]) -> _OnBench:
+    def of(cls, tables: Mapping[Path, Table]) -> _OnBench:
         """Return what runs with steps and sines show.
 
         Raises
@@ -221,11 +217,11 @@ class _OnBench:
         """
         steps, sines = list[NDArray[np.float64]](), list[Sine]()
         hashes, remarks, interval_s = {}, dict[str, str](), 0.0
-        for path, content in tables.items():
-            table, columns = understood(content, _STEPS[:3])
-            hashes[path.name], remarks = sha256(path.read_bytes()).hexdigest(), table.remarks
+        for path, table in tables.items():
+            columns = TableColumns(table, _STEPS[:3])
+            hashes[path.name], remarks = sha256_of_file(path), dict(table.remarks)
             time, reading, standard = (
-                np.asarray(quantity(table, columns, name), np.float64) for name in _STEPS[:3]
+                np.asarray(columns.numbers(table, name), np.float64) for name in _STEPS[:3]
             )
             segment, period = (table.numbers(name) for name in _STEPS[3:])
             interval_s = float(np.median(np.diff(time)))
@@ -259,7 +255,7 @@ class _OnBench:
         if "motor_inertia_kgm2" in remarks:
             name = "motor_inertia_standard_uncertainty_kgm2"
             motor = MotorInertia(float(remarks["motor_inertia_kgm2"]), float(remarks[name]))
-        return cls(vibration, delay, motor, is_simulated(remarks), hashes)
+        return cls(vibration, delay, motor, table.simulated, hashes)
 
     def chain(
         self, motor: MotorInertia | None, inertia: Inertia | None
@@ -350,13 +346,12 @@ def load_dynamics(path: Path) -> Dynamics:
 class _Table:
     """A table with an even sample rate."""
 
-    def __init__(self, path: Path, content: CsvTable, required: tuple[str, ...]) -> None:
-        table, columns = understood(content, required)
-        self.values = {key: quantity(table, columns, key) for key in required}
-        self.simulated = is_simulated(table.remarks)
-        self.sha256 = sha256(path.read_bytes()).hexdigest()
-        name = "acceleration_rad_s2"
-        self.acceleration = table.numbers(name) if name in table.header else None
+    def __init__(self, path: Path, table: Table, required: tuple[str, ...]) -> None:
+        columns = TableColumns(table, required)
+        self.values = {key: columns.numbers(table, key) for key in required}
+        self.simulated = table.simulated
+        self.sha256 = sha256_of_file(path)
+        self.acceleration = columns.numbers(table, "acceleration_rad_s2")
         step = np.diff(self["time_s"])
         if step.size < 2 or not np.median(step) > 0.0:
             raise InputError(

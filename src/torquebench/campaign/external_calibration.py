@@ -28,7 +28,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
-from torquebench.tables.files import table_text
+from torquebench.tables import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
 
@@ -143,7 +143,7 @@ def register_table(
     writer = RunFolder.create(registry.root / "runs", metadata, kind=KIND)
     with writer:
         _documents(writer, profile, circumstances)
-        writer.write_file("table.csv", table_text(table, called))
+        writer.write_file("table.csv", table_text(table, called=called))
         writer.write_results(
             {
                 "data": replace(data, reference=None),  # the metadata have the standard

@@ -447,6 +447,7 @@ def described_model(
             software_version=__version__,
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             calibrated_on="" if data.measured_on is None else data.measured_on.isoformat(),
+            reading_scale="" if data.scale is None else data.scale.text,
             effects=tuple(effect.specification() for effect in effects),
             contradictions=tuple(str(each) for each in contradictions),
             accepted=accepted,

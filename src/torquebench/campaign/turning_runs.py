@@ -24,8 +24,7 @@ from torquebench.procedures.turning.empty import EmptySummary, EmptyTable, Serie
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.procedures.turning.stepping import StepTable, step_torques
 from torquebench.station import Station
-from torquebench.tables.csv_text import read_csv
-from torquebench.tables.readings import read_calibration, write_calibration
+from torquebench.tables import read_calibration, read_table, write_calibration
 
 __all__ = ["BegunCalibration", "TurningRun", "measure_turning", "read_begun", "rehearse_turning"]
 
@@ -275,7 +274,7 @@ def read_begun(
     InputError
         Where the file is of another profile, side or transducer, or is complete.
     """
-    table = read_csv(path)
+    table = read_table(path)
     wanted = {
         "side": side,
         "profile_hash": profile.sha256,
@@ -304,7 +303,7 @@ def read_begun(
         return BegunCalibration(read_calibration(path), int(done))
     rows: NDArray[np.float64] = np.column_stack(
         [table.numbers(name) for name in COLUMNS]
-        + [table.numbers(ANGLE) if ANGLE in table.header else np.full(len(table.rows), np.nan)]
+        + [table.numbers(ANGLE) if ANGLE in table else np.full(len(table), np.nan)]
     )
     begun = EmptyTable(side)
     begun.begin_with(rows, int(done))

@@ -186,20 +186,20 @@ FITTED = Record(
     "torquebench.campaign.results:FitResult",
     "range_nm=data.range_nm simulated=data.simulated kind=name title raw fitted "
     "scatter_nm=noise.standard_deviation_nm contradictions",
-    {"points": int, **_FILES},
+    {"points": int, "columns": [Any], **_FILES},
     {"comparison": ["torquebench.compensation.selection:ModelScore"]},
 )
 APPLIED = Record(
     "Readings that were compensated.",
-    "torquebench.tables.readings_stream:CompensatedFile",
-    facts={"unmeasured": [str], **_FILES},
+    "torquebench.tables.compensating:CompensatedFile",
+    facts={"unmeasured": [str], "columns": [Any], **_FILES},
 )
 VERIFIED = Record(
     "Models at points that they weren't fitted to; the verdict is that of the second entry.",
     "torquebench.calibration:VerificationResult",
     "range_nm groups points simulated models",
     {"tolerance_percent_fs": float, "passed": bool, "not_in_u": [str]},
-    {"cells": ["torquebench.calibration:Cell"], "run": str, **_FILES},
+    {"columns": [Any], "cells": ["torquebench.calibration:Cell"], "run": str, **_FILES},
 )
 EXPORTED_MODEL = Record(
     "A model's table for other programs.",
@@ -427,6 +427,7 @@ EVALUATED_STATIC = Record(
         "data_sha256": str,
         "points": int,
         "range_nm": float,
+        "columns": [Any],
         "deviations": ["torquebench.calibration:Deviation"],
         "remarks": [str],
         "results": Any,
@@ -460,6 +461,7 @@ EVALUATED_REDUCER = Record(
     facts={
         "test": str,
         "data": str,
+        "columns": [Any],
         "quantities": [EVALUATED_QUANTITY],
         "findings": ["torquebench.reducers:Finding"],
     },

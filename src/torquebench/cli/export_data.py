@@ -74,7 +74,8 @@ def _format(out: Path, wanted: Format | None) -> Format:
     """
     from torquebench.tables.formats import format_of
 
-    named = format_of(out) if out.suffix else ""
+    found = format_of(out) if out.suffix else None
+    named = "" if found is None else found.name
     if (named and named != (wanted or named)) or named not in ("", *Format):
         raise InputError(
             Message("{name} for {wanted}", out.name, wanted or named),

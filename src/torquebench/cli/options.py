@@ -12,9 +12,16 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
+from rich.markup import escape
 
 from torquebench.atomic_write import is_standard_output
-from torquebench.cli.terminal.console import claim_file, leave_standard_output
+from torquebench.cli.terminal.console import (
+    answer,
+    claim_file,
+    leave_standard_output,
+    say,
+    warn,
+)
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -23,6 +30,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.cli.bench_session import BenchSession
     from torquebench.panel.address import Address
+    from torquebench.tables import Conversion, Understood
     from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = [
@@ -39,6 +47,7 @@ __all__ = [
     "RealTimeOption",
     "RecordsOption",
     "ReferenceOption",
+    "TableOptions",
     "WithoutOption",
     "YesOption",
     "bench_description",
@@ -53,6 +62,7 @@ __all__ = [
     "numbered",
     "performed_at",
     "stated_reference",
+    "tell_columns",
 ]
 
 HELP_MARKUP: Literal["markdown"] = "markdown"
@@ -177,6 +187,46 @@ class CounterOptions:
         if not self.accept_counter:
             return None
         return Timebase("accepted by its name", self.accept_counter, self.clock_tolerance_ppm)
+
+
+@dataclass(frozen=True)
+class TableOptions:
+    """The options of every command that reads a table of torques."""
+
+    column: ColumnOption = None
+    sensitivity: Annotated[
+        str | None,
+        typer.Option(
+            metavar="SIGNAL at TORQUE",
+            help="Sensitivity of readings in mV/V, V, mA, Hz or counts: `2.0015 mV/V at 500 Nm`, "
+            "`50 Nm per V`, or two points, `10 kHz at 0 Nm; 15 kHz at 500 Nm`.",
+        ),
+    ] = None
+    arm: Annotated[
+        str | None,
+        typer.Option(metavar="LENGTH", help="Lever arm of forces and masses, as 0.5m or 20in."),
+    ] = None
+    gravity: Annotated[
+        float | None,
+        typer.Option(
+            metavar="M/S²", help="Local acceleration of free fall for masses; 9.80665 by default."
+        ),
+    ] = None
+
+    def conversion(self) -> Conversion:
+        """Return what these options state, checked."""
+        from torquebench.tables import Conversion
+
+        return Conversion.of_options(self.sensitivity, self.arm, self.gravity)
+
+
+def tell_columns(understood: Understood, notes: Sequence[str] = (), file: str = "") -> None:
+    """Say what was passed over, and how columns with names of others were understood."""
+    for note in notes:
+        warn(note)
+    if sentence := understood.sentence():
+        say(f"[dim]{escape(f'{file}: ' * bool(file) + sentence)}[/dim]")
+    answer(columns=understood.described())
 
 
 @dataclass(frozen=True)
@@ -316,9 +366,11 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
         or its name promises another format.
     """
     if endings:
-        from torquebench.tables.formats import ENDINGS
+        from torquebench.tables.formats import endings as endings_of_tables
 
-        known = {*ENDINGS, ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(endings)
+        known = {*endings_of_tables(), ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(
+            endings
+        )
         if path.suffix.lower() in known:
             raise InputError(
                 path.name,

@@ -45,6 +45,7 @@ from .hysteresis import (
 from .kinds import MODELS as MODELS, check_kind as check_kind
 from .model_file import (
     Provenance as Provenance,
+    ReadingScale as ReadingScale,
     StoredModel as StoredModel,
     load_model as load_model,
     save_model as save_model,

@@ -17,10 +17,55 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["FORMAT", "FORMAT_VERSION", "Provenance", "StoredModel", "load_model", "save_model"]
+__all__ = [
+    "FORMAT",
+    "FORMAT_VERSION",
+    "Provenance",
+    "ReadingScale",
+    "StoredModel",
+    "load_model",
+    "save_model",
+]
 
 FORMAT = "torquebench-model"
 FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class ReadingScale:
+    """Unit of readings that aren't torques: a signal, a force or a mass.
+
+    A reading times `nm_per_unit` plus `offset_nm` is a torque in N·m.
+
+    Attributes
+    ----------
+    unit : str
+    nm_per_unit, offset_nm : float
+    stated : str
+        Sensitivity or lever arm, as a person stated it.
+
+    Examples
+    --------
+    >>> scale = ReadingScale("mV/V", 250.0, 0.0, "2 mV/V at 500 N·m")
+    >>> scale.text, ReadingScale.of_text(scale.text) == scale
+    ('mV/V; 250.0; 0.0; 2 mV/V at 500 N·m', True)
+    """
+
+    unit: str
+    nm_per_unit: float
+    offset_nm: float = 0.0
+    stated: str = ""
+
+    @property
+    def text(self) -> str:
+        """All of it, as `of_text` reads it."""
+        return f"{self.unit}; {self.nm_per_unit!r}; {self.offset_nm!r}; {self.stated}"
+
+    @classmethod
+    def of_text(cls, text: str) -> ReadingScale:
+        """Return the scale that a text states; `ValueError` if it states none."""
+        unit, factor, offset, stated = (part.strip() for part in text.split(";", 3))
+        return cls(unit, float(factor), float(offset), stated)
 
 
 @dataclass(frozen=True)
@@ -49,7 +94,9 @@ class Provenance:
         Day of the calibration, ISO 8601; "" if unknown. The age of the calibration counts from it,
         whenever a model is fitted to it.
     unit : str
-        Unit of readings and torques.
+        Unit of readings and torques inside the model.
+    reading_scale : str
+        Unit that the calibration's readings came in, as `ReadingScale.text`; "" for torques.
     effects : tuple of mapping
         Effects of the measuring chain, as stored by `torquebench.chain`.
     contradictions : tuple of str
@@ -69,6 +116,7 @@ class Provenance:
     created: str = ""
     calibrated_on: str = ""
     unit: str = "N·m"
+    reading_scale: str = ""
     effects: tuple[Mapping[str, Any], ...] = ()
     contradictions: tuple[str, ...] = ()
     accepted: str = ""
@@ -86,6 +134,12 @@ class StoredModel:
 
     model: CompensationModel
     provenance: Provenance
+
+    @property
+    def scale(self) -> ReadingScale | None:
+        """Unit of the readings that this model is for; None for torques."""
+        text = self.provenance.reading_scale
+        return ReadingScale.of_text(text) if text else None
 
     def check_fits(
         self,

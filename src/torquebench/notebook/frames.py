@@ -16,10 +16,6 @@ from torquebench import tables
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.tables.csv_text import read_csv
-from torquebench.tables.files import cells_of, read_arrow
-from torquebench.tables.formats import is_csv
-from torquebench.tables.readings import calibration_of
 
 __all__ = ["Columns", "arrow_table", "in_python", "mapping_of", "read_calibration", "with_columns"]
 
@@ -64,7 +60,7 @@ def read_calibration(
     --------
     >>> import torquebench as tb
     >>> tb.read_calibration({"standard_nm": [0.0, 5.0, 10.0], "reading_nm": [0.1, 5.2, 10.1]})
-    CalibrationData(3 points, 10.1 N·m)
+    CalibrationData(3 points, 10 N·m)
     """
     mapping = mapping_of(columns)
     try:
@@ -76,10 +72,9 @@ def read_calibration(
                 counter_identity=counter_identity,
                 mapping=mapping,
             )
-        table = cells_of(arrow_table(source), "the table")
-        return calibration_of(
-            table, range_nm, False, ("", transducer_serial, counter_identity), mapping
-        )
+        table = tables.table_of_arrow(arrow_table(source), "the table")
+        chain = ("", transducer_serial, counter_identity)
+        return tables.calibration_of(table, range_nm, False, chain, mapping).data
     except InputError as problem:
         raise in_python(problem) from None
 
@@ -119,16 +114,18 @@ def arrow_table(source: Any) -> Any:
 
 
 def _of_file(path: Path) -> Any:
-    if not is_csv(path):
-        return read_arrow(path)[0]
-    table = read_csv(path)
-    columns: dict[str, Any] = {}
-    for name, header in zip(table.names, table.header, strict=True):
+    table = tables.read_table(path)
+    columns: list[Any] = []
+    for index, cells in enumerate(table.cells):
+        if not isinstance(cells, list):
+            columns.append(cells if not isinstance(cells, np.ndarray) else pa.array(cells))
+            continue
         try:
-            columns[name] = table.numbers(header)
+            columns.append(pa.array(table.numbers(index)))
         except InputError:
-            columns[name] = table.texts(header)
-    return pa.table(columns).replace_schema_metadata(table.remarks)
+            columns.append(pa.array(cells, pa.string()))
+    made = pa.Table.from_arrays(columns, list(table.names))
+    return made.replace_schema_metadata(dict(table.remarks) or None)
 
 
 def with_columns(source: Any, added: Mapping[str, NDArray[np.float64]]) -> Any:

@@ -44,8 +44,7 @@ from torquebench.notebook.frames import (
     read_calibration,
     with_columns,
 )
-from torquebench.tables.arrow_table import ArrowReadings
-from torquebench.tables.readings import ADDED_COLUMNS
+from torquebench.tables import ADDED_COLUMNS, ReadingsTable, TableColumns, table_of_arrow
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["Compensation", "FitWarning", "compare", "fit", "load_model"]
@@ -112,8 +111,9 @@ class Compensation:
         """
         table = arrow_table(readings)
         try:
-            found = ArrowReadings("the table", table.schema, mapping_of(columns)).readings(
-                table.combine_chunks()
+            named = table_of_arrow(table, "the table")
+            found = ReadingsTable.of(
+                named, TableColumns(named, ("reading_nm",), mapping_of(columns))
             )
             known = found.readings(zero_age_h=zero_age_h, zero_temperature_c=zero_temperature_c)
             torque = self.chain.torque(known, found.place)

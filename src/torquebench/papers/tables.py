@@ -31,9 +31,7 @@ from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
-from torquebench.tables.files import read_table
-from torquebench.tables.formats import ENDINGS, READ
-from torquebench.tables.readings import read_calibration, write_calibration
+from torquebench.tables import endings, read_calibration, read_table, reads, write_calibration
 
 __all__ = [
     "BenchTables",
@@ -417,7 +415,7 @@ def read_tables(folder: Path) -> BenchTables:
     if not modules:
         raise InputError(
             Message("{folder}: no calibration", folder),
-            Message("calibration-input or calibration-output, as {read}", READ),
+            Message("calibration-input or calibration-output, as {read}", reads()),
             "name the tables so; `torquebench papers --save FOLDER` writes such a folder",
         )
     friction = None
@@ -460,7 +458,7 @@ def _read_certificate(path: Path) -> ReferenceCertificate | None:
 
 
 def _table_file(folder: Path, stem: str) -> Path | None:
-    return next((p for e in ENDINGS if (p := folder / f"{stem}{e}").is_file()), None)
+    return next((p for e in endings() if (p := folder / f"{stem}{e}").is_file()), None)
 
 
 def _bench_name(folder: Path) -> str:
@@ -473,12 +471,12 @@ def _bench_name(folder: Path) -> str:
 def _read_friction(path: Path) -> tuple[FrictionTable, str]:
     table = read_table(path)
     for name in ("speed_rpm", "reading_nm", "known_nm"):
-        if name not in table.header:
+        if name not in table:
             raise InputError(Message("{path}: no column {name}", path, name), ", ".join(_FRICTION))
-    n = len(table.rows)
+    n = len(table)
 
     def column(name: str, default: float) -> FloatArray:
-        if name not in table.header:
+        if name not in table:
             return np.full(n, default)
         return table.numbers(name)
 

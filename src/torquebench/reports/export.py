@@ -35,8 +35,7 @@ from torquebench.reports.certificate import (
     run_data,
 )
 from torquebench.reports.export_words import file_words
-from torquebench.tables import calibration_csv
-from torquebench.tables.reference_remarks import reference_remarks
+from torquebench.tables import calibration_csv, reference_remarks
 
 __all__ = ["ExportedRun", "export_run"]
 

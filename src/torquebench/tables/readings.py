@@ -1,8 +1,11 @@
-"""Tables of calibrations and readings: read with specific errors, written atomically."""
+"""Tables of calibrations, readings and empty runs, read with specific errors and written."""
+
+from __future__ import annotations
 
 import io
+import tempfile
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
 from pathlib import Path
 from typing import Any
@@ -21,35 +24,49 @@ from torquebench.calibration import (
 )
 from torquebench.chain import EmptyRun, Readings, readings_of_rows, stretches
 from torquebench.chain.readings import MEASURED
-from torquebench.errors import InputError
+from torquebench.compensation import BRANCH_WORDS, ReadingScale, StoredModel
+from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
-from torquebench.tables.columns import (
-    branches,
-    check_direction,
-    maps,
-    quantity,
-    series,
-    understood,
-)
-from torquebench.tables.csv_text import CsvTable, parse_csv
-from torquebench.tables.files import read_table
-from torquebench.tables.reference_remarks import reference_in, reference_remarks
+from torquebench.tables.conversion import Conversion
+from torquebench.tables.formats.text import parse_text
+from torquebench.tables.headers import WORD, Understood, names_header, understand
+from torquebench.tables.isolated import Limits
+from torquebench.tables.reading import LIMITS, read_table
+from torquebench.tables.remarks import reference_in, reference_remarks
+from torquebench.tables.table import Table
+from torquebench.tables.units import BASE, unit_named
+from torquebench.units import UNIT_OF_ENDING
 
 __all__ = [
+    "ADDED_COLUMNS",
+    "READING_COLUMNS",
+    "CalibrationTable",
     "ReadingsTable",
+    "TableColumns",
     "calibration_csv",
+    "calibration_of",
+    "check_model",
     "maps_one",
+    "model_conversion",
     "parse_calibration",
     "read_calibration",
+    "read_calibration_table",
     "read_empty_run",
     "read_readings",
     "write_calibration",
 ]
 
+NUMERIC_COLUMNS = tuple(
+    dict.fromkeys(
+        ("reading_nm", "standard_nm", *OPTIONAL_COLUMNS, "time_s", *MEASURED, "standard_error_nm")
+    )
+)
+"""Columns of calibration and reading tables, each in the unit that its name ends in."""
 READING_COLUMNS = ("reading_nm", "time_s", *MEASURED, "standard_error_nm")
 """Numeric columns of a file of readings; all but the first are optional."""
 ADDED_COLUMNS = ("torque_nm", "additional_torque_nm", "expanded_uncertainty_nm")
 """Columns that compensation adds to a table of readings."""
+LABELS = ("series", "branch", "direction")
 _STEADY = "steady"
 """Comment of a table of steady means, as the points of a calibration are."""
 _TARED = "tared"
@@ -58,12 +75,269 @@ _WINDOW = "window_s"
 """Comment with the length of the windows of a table's readings."""
 _DAY = "measured_on"
 """Comment with the day of a measurement, from or to which the age of a calibration counts."""
+_SCALE = "reading_scale"
+"""Comment with the unit of the readings before they were converted, as `ReadingScale.text`."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
 _MOST_STEPS = 2000
 """Most points of a loading sequence; larger tables are recordings."""
+_DIRECTIONS = {
+    **dict.fromkeys(("cw", "clockwise", "+", "+1", "1", "rechts", "im uhrzeigersinn", "顺时针"), 1),
+    **dict.fromkeys(("droite", "horaire", "horario", "derecha", "時計回り", "右"), 1),
+    **dict.fromkeys(
+        (
+            *("ccw", "counter-clockwise", "counterclockwise", "-", "-1"),
+            *("links", "gegen den uhrzeigersinn", "逆时针"),
+            *("gauche", "antihoraire", "anti-horaire", "antihorario", "izquierda"),
+            *("反時計回り", "左"),
+        ),
+        -1,
+    ),
+}
+_ALLOWED = {
+    "branch": "up, down or unknown (or +1, -1, 0)",
+    "direction": "clockwise or counter-clockwise (cw, ccw)",
+}
 
 
-def read_calibration(
+def _quantity(column: str) -> tuple[str, str, float]:
+    """Return what a column is called without its unit, its kind, and its unit's factor.
+
+    >>> _quantity("zero_temperature_c"), _quantity("acceleration_rad_s2")
+    (('zero_temperature', 'temperature', 1.0), ('acceleration', 'acceleration', 1.0))
+    """
+    ending = next(end for end in UNIT_OF_ENDING if column.endswith(end))
+    for kind in BASE:
+        unit = unit_named(UNIT_OF_ENDING[ending], kind)
+        if unit is not None:
+            return column.removesuffix(ending), kind, unit.factor
+    raise AssertionError(column)
+
+
+_QUANTITIES = {column: _quantity(column) for column in NUMERIC_COLUMNS}
+_WANTED: Mapping[str, str] = {
+    **{name: kind for name, kind, _ in _QUANTITIES.values()},
+    **dict.fromkeys(LABELS, WORD),
+}
+
+
+def check_model(stored: StoredModel, table: Table, columns: TableColumns) -> None:
+    """Refuse a table of another transducer, counter, range or unit than a model's.
+
+    What the table doesn't state can't differ.
+
+    Raises
+    ------
+    ModelMismatchError
+    """
+    made, remarks = stored.provenance, table.remarks
+    for what, present, wanted in (
+        ("transducer", remarks.get("transducer_serial"), made.transducer_serial),
+        ("counter", remarks.get("counter_identity"), made.counter_identity),
+    ):
+        if present and wanted and present != wanted:
+            raise ModelMismatchError(
+                Message(
+                    "{origin}: {what} {present!r}, model of {what} {wanted!r}",
+                    table.origin,
+                    what,
+                    present,
+                    wanted,
+                ),
+                Message("a table of the {what} that was calibrated", what),
+                "take the model of this chain, or calibrate it",
+            )
+    range_nm = _noted_number(table, "range_nm")
+    if range_nm is not None and abs(range_nm - made.range_nm) > 1e-6 * made.range_nm:
+        raise ModelMismatchError(
+            Message(
+                "{origin}: range {present:g} N·m, model of range {wanted:g} N·m",
+                table.origin,
+                range_nm,
+                made.range_nm,
+            ),
+            "a table of the range that was calibrated",
+            "take the model of this range, or calibrate it",
+        )
+    scale, present_scale = stored.scale, columns.scale
+    if (scale is None) != (present_scale is None) and "reading_nm" in columns:
+        name = columns.name("reading_nm")
+        raise ModelMismatchError(
+            Message(
+                "{origin}: {name} is a torque, model of readings in {unit}",
+                table.origin,
+                name,
+                scale.unit,
+            )
+            if scale is not None
+            else Message(
+                "{origin}: {name} is in {unit}, model of readings in N·m",
+                table.origin,
+                name,
+                "" if present_scale is None else present_scale.unit,
+            ),
+            "readings in the unit of the calibration",
+            "take a model that was fitted to readings in this unit",
+        )
+
+
+def model_conversion(stored: StoredModel, stated: Conversion) -> Conversion:
+    """Return how readings convert to the torques that a model is for.
+
+    Raises
+    ------
+    ModelMismatchError
+        A sensitivity is stated, and the model knows that of its calibration.
+    """
+    if stored.scale is None:
+        return stated
+    if stated.sensitivity is not None:
+        raise ModelMismatchError(
+            Message("--sensitivity {text!r}, and that of the model", stated.sensitivity.text),
+            Message("the model's: {text}", stored.scale.stated),
+            "leave the option out",
+        )
+    return replace(stated, scale=stored.scale)
+
+
+class TableColumns:
+    """The columns of calibrations and readings in a table, or in the pieces of one.
+
+    Parameters
+    ----------
+    table : Table
+        Of which only names and remarks are looked at.
+    required : sequence of str
+        Columns that there must be, by names of `NUMERIC_COLUMNS`.
+    assigned : sequence of str
+        ``name=Header[unit]`` of columns that have other names; see `understand`.
+    conversion : Conversion, optional
+        From signals, forces and masses to torques.
+    """
+
+    def __init__(
+        self,
+        table: Table,
+        required: Sequence[str],
+        assigned: Sequence[str] = (),
+        conversion: Conversion | None = None,
+    ) -> None:
+        wanted = [_QUANTITIES[column][0] for column in required]
+        self.understood: Understood = understand(table, _WANTED, wanted, assigned, conversion)
+        self._loading: bool | None = None
+        reading = self.understood.columns.get("reading")
+        self.scale: ReadingScale | None = None
+        if reading is not None and reading.unit is not None and reading.unit.kind != "torque":
+            self.scale = ReadingScale(
+                reading.unit.symbol,
+                reading.factor,
+                reading.offset,
+                (conversion or Conversion()).text,
+            )
+
+    def __contains__(self, column: str) -> bool:
+        return _QUANTITIES[column][0] in self.understood
+
+    def name(self, column: str) -> str:
+        """Return the name of a column in its file."""
+        return self.understood.name(_QUANTITIES[column][0])
+
+    def numbers(self, table: Table, column: str) -> NDArray[np.float64] | None:
+        """Return a column in the unit of its name, shape (n,); None without it."""
+        name, _, own = _QUANTITIES[column]
+        return self.understood.numbers(table, name, own)
+
+    def series(self, table: Table) -> NDArray[np.int64] | None:
+        """Return the numbers of the series, shape (n,); None without a column.
+
+        Raises
+        ------
+        InputError
+            Naming the first cell that isn't a whole number.
+        """
+        column = self.understood.columns.get("series")
+        if column is None:
+            return None
+        numbers = table.numbers(column.index)
+        for row in np.flatnonzero((numbers != np.rint(numbers)) | (np.abs(numbers) > 1e9)):
+            raise InputError(
+                Message(
+                    "{place}: {texts!r}",
+                    table.place(int(row), column.name),
+                    table.texts(column.index)[row],
+                ),
+                "the whole number of a series",
+            )
+        return numbers.astype(np.int64)
+
+    def branch(self, table: Table) -> NDArray[np.int8] | None:
+        """Return +1 (up), -1 (down) and 0 (unknown), shape (n,); None without a column.
+
+        A column ``direction`` whose words mean loading and unloading is the branch.
+
+        Raises
+        ------
+        InputError
+            Naming the first cell that is none of these.
+        """
+        column = self.understood.columns.get("branch")
+        if column is None and self._of_loading(table):
+            column = self.understood.columns["direction"]
+        return (
+            None
+            if column is None
+            else table.meanings(column.index, BRANCH_WORDS, _ALLOWED["branch"])
+        )
+
+    def check_direction(self, table: Table, torque_nm: NDArray[np.float64]) -> None:
+        """Check that the column ``direction``, if there is one, agrees with the torque's sign.
+
+        Raises
+        ------
+        InputError
+            Naming the first row where it doesn't.
+        """
+        column = self.understood.columns.get("direction")
+        if column is None or ("branch" not in self.understood and self._of_loading(table)):
+            return
+        words = table.meanings(column.index, _DIRECTIONS, _ALLOWED["direction"])
+        for row in np.flatnonzero(words * np.sign(torque_nm) < 0):
+            raise InputError(
+                Message(
+                    "{place}: {texts!r} beside {torque_nm:.6g} N·m",
+                    table.place(int(row), column.name),
+                    table.texts(column.index)[row],
+                    torque_nm[row],
+                ),
+                "clockwise torque positive, counter-clockwise torque negative",
+                "give counter-clockwise torque a minus sign",
+            )
+
+    def _of_loading(self, table: Table) -> bool:
+        """Return whether the direction is that of loading, by the first piece of the table."""
+        column = self.understood.columns.get("direction")
+        if column is None:
+            return False
+        if self._loading is None:
+            words = {word.strip().lower() for word in table.texts(column.index)}
+            self._loading = bool(words & (BRANCH_WORDS.keys() - _DIRECTIONS.keys()))
+        return self._loading
+
+
+@dataclass(frozen=True, eq=False)
+class CalibrationTable:
+    """A calibration as read, with the columns that were understood.
+
+    Parameters
+    ----------
+    data : CalibrationData
+    columns : TableColumns
+    """
+
+    data: CalibrationData
+    columns: TableColumns
+
+
+def read_calibration_table(
     path: Path | str,
     *,
     range_nm: float | None = None,
@@ -73,24 +347,28 @@ def read_calibration(
     counter_identity: str = "",
     remark: Callable[[str], None] | None = None,
     mapping: Sequence[str] = (),
-) -> CalibrationData:
-    r"""Return the calibration in a CSV file.
+    conversion: Conversion | None = None,
+    model: StoredModel | None = None,
+    limits: Limits = LIMITS,
+) -> CalibrationTable:
+    r"""Return the calibration in a file, with the columns that were understood.
 
     Columns are ``reading_nm`` and ``standard_nm``, and optionally ``series``, ``branch``,
     ``direction``, ``nominal_nm``, ``position_deg``, ``speed_rpm``, ``temperature_c``, ``time_s``,
     ``acceleration_rad_s2``, ``zero_temperature_c``, ``zero_nm``, ``standard_temperature_c``,
-    ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order; others are
-    passed over. Lines are in measuring order, from which a missing branch follows. Comments such
-    as ``# range_nm = 2000`` may give the range, the side, the transducer's serial and the
-    counter's identity; arguments take precedence over them. ``# reference_uncertainty = 0.02``
-    states U (k = 2) of the standard; see `CertifiedUncertainty.of_text`. ``# measured_on =
-    2026-03-31`` states the day, from which the age of the calibration counts. ``# tared = true``
-    (or a column ``zero_nm``) states that the readings count from the zero of their series.
+    ``standard_error_nm`` and (simulated data only) ``true_torque_nm``, in any order, in any unit of
+    their kind, or by the usual words in six languages; others are passed over. Rows are in
+    measuring order, from which a missing branch follows. Comments such as ``# range_nm = 2000`` may
+    give the range, the side, the transducer's serial and the counter's identity; arguments take
+    precedence over them. ``# reference_uncertainty = 0.02`` states U (k = 2) of the standard; see
+    `CertifiedUncertainty.of_text`. ``# measured_on = 2026-03-31`` states the day, from which the
+    age of the calibration counts. ``# tared = true`` (or a column ``zero_nm``) states that the
+    readings count from the zero of their series.
 
     Parameters
     ----------
     path : pathlib.Path or str
-        The file.
+        The file; see `read_table`.
     range_nm : float, optional
         Full scale in N·m; without it, that of the file, or the largest nominal torque or standard
         value in it.
@@ -99,21 +377,33 @@ def read_calibration(
     side, transducer_serial, counter_identity : str
         The chain, where the file doesn't name it or names it wrongly.
     remark : callable, optional
-        Called with a sentence for each of them that the file names differently.
+        Called with a sentence for each of them that the file names differently, and for each thing
+        that the reader passed over.
     mapping : sequence of str
-        ``name=Header[unit]`` of columns that have other names; see `columns.understood`.
+        ``name=Header[unit]`` of columns that have other names; see `understand`.
+    conversion : Conversion, optional
+        From signals, forces and masses to torques.
+    model : StoredModel, optional
+        The model that is used for it: its range counts, and a table of another transducer, counter,
+        range or unit is refused.
+    limits : Limits
 
     Raises
     ------
     InputError
-        Naming file, line and column of what can't be used, and what to do.
+        Naming file, row and column of what can't be used, and what to do.
+    ModelMismatchError
+        As `check_model`.
     """
-    table = read_table(Path(path))
+    table = read_table(path, limits=limits)
     chain = {
         "side": side,
         "transducer_serial": transducer_serial,
         "counter_identity": counter_identity,
     }
+    for note in table.notes if remark is not None else ():
+        assert remark is not None
+        remark(Message("{path}: {note}", path, note))
     for name, value in chain.items():
         noted = table.remarks.get(name, value)
         if value and remark is not None and noted != value:
@@ -127,7 +417,12 @@ def read_calibration(
                 )
             )
     chained = (side, transducer_serial, counter_identity)
-    return calibration_of(table, range_nm, both_directions, chained, mapping)
+    return calibration_of(table, range_nm, both_directions, chained, mapping, conversion, model)
+
+
+def read_calibration(path: Path | str, **options: Any) -> CalibrationData:
+    """Return the calibration in a file; parameters and errors are `read_calibration_table`'s."""
+    return read_calibration_table(path, **options).data
 
 
 def parse_calibration(
@@ -137,14 +432,19 @@ def parse_calibration(
     range_nm: float | None = None,
     transducer_serial: str = "",
     counter_identity: str = "",
+    isolated: bool = False,
 ) -> CalibrationData:
-    r"""Return the calibration in a CSV text; see `read_calibration`.
+    r"""Return the calibration in a CSV text; see `read_calibration_table`.
 
     Parameters
     ----------
     text : str
     origin : str
         What messages call it.
+    range_nm, transducer_serial, counter_identity
+        As of `read_calibration_table`.
+    isolated : bool
+        Whether a process of its own reads it, as where a bench is commanded.
 
     Examples
     --------
@@ -153,52 +453,65 @@ def parse_calibration(
     ([5.0, 10.0], 10.0)
     """
     chain = ("", transducer_serial, counter_identity)
-    return calibration_of(parse_csv(text, origin), range_nm, False, chain)
+    if isolated:
+        with tempfile.TemporaryDirectory(prefix="torquebench-") as folder:
+            path = Path(folder) / "table.csv"
+            path.write_text(text, encoding="utf-8", newline="")
+            table = read_table(path, isolated=True, called=origin)
+    else:
+        table = parse_text(text, origin)
+    return calibration_of(table, range_nm, False, chain).data
 
 
 def calibration_of(
-    table: CsvTable,
+    table: Table,
     range_nm: float | None,
     both_directions: bool,
     chain: tuple[str, str, str],
     mapping: Sequence[str] = (),
-) -> CalibrationData:
+    conversion: Conversion | None = None,
+    model: StoredModel | None = None,
+) -> CalibrationTable:
     """Return the calibration in a table; `chain` is side, transducer and counter."""
     side, transducer_serial, counter_identity = chain
-    table, columns = understood(table, ("reading_nm", "standard_nm"), mapping)
-    table.check_decimal_marks([name for name, _ in columns.values()])
-    reading, standard = (quantity(table, columns, key) for key in ("reading_nm", "standard_nm"))
+    if model is not None:
+        conversion = model_conversion(model, conversion or Conversion())
+    columns = TableColumns(table, ("reading_nm", "standard_nm"), mapping, conversion)
+    if model is not None:
+        check_model(model, table, columns)
+        range_nm = model.provenance.range_nm
+    reading, standard = (columns.numbers(table, key) for key in ("reading_nm", "standard_nm"))
     assert reading is not None
     assert standard is not None
-    check_direction(table, standard)
-    numbers = series(table)
-    branch = branches(table)
+    columns.check_direction(table, standard)
+    numbers = columns.series(table)
+    branch = columns.branch(table)
     if numbers is None:
         numbers = np.ones(reading.size, dtype=np.int64)
         loaded = standard[standard != 0.0]
         if loaded.size <= _MOST_STEPS and np.unique(loaded).size < loaded.size:
             numbers = infer_series(standard)
-    nominal = quantity(table, columns, "nominal_nm")
+    nominal = columns.numbers(table, "nominal_nm")
     named = nominal is not None and np.max(np.abs(standard)) <= (1 + RANGE_MARGIN) * np.max(
         np.abs(nominal)
     )
     scale = _range(table, range_nm, nominal if named and nominal is not None else standard)
-    _check_range(table, columns["standard_nm"][0], standard, scale)
+    _check_range(table, columns.name("standard_nm"), standard, scale)
     for key, values in (("reading_nm", reading), ("standard_nm", standard)):
         if values.size > 2 and np.ptp(values) == 0.0:
             raise InputError(
                 Message(
                     "{origin}: constant column {name}, {value:.6g} N·m in all {count} lines",
                     table.origin,
-                    columns[key][0],
+                    columns.name(key),
                     values[0],
                     values.size,
                 ),
                 "points spread over the range",
-                Message("check that {columns} is the right column", columns[key][0]),
+                Message("check that {columns} is the right column", columns.name(key)),
             )
     noted = table.remarks
-    optional: dict[str, Any] = {name: quantity(table, columns, name) for name in OPTIONAL_COLUMNS}
+    optional: dict[str, Any] = {name: columns.numbers(table, name) for name in OPTIONAL_COLUMNS}
     data = CalibrationData(
         reading_nm=reading,
         standard_nm=standard,
@@ -209,16 +522,31 @@ def calibration_of(
         transducer_serial=transducer_serial or noted.get("transducer_serial", ""),
         counter_identity=counter_identity or noted.get("counter_identity", ""),
         **optional,
-        simulated=is_simulated(noted),
+        simulated=table.simulated,
         reference=reference_in(noted, scale, table.origin),
         measured_on=_measured_on(table),
-        tared=_is_stated(noted, _TARED) or "zero_nm" in columns,
-        row=np.array(table.lines),
+        scale=columns.scale or _noted_scale(table),
+        tared=table.stated(_TARED) or "zero_nm" in columns,
+        row=np.asarray(table.rows),
     )
     _check_duplicates(table, data)
     if both_directions:
         _check_both_directions(table, data)
-    return data
+    return CalibrationTable(data, columns)
+
+
+def _noted_scale(table: Table) -> ReadingScale | None:
+    noted = table.remarks.get(_SCALE)
+    if noted is None:
+        return None
+    try:
+        return ReadingScale.of_text(noted)
+    except ValueError as error:
+        raise InputError(
+            Message("{origin}: the comment says {name} = {stated!r}", table.origin, _SCALE, noted),
+            "unit, N·m by it and N·m at 0, as torquebench writes it",
+            "remove the comment",
+        ) from error
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,20 +555,33 @@ class ReadingsTable:
 
     Parameters
     ----------
-    table : CsvTable
-        The file's original cells, which `write_torque_csv` repeats.
+    table : Table
+        The file's original cells, which compensation repeats.
+    names : TableColumns
     columns : mapping of str to array of float, shape (n,)
         Columns out of `READING_COLUMNS` by name.
     branch : array of int8, shape (n,), or None
         +1, -1, or 0 where unknown.
-    simulated : bool
-        Whether the file states that its readings are simulated.
     """
 
-    table: CsvTable
+    table: Table
+    names: TableColumns
     columns: Mapping[str, NDArray[np.float64]]
     branch: NDArray[np.int8] | None
-    simulated: bool
+
+    @classmethod
+    def of(cls, table: Table, names: TableColumns) -> ReadingsTable:
+        """Return the readings in a table, or in a piece of one."""
+        read = {name: names.numbers(table, name) for name in READING_COLUMNS}
+        numbers = {name: values for name, values in read.items() if values is not None}
+        names.check_direction(table, numbers["reading_nm"])
+        names.series(table)  # refuses other than whole numbers
+        return cls(table, names, numbers, names.branch(table))
+
+    @property
+    def simulated(self) -> bool:
+        """Whether the file states that its readings are simulated."""
+        return self.table.simulated
 
     @property
     def reading_nm(self) -> NDArray[np.float64]:
@@ -271,7 +612,7 @@ class ReadingsTable:
         """
         return readings_of_rows(
             {**self.columns, "branch": self.branch},
-            steady=_is_stated(self.table.remarks, _STEADY),
+            steady=self.table.stated(_STEADY),
             window_s=_window_s(self.table),
             zero_age_h=zero_age_h,
             zero_temperature_c=zero_temperature_c,
@@ -280,36 +621,31 @@ class ReadingsTable:
 
     def place(self, row: int) -> str:
         """Return the position of a reading in its file, for messages."""
-        return self.table.place(row, "reading_nm")
+        return self.table.place(row, self.names.name("reading_nm"))
 
 
-def read_readings(path: Path | str) -> ReadingsTable:
-    """Return the readings in a CSV file, to be compensated.
+def read_readings(
+    path: Path | str, mapping: Sequence[str] = (), conversion: Conversion | None = None
+) -> ReadingsTable:
+    """Return the readings in a file, to be compensated.
 
     The file has a column ``reading_nm`` and optionally ``branch``, ``series``, ``speed_rpm``,
-    ``temperature_c`` and ``standard_error_nm``; all others are kept as they are.
+    ``temperature_c`` and ``standard_error_nm``, by these names or the usual words; all others are
+    kept as they are.
 
     Raises
     ------
     InputError
-        Naming file, line and column of what can't be used, and what to do.
+        Naming file, row and column of what can't be used, and what to do.
     """
-    return readings_of(read_table(Path(path)))
+    table = read_table(path)
+    return ReadingsTable.of(table, TableColumns(table, ("reading_nm",), mapping, conversion))
 
 
-def readings_of(table: CsvTable, mapping: Sequence[str] = ()) -> ReadingsTable:
-    """Return the readings in a table; see `read_readings`."""
-    table, columns = understood(table, ("reading_nm",), mapping)
-    table.check_decimal_marks([columns[name][0] for name in READING_COLUMNS if name in columns])
-    read = {name: quantity(table, columns, name) for name in READING_COLUMNS}
-    numbers = {name: values for name, values in read.items() if values is not None}
-    check_direction(table, numbers["reading_nm"])
-    series(table)  # refuses other than whole numbers
-    return ReadingsTable(table, numbers, branches(table), is_simulated(table.remarks))
-
-
-def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
-    """Return the empty run in a CSV file.
+def read_empty_run(
+    path: Path | str, mapping: Sequence[str] = (), model: StoredModel | None = None
+) -> EmptyRun:
+    """Return the empty run in a file.
 
     Columns are ``time_s``, ``reading_nm``, ``speed_rpm``, ``temperature_c`` and optionally
     ``acceleration_rad_s2`` and ``angle_deg``, at an even rate. A comment ``# zero_nm = -0.012``
@@ -321,36 +657,34 @@ def read_empty_run(path: Path | str, mapping: Sequence[str] = ()) -> EmptyRun:
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; those whose header isn't in the
         file are passed over, as they are another table's.
+    model : StoredModel, optional
+        As of `read_calibration_table`.
 
     Raises
     ------
     InputError
-        Naming file, line and column of what can't be used, and what to do.
+        Naming file, row and column of what can't be used, and what to do.
+    ModelMismatchError
+        As `check_model`.
     """
-    table = read_table(Path(path))
+    table = read_table(path)
     wanted = ("time_s", "reading_nm", "speed_rpm", "temperature_c")
-    table, columns = understood(table, wanted, [text for text in mapping if maps(text, table)])
-    table.check_decimal_marks([name for name, _ in columns.values()])
-    values = [quantity(table, columns, name) for name in wanted]
+    assigned = [text for text in mapping if names_header(text, table)]
+    conversion = None if model is None else model_conversion(model, Conversion())
+    columns = TableColumns(table, wanted, assigned, conversion)
+    if model is not None:
+        check_model(model, table, columns)
+    values = [columns.numbers(table, name) for name in wanted]
     time_s, reading, speed, temperature = (each for each in values if each is not None)
-    acceleration = quantity(table, columns, "acceleration_rad_s2")
-    noted = table.remarks.get("zero_nm")
-    try:
-        zero_nm = None if noted is None else float(noted)
-    except ValueError:
-        raise InputError(
-            Message("{path}: zero_nm = {noted}", path, noted), "a number, in N·m"
-        ) from None
-    angle = quantity(table, columns, "angle_rad")
     return EmptyRun(
         Path(path).name,
         time_s,
         reading,
         speed,
         temperature,
-        acceleration,
-        zero_nm,
-        angle,
+        columns.numbers(table, "acceleration_rad_s2"),
+        _noted_number(table, "zero_nm"),
+        columns.numbers(table, "angle_rad"),
     )
 
 
@@ -360,7 +694,9 @@ def maps_one(mapping: Sequence[str], first: Path, others: Sequence[Path]) -> lis
     return [
         text
         for text in mapping
-        if not tables or maps(text, tables[0]) or not any(maps(text, each) for each in tables)
+        if not tables
+        or names_header(text, tables[0])
+        or not any(names_header(text, each) for each in tables)
     ]
 
 
@@ -409,6 +745,8 @@ def calibration_csv(data: CalibrationData, remarks: Mapping[str, str] | None = N
         notes[_DAY] = data.measured_on.isoformat()
     if data.steady:
         notes[_STEADY] = "true"
+    if data.scale is not None:
+        notes[_SCALE] = data.scale.text
     text = io.StringIO()
     for key, value in {**notes, **(remarks or {})}.items():
         text.write(f"# {key} = {value}\n")
@@ -442,15 +780,7 @@ def _line(cells: tuple[str, ...], separator: str) -> str:
     return separator.join(quoted) + "\n"
 
 
-def is_simulated(remarks: Mapping[str, str]) -> bool:
-    return _is_stated(remarks, "simulated")
-
-
-def _is_stated(remarks: Mapping[str, str], name: str) -> bool:
-    return remarks.get(name, "").lower() in ("true", "yes", "1")
-
-
-def _measured_on(table: CsvTable) -> date | None:
+def _measured_on(table: Table) -> date | None:
     noted = table.remarks.get(_DAY)
     if noted is None:
         return None
@@ -464,7 +794,19 @@ def _measured_on(table: CsvTable) -> date | None:
         ) from error
 
 
-def _window_s(table: CsvTable) -> float | None:
+def _noted_number(table: Table, name: str) -> float | None:
+    noted = table.remarks.get(name)
+    try:
+        return None if noted is None else float(noted)
+    except ValueError as error:
+        raise InputError(
+            Message("{origin}: the comment says {name} = {stated!r}", table.origin, name, noted),
+            "a number in N·m",
+            "correct the comment",
+        ) from error
+
+
+def _window_s(table: Table) -> float | None:
     noted = table.remarks.get(_WINDOW)
     if noted is None:
         return None
@@ -481,18 +823,12 @@ def _window_s(table: CsvTable) -> float | None:
     return window_s
 
 
-def _range(table: CsvTable, given: float | None, torque: NDArray[np.float64]) -> float:
+def _range(table: Table, given: float | None, torque: NDArray[np.float64]) -> float:
     if given is not None:
         return given
-    noted = table.remarks.get("range_nm")
+    noted = _noted_number(table, "range_nm")
     if noted is not None:
-        try:
-            return float(noted)
-        except ValueError as error:
-            raise InputError(
-                Message("{origin}: the comment says range_nm = {range!r}", table.origin, noted),
-                "a number in N·m",
-            ) from error
+        return noted
     if not np.any(torque):
         raise InputError(
             Message("{origin}: all standard values are 0 N·m", table.origin), "a loaded chain"
@@ -500,7 +836,7 @@ def _range(table: CsvTable, given: float | None, torque: NDArray[np.float64]) ->
     return plainest(float(np.max(np.abs(torque))), 1e-3)  # a standard never shows it exactly
 
 
-def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_nm: float) -> None:
+def _check_range(table: Table, name: str, values: NDArray[np.float64], range_nm: float) -> None:
     limit = range_nm * (1 + RANGE_MARGIN)
     for row in np.flatnonzero(np.abs(values) > limit):
         raise InputError(
@@ -519,7 +855,7 @@ def _check_range(table: CsvTable, name: str, values: NDArray[np.float64], range_
         )
 
 
-def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
+def _check_duplicates(table: Table, data: CalibrationData) -> None:
     """Refuse two points at one standard value of one series, branch, direction and position.
 
     A ramp recorded point by point repeats values, and so may a series at another speed or
@@ -545,12 +881,12 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
             continue
         same = data.reading_nm[before] == data.reading_nm[row]
         found = (
-            Message("repeats line {lines}", table.lines[before])
+            Message("repeats line {lines}", table.rows[before])
             if same
             else Message(
                 "reads {reading_nm:.9g} N·m where line {lines} reads {data_reading_nm:.9g} N·m",
                 data.reading_nm[row],
-                table.lines[before],
+                table.rows[before],
                 data.reading_nm[before],
             )
         )
@@ -559,7 +895,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
                 "{origin}, line {lines} {found}, at {standard_nm:.9g} N·m of series "
                 "{series} on the same branch",
                 table.origin,
-                table.lines[row],
+                table.rows[row],
                 found,
                 data.standard_nm[row],
                 data.series[row],
@@ -569,7 +905,7 @@ def _check_duplicates(table: CsvTable, data: CalibrationData) -> None:
         )
 
 
-def _check_both_directions(table: CsvTable, data: CalibrationData) -> None:
+def _check_both_directions(table: Table, data: CalibrationData) -> None:
     for sign, missing in ((1, "clockwise (positive)"), (-1, "counter-clockwise (negative)")):
         if not np.any(data.direction == sign):
             raise InputError(

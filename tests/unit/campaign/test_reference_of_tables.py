@@ -16,7 +16,7 @@ from torquebench.campaign.turning import joined_tables
 from torquebench.chain import Reference
 from torquebench.errors import InputError
 from torquebench.tables import calibration_csv, parse_calibration
-from torquebench.tables.reference_remarks import reference_remarks
+from torquebench.tables.remarks import reference_remarks
 from torquebench.uncertainty import CertifiedUncertainty
 
 RANGE_NM = 50.0

@@ -7,8 +7,13 @@ import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
-from torquebench.tables import read_calibration, read_readings
-from torquebench.tables.arrow_table import ArrowReadings
+from torquebench.tables import (
+    ReadingsTable,
+    TableColumns,
+    read_calibration,
+    read_readings,
+    table_of_arrow,
+)
 
 
 def read(folder: Path, content: str, *mapping: str, encoding: str = "utf-8") -> CalibrationData:
@@ -67,7 +72,8 @@ def test_a_direction_of_loading_is_a_branch(
 
 def test_a_direction_of_loading_in_a_frame() -> None:
     frame = pa.table({"reading_nm": [10.1, 5.2], "Richtung": ["auf", "ab"]})
-    branch = ArrowReadings("a frame", frame.schema).readings(frame).branch
+    table = table_of_arrow(frame, "a frame")
+    branch = ReadingsTable.of(table, TableColumns(table, ("reading_nm",))).branch
     assert branch is not None
     assert branch.tolist() == [1, -1]
 
@@ -134,7 +140,8 @@ def test_readings_too(tmp_path: Path) -> None:
         ("a,b", ["torque=a[Nm]"], "NAME one of reading, standard"),
         ("a,b", ["reading=c[Nm]"], "has no column c; allowed: one of a, b"),
         ("a,b", ["reading=a"], "names no unit.*as in --column 'reading=a"),
-        ("a,b", ["reading=a[V]"], "the unit v in reading=a"),
+        ("a,b", ["reading=a[V]"], "column a is an electrical signal in V.*--sensitivity"),
+        ("a,b", ["reading=a[foo]"], "the unit foo in reading=a"),
         ("a,b", ["reading=a[Nm]", "reading=b[Nm]"], "two columns for reading_nm"),
         ("Drehmoment,b", [], "--column 'reading=Drehmoment\\[Nm\\]'"),
         ("T [kN·m],Ref [kN·m]", [], "it has T .*--column 'reading=T\\[kN·m\\]'"),

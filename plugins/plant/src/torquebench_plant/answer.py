@@ -7,8 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from torquebench.atomic_write import atomic_path
-from torquebench.tables.formats import check_written, is_parquet
+from torquebench.atomic_write import atomic_file
+from torquebench.tables.formats import check_written, format_of, formats
 
 __all__ = ["Answer"]
 
@@ -67,7 +67,7 @@ class Answer:
         ]
 
     def write(self, path: Path) -> None:
-        """Write the table as CSV or Parquet (zstd), by the ending of the file's name.
+        """Write the table in the format that the ending of the file's name states.
 
         Raises
         ------
@@ -76,12 +76,11 @@ class Answer:
         """
         check_written(path)
         import pyarrow as pa
-        import pyarrow.csv
-        import pyarrow.parquet as pq
 
         table = pa.table({name: list(values) for name, values in self.columns.items()})
-        with atomic_path(path, path.suffix) as made:
-            if is_parquet(path):
-                pq.write_table(table, made, compression="zstd")
-            else:
-                pyarrow.csv.write_csv(table, made)
+        chosen = format_of(path) or formats()[0]
+        assert chosen.writer is not None
+        with atomic_file(path) as file:
+            writer = chosen.writer(file, table.schema, {})
+            writer.write(table)
+            writer.close()

@@ -19,15 +19,16 @@ from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
-    ColumnOption,
     DataOption,
     RangeOption,
+    TableOptions,
     check_kept,
     check_output,
     day_or_time,
     moment_in_utc,
     performed_at,
     stated_reference,
+    tell_columns,
 )
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
@@ -165,7 +166,6 @@ def static(
         ),
     ] = None,
     range_nm: RangeOption = None,
-    column: ColumnOption = None,
     model: Annotated[
         Path | None, typer.Option(help="A model file: results after its compensation too.")
     ] = None,
@@ -191,6 +191,7 @@ def static(
         ),
     ] = False,
     *,
+    table: TableOptions,
     registration: RegistrationOptions,
 ) -> None:
     """Evaluate a calibration in steps: deviations, uncertainty, class, before and after.
@@ -201,17 +202,9 @@ def static(
     clause, and the exit code is 1 if the profile refuses a certificate because of one. With
     --register, table, equipment and conditions are registered in any case.
     """
-    from torquebench.calibration import (
-        CalibrationRecord,
-        assign_nominal,
-        calibration_results,
-        check_steps,
-        find_deviations,
-        load_profile,
-        own_steps,
-    )
-    from torquebench.tables import read_calibration
-    from torquebench.uncertainty import CertifiedUncertainty
+    from torquebench.calibration import check_steps, load_profile
+    from torquebench.compensation import load_model
+    from torquebench.tables import read_calibration_table
 
     chosen = load_profile(profile or "staircase") if profile or registration.register else None
     if chosen is not None:
@@ -224,14 +217,28 @@ def static(
         check_kept(data)
         person = _person(registration.records, registration.measured_by)
     moment = performed_at(performed)
-    read = read_calibration(
+    found_table = read_calibration_table(
         data,
         range_nm=range_nm,
         transducer_serial=registration.transducer,
         counter_identity=registration.indicator,
         remark=warn,
-        mapping=column or (),
+        mapping=table.column or (),
+        conversion=table.conversion(),
+        model=None if model is None else load_model(model),
     )
+    tell_columns(found_table.columns.understood)
+    read = found_table.data
+
+    from torquebench.calibration import (
+        CalibrationRecord,
+        assign_nominal,
+        calibration_results,
+        find_deviations,
+        own_steps,
+    )
+    from torquebench.uncertainty import CertifiedUncertainty
+
     points = own_steps(read) if chosen is None else assign_nominal(read, chosen)
     deviations: tuple[Deviation, ...] = ()
     if chosen is not None:

@@ -36,7 +36,7 @@ def lubrication(
 
     stored = load_model(model)
     chain = MeasuringChain.of(stored)
-    found = identify_lubrication(chain.stored, read_empty_run(run, column or ()), lubricant)
+    found = identify_lubrication(chain.stored, read_empty_run(run, column or (), stored), lubricant)
     renewed = chain.with_effects([found])
     save_model(
         result,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any, get_args, get_type_hints
 
 import typer
 
+from torquebench.cli.options import tell_columns
 from torquebench.cli.reducers.columns import read_columns
 from torquebench.cli.reducers.tables import present
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
@@ -107,7 +108,9 @@ def _evaluate(
         reducer = load_reducer(named)
     evaluation.check(reducer)
     needed = evaluation.required()
-    table = read_columns(data, evaluation.columns, needed, column or (), where or ())
+    read = read_columns(data, evaluation.columns, needed, column or (), where or ())
+    tell_columns(read.understood, read.notes)
+    table = read.numbers
 
     from torquebench.reducers import OpenLoopError, verdicts
 

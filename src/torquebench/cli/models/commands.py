@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 from rich.markup import escape
@@ -15,17 +15,17 @@ from torquebench.cli.chain_words import tell_missing
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.models.parameters import ParameterOption, model_parameters
 from torquebench.cli.options import (
-    ColumnOption,
     RangeOption,
     ReferenceOption,
+    TableOptions,
     WithoutOption,
     check_output,
     stated_reference,
+    tell_columns,
 )
 from torquebench.cli.reports import ReportOption, check_reports, write_reports
 from torquebench.cli.terminal.console import answer, out, say, say_file, warn, write_contradictions
-from torquebench.errors import InputError, ModelMismatchError
-from torquebench.message import Message
+from torquebench.errors import InputError
 from torquebench.units import MS_PER_S
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from torquebench.campaign.results import FitResult
     from torquebench.chain import Effect, MeasuringChain, Readings, Torque
     from torquebench.compensation import StoredModel
-    from torquebench.tables import ReadingsTable
+    from torquebench.tables import ReadingsTable, Table, TableColumns
 
 __all__ = ["LimitsOption", "apply", "chain_of", "fit", "verify", "write_verification"]
 
@@ -101,7 +101,6 @@ def fit(
         Path | None, typer.Option(help="A file of `evaluate dynamics`, as an effect of the chain.")
     ] = None,
     without: WithoutOption = None,
-    column: ColumnOption = None,
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
     reference: ReferenceOption = None,
@@ -115,6 +114,8 @@ def fit(
         ),
     ] = "",
     by: Annotated[str, typer.Option(metavar="NAME", help="Who decides so.")] = "",
+    *,
+    table: TableOptions,
 ) -> None:
     """Fit a compensation model to a calibration.
 
@@ -130,8 +131,7 @@ def fit(
     """
     from torquebench.calibration import load_profile
     from torquebench.compensation import check_kind
-    from torquebench.tables import read_calibration, read_empty_run
-    from torquebench.tables.readings import maps_one
+    from torquebench.tables import maps_one, read_calibration_table, read_empty_run
 
     inputs = [*data, *(empty or ()), *([] if dynamics is None else [dynamics])]
     check_output(result, *inputs, endings=(".json",))
@@ -147,19 +147,24 @@ def fit(
         )
     limits = load_profile(profile).plausibility
     others = [*data, *(empty or ())]
-    tables = {
-        file.name: read_calibration(
+    assigned, conversion = table.column or (), table.conversion()
+    read = {
+        file.name: read_calibration_table(
             file,
             range_nm=range_nm,
             both_directions=not one_direction and len(data) == 1,
             transducer_serial=serial,
             counter_identity=counter,
             remark=warn,
-            mapping=maps_one(column or (), file, [each for each in others if each != file]),
+            mapping=maps_one(assigned, file, [each for each in others if each != file]),
+            conversion=conversion,
         )
         for file in data
     }
-    runs = [read_empty_run(file, column or ()) for file in empty or ()]
+    for name, each in read.items():
+        tell_columns(each.columns.understood, file=name if len(read) > 1 else "")
+    tables = {name: each.data for name, each in read.items()}
+    runs = [read_empty_run(file, assigned) for file in empty or ()]
 
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model, table_metrics
@@ -262,7 +267,6 @@ def apply(
         Path, typer.Argument(help="A table (CSV, Parquet, TDMS, …) with reading_nm; - reads CSV.")
     ],
     result: Annotated[Path, typer.Option("--out", help="The CSV or Parquet file to write.")],
-    column: ColumnOption = None,
     zero_age: Annotated[
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
@@ -275,6 +279,8 @@ def apply(
     ] = None,
     without: WithoutOption = None,
     bench: LimitsOption = None,
+    *,
+    table: TableOptions,
 ) -> None:
     """Compensate readings: add torque, additional torque and expanded uncertainty (k = 2).
 
@@ -287,17 +293,18 @@ def apply(
     steady means as in a calibration.
     """
     from torquebench.compensation import load_model
-    from torquebench.tables.formats import check_read, check_written
+    from torquebench.tables import check_model, check_read, check_written, model_conversion
 
     check_output(result, model, readings, *([] if dynamics is None else [dynamics]))
     check_read(readings)
     check_written(result)
     stored = load_model(model)
+    conversion = model_conversion(stored, table.conversion())
     _warn_of_contradictions(stored)
 
     from torquebench.chain import RecordedStream, SwitchedOff
     from torquebench.cli.terminal.progress import TerminalProgress
-    from torquebench.tables.readings_stream import compensate_file
+    from torquebench.tables import compensate_file
 
     chain = chain_of(stored, bench)
     filtering = None
@@ -310,6 +317,10 @@ def apply(
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
     stream = RecordedStream(chain)
     unmeasured: dict[str, None] = {}
+
+    def checked(file: Table, columns: TableColumns) -> None:
+        check_model(stored, file, columns)
+        tell_columns(columns.understood, file.notes)
 
     def known(table: ReadingsTable) -> Readings:
         return table.readings(zero_age_h=zero_age, zero_temperature_c=zero_temperature)
@@ -341,7 +352,9 @@ def apply(
             result,
             compensate,
             timed=follow,
-            mapping=column or (),
+            mapping=table.column or (),
+            conversion=conversion,
+            check=checked,
             progress=progress,
         )
     simulated = " (simulated)" if done.simulated else ""
@@ -371,7 +384,6 @@ def verify(
         float,
         typer.Option(min=0, help="Largest allowed error of a single reading, % of full scale."),
     ] = SOURCES_TOLERANCE_PERCENT_FS,
-    column: ColumnOption = None,
     zero_temperature: Annotated[
         float | None, typer.Option(help="Temperature at which the points' zero was taken, °C.")
     ] = None,
@@ -382,6 +394,8 @@ def verify(
     ] = None,
     report: ReportOption = None,
     bench: LimitsOption = None,
+    *,
+    table: TableOptions,
 ) -> None:
     """Verify a model on points that it wasn't fitted to; exit code 1 if out of tolerance.
 
@@ -390,14 +404,19 @@ def verify(
     measured range; their zero is that of the calibration unless --zero-temperature states another.
     """
     from torquebench.compensation import load_model
-    from torquebench.tables import read_calibration
+    from torquebench.tables import read_calibration_table
 
     check_reports(report)
     stored = load_model(model)
     compared = {f"model {path.stem}": load_model(path) for path in others or []}
-    points = read_calibration(data, range_nm=stored.provenance.range_nm, mapping=column or ())
-    for each in (stored, *compared.values()):
-        _check_chain(each, points)
+    options: dict[str, Any] = {"mapping": table.column or (), "conversion": table.conversion()}
+    read = read_calibration_table(data, model=stored, remark=warn, **options)
+    for other in compared.values():
+        read_calibration_table(data, model=other, **options)  # refuses another chain
+    points = read.data
+    tell_columns(read.columns.understood)
+    if points.sha256() == stored.provenance.training_data_sha256:
+        warn("these are the points that the model was fitted to: this is no verification")
     _warn_of_contradictions(stored)
 
     from torquebench.calibration import verify as verify_models
@@ -507,25 +526,3 @@ def _warn_of_contradictions(stored: StoredModel) -> None:
             f"the calibration of this model contradicts itself: {' '.join(made.contradictions)}"
             f"{accepted}"
         )
-
-
-def _check_chain(stored: StoredModel, points: CalibrationData) -> None:
-    """Refuse points of another chain, and mark those that the model was fitted to."""
-    made_with = stored.provenance
-    for what, present, wanted in (
-        ("transducer", points.transducer_serial, made_with.transducer_serial),
-        ("counter", points.counter_identity, made_with.counter_identity),
-    ):
-        if present and wanted and present != wanted:
-            raise ModelMismatchError(
-                Message(
-                    "points of {what} {present!r}, model of {what} {wanted!r}",
-                    what,
-                    present,
-                    wanted,
-                ),
-                Message("points of the {what} that was calibrated", what),
-                "take the model of this chain, or calibrate it",
-            )
-    if points.sha256() == made_with.training_data_sha256:
-        warn("these are the points that the model was fitted to: this is no verification")

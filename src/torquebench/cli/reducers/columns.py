@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -13,29 +14,51 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from torquebench.tables.csv_text import CsvTable
+    from torquebench.tables import Conversion, Table, Understood
 
-__all__ = ["Kind", "read_columns"]
+__all__ = ["ReducerColumns", "read_columns"]
 
-Kind = str
-"""As in `records.columns`."""
+
+@dataclass(frozen=True, eq=False)
+class ReducerColumns:
+    """Columns of a table by quantity.
+
+    Parameters
+    ----------
+    numbers : mapping of str to array of float, shape (n,)
+        In N·m, rad, 1/min, s and °C.
+    rows : array of int, shape (n,)
+        Number of each row in the file.
+    counted : str
+        What the file counts: "line" or "row".
+    understood : Understood
+    notes : tuple of str
+        What the reader passed over.
+    """
+
+    numbers: Mapping[str, NDArray[np.float64]]
+    rows: NDArray[np.int64]
+    counted: str
+    understood: Understood
+    notes: tuple[str, ...]
 
 
 def read_columns(
     data: Path,
-    wanted: Mapping[str, Kind],
+    wanted: Mapping[str, str],
     required: Sequence[str],
     mapping: Sequence[str],
     where: Sequence[str],
-) -> dict[str, NDArray[np.float64]]:
-    """Return columns of a table in N·m, rad, 1/min, s and °C, by quantity.
+    conversion: Conversion | None = None,
+) -> ReducerColumns:
+    """Return columns of a table by quantity.
 
     Parameters
     ----------
     data : pathlib.Path
         The file, of any format that `read_table` reads.
-    wanted, required, mapping
-        As of `chosen_columns`.
+    wanted, required, mapping, conversion
+        As of `understand`.
     where : sequence of str
         ``Header=value,value`` of the rows that are used.
 
@@ -44,35 +67,43 @@ def read_columns(
     InputError
         Where a column is missing or unknown, has no or another unit, or no row is left.
     """
-    from torquebench.tables.columns import chosen_columns
-    from torquebench.tables.files import read_table
-
-    table = read_table(data)
-    chosen = chosen_columns(table, wanted, required, mapping)
-    table.check_decimal_marks([header for header, _ in chosen.values()])
-    rows = _rows(table, where)
-    return {name: table.numbers(header)[rows] * factor for name, (header, factor) in chosen.items()}
-
-
-def _rows(table: CsvTable, where: Sequence[str]) -> NDArray[np.intp]:
     import numpy as np
 
-    kept = np.ones(len(table.rows), dtype=bool)
+    from torquebench.tables import read_table, understand
+
+    table = read_table(data)
+    understood = understand(table, wanted, required, mapping, conversion)
+    table = _chosen(table, where)
+    numbers = {name: understood.numbers(table, name) for name in understood.columns}
+    return ReducerColumns(
+        {name: values for name, values in numbers.items() if values is not None},
+        np.asarray(table.rows),
+        table.counted,
+        understood,
+        table.notes,
+    )
+
+
+def _chosen(table: Table, where: Sequence[str]) -> Table:
+    import numpy as np
+
+    if not where:
+        return table
+    kept = np.ones(len(table), dtype=bool)
     for text in where:
         header, equals, values = text.partition("=")
-        header = header.strip().lower()
-        if not equals or header not in table.header:
+        header = header.strip()
+        if not equals or header not in table:
             raise InputError(
                 Message("--where {text}", text),
-                Message("Header=value,value with one of {header}", ", ".join(table.names)),
+                Message("Header=value,value with one of {header}", table.listed()),
             )
+        wanted = [value.strip() for value in values.split(",")]
         try:
-            wanted = [float(value) for value in values.split(",")]
-        except ValueError:
-            raise InputError(
-                Message("--where {text}", text), "numbers after the =, separated by commas"
-            ) from None
-        kept &= np.isin(table.numbers(header), wanted)
+            kept &= np.isin(table.numbers(header), [float(value) for value in wanted])
+        except (ValueError, InputError):
+            words = [word.strip().casefold() for word in table.texts(header)]
+            kept &= np.isin(words, [word.casefold() for word in wanted])
     if not np.any(kept):
         raise InputError("no row is left", "rows that every --where keeps", "check the values")
-    return np.flatnonzero(kept)
+    return table.chosen(np.flatnonzero(kept))

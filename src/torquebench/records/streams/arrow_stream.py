@@ -14,7 +14,7 @@ from torquebench.atomic_write import atomic_path
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.durable_file import DurableFile
-from torquebench.tables.arrow_table import numbers_of
+from torquebench.tables import numbers_of
 
 __all__ = ["ArrowStream", "WholeBatches", "described_schema", "seal_stream"]
 

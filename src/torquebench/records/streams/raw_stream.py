@@ -19,7 +19,7 @@ from torquebench.records.streams.arrow_stream import (
     described_schema,
     seal_stream,
 )
-from torquebench.tables.arrow_table import numbers_of
+from torquebench.tables import numbers_of
 
 __all__ = ["RawReading", "RawStream", "read_raw", "seal_raw"]
 

@@ -28,7 +28,7 @@ from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import TableView, read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE, states_reference
-from torquebench.tables.formats import ENDINGS
+from torquebench.tables import endings
 
 __all__ = ["TableEntry", "all_profile_titles", "profile_titles"]
 
@@ -100,8 +100,8 @@ class TableEntry:
         with panel(text("external.title")), box("div", "stack"):
             words("p", text("external.explained"), "muted")
             with box("div", "field"):
-                endings = ",".join(ENDINGS)
-                file_entry(text("external.file"), endings, READ_FILE, self._chosen)
+                accepted = ",".join(endings())
+                file_entry(text("external.file"), accepted, READ_FILE, self._chosen)
                 words("div", text("external.file_hint"), "hint")
             with box("div", "columns"):
                 profiles = profile_titles(self._visitor, adaptive=False)

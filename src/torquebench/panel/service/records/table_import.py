@@ -36,11 +36,7 @@ from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report
 from torquebench.reports.certificate import person_among
-from torquebench.tables import decode_csv, parse_calibration
-from torquebench.tables.csv_text import remarks_in
-from torquebench.tables.files import table_text
-from torquebench.tables.formats import is_csv
-from torquebench.tables.reference_remarks import UNCERTAINTY
+from torquebench.tables import UNCERTAINTY, parse_calibration, remarks_in, table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import ConflictError, refuse_future, validated
 
@@ -263,12 +259,10 @@ def read_table(content: bytes, name: str = "") -> str:
             Message("an upload of {count} bytes", len(content)),
             Message("at most {limit} bytes of a table", LONGEST_TABLE),
         )
-    if is_csv(Path(name)):
-        return decode_csv(content, "the upload")
     with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
-        table = Path(scratch) / Path(name).name
+        table = Path(scratch) / f"upload{Path(name).suffix}"
         table.write_bytes(content)
-        return table_text(table)
+        return table_text(table, called=Path(name).name or "the upload", isolated=True)
 
 
 def states_reference(content: str) -> bool:
@@ -385,6 +379,7 @@ class TableImport:
             range_nm=asked.range_nm,
             transducer_serial=serial,
             counter_identity=indicator,
+            isolated=True,
         )
         if read.range_nm > LARGEST_NM:
             raise InputError(

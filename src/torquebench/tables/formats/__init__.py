@@ -1,0 +1,355 @@
+"""Formats of tables: a file each, which reads and writes.
+
+A module here is a format. It defines `FORMAT`, and imports the package that knows the format where
+a table is opened or written, so that a list of endings stays quick. Everything but text is read in
+a process of its own (`torquebench.tables.isolated`).
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from functools import cache
+from importlib import import_module
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any, Protocol
+
+from torquebench.errors import InputError
+from torquebench.message import Message
+
+__all__ = [
+    "Format",
+    "OpenedTable",
+    "TableWriter",
+    "check_installed",
+    "check_read",
+    "check_written",
+    "chosen_part",
+    "endings",
+    "format_of",
+    "format_of_content",
+    "formats",
+    "of_channels",
+    "property_text",
+    "reads",
+    "split_part",
+    "table_schema",
+    "tables_by_length",
+    "written",
+]
+
+
+@dataclass(frozen=True)
+class OpenedTable:
+    """An opened table: what its file says of it, and its rows in batches.
+
+    Parameters
+    ----------
+    schema : pyarrow.Schema
+        Columns; units in the fields' metadata, remarks in the schema's.
+    batches : callable
+        Yields record batches of at most so many rows.
+    rows : int or None
+        Number of rows, where the file states it.
+    before : int
+        Rows of the file before the first.
+    part : str
+        Sheet or group that was chosen, where the file has several.
+    notes : tuple of str
+        What was passed over.
+    numbered : bool
+        Whether the last column holds the number of each row.
+    counted, separator : str
+        As of a `Table`.
+    """
+
+    schema: Any
+    batches: Callable[[int], Iterator[Any]]
+    rows: int | None = None
+    before: int = 0
+    part: str = ""
+    notes: tuple[str, ...] = ()
+    numbered: bool = False
+    counted: str = "row"
+    separator: str = ","
+
+
+class TableWriter(Protocol):
+    """Writes a table in batches."""
+
+    def write(self, batch: Any) -> None:
+        """Append a record batch or table."""
+
+    def close(self) -> None:
+        """Write the end of the file."""
+
+
+@dataclass(frozen=True)
+class Format:
+    """A format of tables.
+
+    Parameters
+    ----------
+    name : str
+    title : str
+        For messages, with its usual endings.
+    endings : tuple of str
+        Of file names.
+    open : callable
+        Opens a file, of which a sheet or group may be chosen; the `ExitStack` closes it.
+    begins : tuple of bytes
+        How the content of such a file begins.
+    package, extra : str
+        Package that knows the format, and the extra that installs it.
+    writer : callable, optional
+        Returns a `TableWriter` by binary file, schema (with units and descriptions of the fields)
+        and remarks; `separator` and `decimal` are those of a text.
+    parts : str
+        What a file has several of, such as "sheet".
+    """
+
+    name: str
+    title: str
+    endings: tuple[str, ...]
+    open: Callable[[Path, str, ExitStack], OpenedTable]
+    begins: tuple[bytes, ...] = ()
+    package: str = ""
+    extra: str = ""
+    writer: Callable[..., TableWriter] | None = None
+    parts: str = ""
+    order: int = field(default=5, compare=False)
+
+
+@cache
+def formats() -> tuple[Format, ...]:
+    """Return all formats, text first."""
+    names = [module.name for module in pkgutil.iter_modules(__path__)]
+    found = [import_module(f"{__name__}.{name}").FORMAT for name in names]
+    return tuple(sorted(found, key=lambda each: (each.order, each.name)))
+
+
+def endings() -> tuple[str, ...]:
+    """Return the endings of all formats that are read."""
+    return tuple(ending for each in formats() for ending in each.endings)
+
+
+def reads() -> str:
+    """Return the formats that are read, for messages."""
+    return ", ".join(each.title for each in formats())
+
+
+def written() -> str:
+    """Return the formats that are written, for messages."""
+    return ", ".join(each.title for each in formats() if each.writer is not None)
+
+
+def format_of(path: Path) -> Format | None:
+    """Return the format that a file's name states; None if it states none.
+
+    Examples
+    --------
+    >>> format_of(Path("readings.MF4")).name, format_of(Path("readings.xlsx#Sheet 2")).name
+    ('mdf4', 'excel')
+    """
+    ending = split_part(path)[0].suffix.lower()
+    return next((each for each in formats() if ending in each.endings), None)
+
+
+def format_of_content(path: Path, head: bytes) -> Format:
+    """Return the format of a file by its first bytes, or else by its name; text without either."""
+    text = formats()[0]
+    for each in formats():
+        if any(head.startswith(begin) for begin in each.begins):
+            stated = format_of(path)
+            return stated if stated is not None and stated.begins == each.begins else each
+    stated = format_of(path)
+    return text if stated is None or not head else stated
+
+
+def split_part(path: Path) -> tuple[Path, str]:
+    """Return a file, and which sheet or group of it is meant by ``FILE#PART``.
+
+    Examples
+    --------
+    >>> split_part(Path("bench.tdms#Torque"))[1], split_part(Path("bench #2.csv"))[1]
+    ('Torque', '')
+    """
+    file, mark, part = str(path).rpartition("#")
+    if not mark or path.exists():
+        return path, ""
+    ending = Path(file).suffix.lower()
+    if any(ending in each.endings and each.parts for each in formats()):
+        return Path(file), part
+    return path, ""
+
+
+def check_read(path: Path) -> None:
+    """Refuse a file whose ending names no format that is read.
+
+    Raises
+    ------
+    InputError
+        Naming the formats.
+    """
+    if path.suffix and str(path) != "-" and format_of(path) is None:
+        raise InputError(path.name, reads(), "choose one of these endings")
+
+
+def check_written(path: Path) -> None:
+    """Refuse a file whose ending names no format that is written, before any work is done for it.
+
+    Raises
+    ------
+    InputError
+        Naming the formats.
+
+    Examples
+    --------
+    >>> check_written(Path("torque.xls"))
+    Traceback (most recent call last):
+    torquebench.errors.InputError: torque.xls; allowed: CSV (.csv, .txt, .tsv), ...
+    """
+    found = formats()[0] if not path.suffix else format_of(path)
+    if found is None or found.writer is None:
+        raise InputError(path.name, written(), "choose one of these endings")
+    check_installed(found, path.name)
+
+
+def check_installed(chosen: Format, name: str) -> None:
+    """Refuse a format whose package isn't installed.
+
+    Raises
+    ------
+    InputError
+        With the line that installs it.
+    """
+    if chosen.package and find_spec(chosen.package) is None:
+        raise InputError(
+            Message("{name}: this format without the package {package}", name, chosen.package),
+            "CSV or Parquet, or a format whose package is installed",
+            Message(
+                'install it: pip install "torquebench[{extra}]", or all: "torquebench[tables]"',
+                chosen.extra,
+            ),
+        )
+
+
+def chosen_part(path: Path, part: str, parts: Mapping[str, Sequence[str]], called: str) -> str:
+    """Return the named sheet or group, or the only one.
+
+    Raises
+    ------
+    InputError
+        There is none, none of that name, or several and none is named.
+    """
+    if not parts:
+        raise InputError(
+            Message("{path}: no {called} with columns", path, called),
+            "a table of columns of one length",
+        )
+    if part:
+        if part not in parts:
+            raise InputError(
+                Message("{path} has no {called} {part}", path, called, part),
+                Message("one of {list}", ", ".join(parts)),
+            )
+        return part
+    if len(parts) > 1:
+        listed = "; ".join(
+            f"{name} ({', '.join(list(columns)[:8])}{', …' * (len(columns) > 8)})"
+            if columns
+            else name
+            for name, columns in list(parts.items())[:20]
+        )
+        raise InputError(
+            Message("{path} holds {count} tables", path, len(parts)),
+            Message("one {called} of {listed}", called, listed),
+            Message("choose one: '{path}#{sheet}'", path, next(iter(parts))),
+        )
+    return next(iter(parts))
+
+
+# -- what formats share ---------------------------------------------------------------------
+
+
+ROW = "row number"
+"""Name of the last column of a numbered table."""
+Channel = tuple[str, str, Callable[[int, int], Any]]
+"""Name and unit of a channel, and a function that reads so many values from a first one."""
+
+
+def table_schema(
+    columns: Sequence[tuple[str, str, Any]],
+    remarks: Mapping[str, Any],
+    *,
+    numbered: bool = False,
+) -> Any:
+    """Return an Arrow schema of columns with name, unit and type."""
+    import pyarrow as pa
+
+    fields = [
+        pa.field(name, kind, metadata={"unit": unit} if unit else None)
+        for name, unit, kind in columns
+    ]
+    if numbered:
+        fields.append(pa.field(ROW, pa.int64()))
+    texts = {str(key).lower(): property_text(value) for key, value in remarks.items()}
+    return pa.schema(fields, metadata={k: v for k, v in texts.items() if "\n" not in v} or None)
+
+
+def property_text(value: Any) -> str:
+    """Return a property of a file as text."""
+    return value.decode("utf-8", "replace") if isinstance(value, bytes) else str(value)
+
+
+def of_channels(
+    channels: Sequence[Channel],
+    rows: int,
+    remarks: Mapping[str, Any],
+    part: str = "",
+    notes: Sequence[str] = (),
+) -> OpenedTable:
+    """Return the table of channels of one length."""
+    import pyarrow as pa
+
+    columns = [(name, unit, _array(read(0, min(1, rows))).type) for name, unit, read in channels]
+    schema = table_schema(columns, remarks)
+
+    def batches(count: int) -> Iterator[Any]:
+        for start in range(0, rows, count):
+            size = min(count, rows - start)
+            arrays = [
+                _array(read(start, size)).cast(kind)
+                for (*_, read), (*_, kind) in zip(channels, columns, strict=True)
+            ]
+            yield pa.RecordBatch.from_arrays(arrays, schema=schema)
+
+    return OpenedTable(schema, batches, rows, part=part, notes=tuple(notes))
+
+
+def _array(values: Any) -> Any:
+    import numpy as np
+    import pyarrow as pa
+
+    values = np.asarray(values)
+    if values.dtype.kind in "OSU":
+        return pa.array([property_text(value) for value in values.tolist()], pa.string())
+    if values.dtype.kind in "Vc":
+        return pa.array([str(value) for value in values.tolist()], pa.string())
+    return pa.array(np.ascontiguousarray(values.astype(values.dtype.newbyteorder("="), copy=False)))
+
+
+def tables_by_length(
+    name: str, channels: Mapping[str, Any], length: Callable[[Any], int]
+) -> dict[str, dict[str, Any]]:
+    """Return the tables in a group: channels of one length belong together."""
+    tables: dict[int, dict[str, Any]] = {}
+    for channel, content in channels.items():
+        if length(content):
+            tables.setdefault(length(content), {})[channel] = content
+    if len(tables) == 1:
+        return {name: next(iter(tables.values()))}
+    return {f"{name} {rows}".strip(): table for rows, table in tables.items()}

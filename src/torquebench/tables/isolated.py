@@ -1,0 +1,366 @@
+"""Reading of foreign files in a process of its own, with limits of memory, time and size.
+
+Native parsers are attacked by files, and small files may expand to many gigabytes. So every format
+but text is read by a separate process, whose death is a message; where a bench is commanded
+(panel, API), text is, too (decision 200). The process sends the rows as a stream of Arrow.
+
+Run as a program, this module is that process.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import json
+import os
+import select
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from torquebench.errors import InputError
+from torquebench.message import Message
+
+__all__ = ["Limits", "Stream", "open_isolated"]
+
+_AT_ONCE = 2
+_TURNS = threading.BoundedSemaphore(_AT_ONCE)
+_HEADER = b"torquebench:table"
+_NICE = 5
+_REFUSED, _TOO_LARGE = 2, 3
+_ENVIRONMENT = {
+    # no reserved memory: it would count
+    "ARROW_DEFAULT_MEMORY_POOL": "system",
+    "MALLOC_ARENA_MAX": "1",
+    "OMP_NUM_THREADS": "1",
+    "OPENBLAS_NUM_THREADS": "1",
+}
+
+
+@dataclass(frozen=True)
+class Limits:
+    """Limits of what is read.
+
+    Parameters
+    ----------
+    memory_mb : int
+        Of the reader's process, beyond its programs.
+    seconds : float
+        Until the whole table is read; of a table in batches, until the next batch.
+    cells : int or None
+        Of the whole table.
+    mb : int or None
+        Of the table in memory, and of a text file.
+    """
+
+    memory_mb: int = 512
+    seconds: float = 30.0
+    cells: int | None = 20_000_000
+    mb: int | None = 256
+
+
+BATCHES = Limits(cells=None, mb=None)
+"""For tables that are read and written batch by batch."""
+
+
+class Stream:
+    """A table as its process sends it.
+
+    Attributes
+    ----------
+    schema : pyarrow.Schema
+    header : dict
+        What the file says of the table: origin, rows, before, notes, …
+    """
+
+    def __init__(self, process: subprocess.Popen[bytes], path: str, limits: Limits) -> None:
+        import pyarrow as pa
+        import pyarrow.ipc
+
+        self._process, self._path, self._limits = process, path, limits
+        self._pipe = _Pipe(process, limits.seconds)
+        self._errors = pa.ArrowInvalid, OSError, EOFError
+        try:
+            self._reader = pa.ipc.open_stream(self._pipe)
+        except self._errors as error:
+            raise self._ended() from error
+        self.schema = self._reader.schema
+        self.header: dict[str, Any] = json.loads((self.schema.metadata or {})[_HEADER])
+
+    def batches(self) -> Iterator[Any]:
+        """Yield the record batches.
+
+        Raises
+        ------
+        InputError
+            The file can't be read further, or is larger than the limits.
+        """
+        while True:
+            if self._limits.cells is None:
+                self._pipe.wait_again()
+            try:
+                batch = self._reader.read_next_batch()
+            except StopIteration:
+                break
+            except self._errors as error:
+                raise self._ended() from error
+            yield batch
+        if self._process.wait(timeout=self._limits.seconds):
+            raise self._ended()
+
+    def _ended(self) -> InputError:
+        """Return why the process has ended."""
+        if self._pipe.late:
+            return InputError(
+                Message("{path}: not read in {seconds:g} s", self._path, self._limits.seconds),
+                "a table that is read in that time",
+                "take fewer rows, or save it as Parquet or CSV",
+            )
+        code = self._process.wait()
+        assert self._process.stderr is not None
+        told = self._process.stderr.read()
+        if code == _REFUSED:
+            with contextlib.suppress(ValueError, KeyError):
+                found, allowed, remedy = (_restored(each) for each in json.loads(told))
+                return InputError(found, allowed, remedy)
+        if code == _TOO_LARGE or b"memory" in told or b"alloc" in told:
+            return InputError(
+                Message(
+                    "{path}: more than {memory} MB when it is read",
+                    self._path,
+                    self._limits.memory_mb,
+                ),
+                "a smaller table",
+                "take fewer rows or columns, or save it as CSV",
+            )
+        how = f"signal {-code}" if code < 0 else f"exit code {code}"
+        return InputError(
+            Message("{path}: its reader has failed ({how})", self._path, how),
+            "a file that isn't damaged",
+            "save it again, best as CSV or Parquet",
+        )
+
+
+class _Pipe(io.RawIOBase):
+    """A process's output; whoever reads waits no longer than a limit."""
+
+    def __init__(self, process: subprocess.Popen[bytes], seconds: float) -> None:
+        super().__init__()
+        assert process.stdout is not None
+        self._process, self._file, self._seconds = process, process.stdout.fileno(), seconds
+        self.late = False
+        self.wait_again()
+
+    def wait_again(self) -> None:
+        """Begin to wait."""
+        self._until = time.monotonic() + self._seconds
+
+    def readable(self) -> bool:
+        """Return that it is."""
+        return True
+
+    def readinto(self, buffer: Any) -> int:
+        """Read what is there, after waiting for it."""
+        left = self._until - time.monotonic()
+        if left <= 0.0 or not select.select([self._file], [], [], left)[0]:
+            self.late = True
+            self._process.kill()
+            raise EOFError
+        content = os.read(self._file, min(len(buffer), 1 << 20))
+        buffer[: len(content)] = content
+        return len(content)
+
+    def read(self, size: int = -1) -> bytes:
+        """Read so many bytes, or less at the end."""
+        content = bytearray()
+        while len(content) < size:
+            piece = bytearray(size - len(content))
+            count = self.readinto(piece)
+            if not count:
+                break
+            content += piece[:count]
+        return bytes(content)
+
+
+@contextlib.contextmanager
+def open_isolated(
+    path: Path, part: str, kind: str, rows: int, limits: Limits, called: str = ""
+) -> Iterator[Stream]:
+    """Open a file in a process of its own.
+
+    Parameters
+    ----------
+    path : pathlib.Path
+    part : str
+        Sheet or group, "" for the only one.
+    kind : str
+        Name of its format.
+    rows : int
+        Most rows of a batch.
+    limits : Limits
+    called : str
+        What messages call the file; by default its path.
+
+    Raises
+    ------
+    InputError
+        The file can't be read, or is larger than the limits.
+    """
+    arguments = {
+        "path": str(path.absolute()),
+        "shown": called or str(path),
+        "part": part,
+        "kind": kind,
+        "rows": rows,
+        "limits": [limits.memory_mb, limits.seconds, limits.cells, limits.mb],
+    }
+    with _TURNS:
+        process = subprocess.Popen(
+            [sys.executable, "-m", "torquebench.tables.isolated", json.dumps(arguments)],
+            stdin=subprocess.DEVNULL,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            env={**os.environ, **_ENVIRONMENT},
+        )
+        try:
+            yield Stream(process, called or str(path), limits)
+        finally:
+            process.kill()
+            process.communicate()
+
+
+def _restored(plain: Any) -> str:
+    return plain if isinstance(plain, str) else Message.restored(plain)
+
+
+# -- the process ----------------------------------------------------------------------------
+
+
+def main(arguments: dict[str, Any]) -> int:
+    """Read a file and send it to standard output; return the exit code."""
+    stream = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)  # whatever a package prints isn't part of the stream
+    memory_mb, seconds, cells, mb = arguments["limits"]
+    limits = Limits(memory_mb, seconds, cells, mb)
+    try:
+        _send(arguments, limits, stream)
+        stream.close()
+    except InputError as error:
+        texts = (error.found, error.allowed, error.remedy)
+        plain = [each.as_plain() if isinstance(each, Message) else each for each in texts]
+        told, path = json.dumps(plain), json.dumps(arguments["path"])[1:-1]
+        sys.stderr.write(told.replace(path, json.dumps(arguments["shown"])[1:-1]))
+        return _REFUSED
+    except MemoryError:
+        return _TOO_LARGE
+    except BrokenPipeError:
+        return 0
+    return 0
+
+
+def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
+    import pyarrow as pa
+    import pyarrow.ipc
+
+    from torquebench.tables.formats import ROW, formats
+
+    kind = next(each for each in formats() if each.name == arguments["kind"])
+    path, shown = Path(arguments["path"]), arguments["shown"]
+    _prepare(kind.package, limits)
+    with ExitStack() as opened:
+        try:
+            table = kind.open(path, arguments["part"], opened)
+            rows = table.rows
+            if rows is not None:
+                _check_cells(shown, rows, len(table.schema.names), limits)
+            origin = f"{shown}#{table.part}" if table.part else shown
+            header = {
+                "origin": origin,
+                "rows": rows,
+                "before": table.before,
+                "counted": table.counted,
+                "separator": table.separator,
+                "notes": [n.as_plain() if isinstance(n, Message) else n for n in table.notes],
+                "numbered": table.numbered and table.schema.names[-1] == ROW,
+            }
+            metadata = {**(table.schema.metadata or {}), _HEADER: json.dumps(header)}
+            schema = table.schema.with_metadata(metadata)
+            count, size = 0, 0
+            with pa.ipc.new_stream(stream, schema) as writer:
+                for batch in table.batches(arguments["rows"]):
+                    count, size = count + batch.num_rows, size + batch.nbytes
+                    _check_cells(shown, count, len(schema.names), limits)
+                    if limits.mb is not None and size > limits.mb << 20:
+                        raise InputError(
+                            Message("{path}: more than {size} MB of cells", shown, limits.mb),
+                            Message("at most {size} MB", limits.mb),
+                            "take fewer rows or columns",
+                        )
+                    writer.write_batch(batch)
+        except (InputError, MemoryError, BrokenPipeError):
+            raise
+        except Exception as error:  # each library raises its own errors and those of struct
+            if isinstance(error, pa.ArrowMemoryError) or "memory" in str(error).lower():
+                raise MemoryError from error
+            words = str(error).replace(str(path), shown) or type(error).__name__
+            raise InputError(
+                Message("can't read {source}: {error}", shown, words[:300]),
+                "a file of the kind that its ending names",
+            ) from error
+
+
+class _WithoutPandas:
+    """Keeps Arrow from importing pandas, which takes longer than reading a table."""
+
+    def find_spec(self, name: str, _path: object = None, _target: object = None) -> None:
+        """Refuse pandas."""
+        if name == "pandas":
+            raise ImportError(name)
+
+
+def _check_cells(path: str, rows: int, columns: int, limits: Limits) -> None:
+    if limits.cells is not None and rows * columns > limits.cells:
+        raise InputError(
+            Message("{path}: {rows} rows of {columns} columns", path, rows, columns),
+            Message("at most {most} cells", limits.cells),
+            "take fewer rows or columns",
+        )
+
+
+def _prepare(package: str, limits: Limits) -> None:
+    """Import what reads the format, then limit memory and processor time of this process."""
+    from importlib import import_module
+
+    import pyarrow as pa
+
+    if package:
+        import_module(package)
+    if "pandas" not in sys.modules:
+        sys.meta_path.insert(0, _WithoutPandas())
+    pa.set_cpu_count(1)
+    pa.set_io_thread_count(1)
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)  # the bench goes first
+    try:
+        import resource
+    except ImportError:  # on Windows: time and cells are limited, memory isn't
+        return
+    with contextlib.suppress(OSError, ValueError):
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        most = used + (limits.memory_mb << 20)
+        resource.setrlimit(resource.RLIMIT_AS, (most, most))
+    with contextlib.suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+        if limits.cells is not None:
+            seconds = int(limits.seconds) + 5
+            resource.setrlimit(resource.RLIMIT_CPU, (seconds, seconds))
+
+
+if __name__ == "__main__":
+    sys.exit(main(json.loads(sys.argv[1])))

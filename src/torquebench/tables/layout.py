@@ -1,0 +1,251 @@
+"""Where a table begins in a file of strangers: title block, header, row of units, first row.
+
+A header is the row of words above the columns of numbers. Title blocks, the preambles of scopes and
+loggers, and rows with a date stand above it; a row of units may stand below it.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from torquebench.message import Message
+from torquebench.tables.units import kinds_of
+
+__all__ = ["HEAD_ROWS", "Layout", "find_layout"]
+
+HEAD_ROWS = 400
+"""Rows from the beginning of a file in which the header is looked for."""
+_NUMBER = re.compile(
+    r"[+-]?(?:[0-9]+(?:[.,][0-9]*)?|[.,][0-9]+)(?:[eE][+-]?[0-9]+)?|[+-]?inf|nan", re.IGNORECASE
+)
+_MOMENT = re.compile(r"\d{1,4}[-/.]\d\d?[-/.]\d{1,4}([T ].*)?|\d\d?:\d\d(:\d\d.*)?")
+_NO_UNIT = ("", "-", "–", "—", "(none)", "none", "1", "n/a", "%", "-/-", "[-]", "(-)")
+_BRACKETS = "[](){}<>"
+_NAMED_SHARE = 0.6
+"""Smallest share of the columns of numbers that a header names."""
+_SCOPE_ROWS = ("symbolcomment", "data-type", "datatype", "sampletime", "sampletime[ms]")
+"""First cells of the rows below the names in an export of TwinCAT's scope."""
+_FILETIME = 1e16
+"""Times above this are ticks of 100 ns since 1601, as Windows counts."""
+
+
+@dataclass(frozen=True)
+class Layout:
+    """How the rows of a file form a table.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names of the columns, with the units of a row below; as many as the file has columns.
+    first : int
+        Index of the first row of values.
+    columns : tuple of int
+        Columns of the file that belong to the table, in order.
+    ticks : int or None
+        Column with times in ticks of 100 ns.
+    notes : tuple of str
+        What was passed over.
+    """
+
+    names: tuple[str, ...]
+    first: int
+    columns: tuple[int, ...]
+    ticks: int | None = None
+    notes: tuple[str, ...] = field(default=())
+
+
+def find_layout(
+    rows: Sequence[Sequence[str]],
+    numbers: Sequence[int],
+    *,
+    counted: str,
+    known: Callable[[str], bool],
+    commented: Sequence[str] = (),
+) -> Layout:
+    """Return where the header and the values are.
+
+    Parameters
+    ----------
+    rows : sequence of sequence of str
+        Cells of the first rows that aren't empty, as many as `HEAD_ROWS`.
+    numbers : sequence of int
+        Their numbers in the file.
+    counted : str
+        What the file counts, for notes.
+    known : callable
+        Whether a name of a column is understood.
+    commented : sequence of str
+        Cells of a comment directly above the first row, which may be the header.
+
+    Examples
+    --------
+    >>> rows = [["Report", ""], ["Date", "2026-03-02"], ["F", "x"], ["Nm", "s"], ["1", "2"]]
+    >>> layout = find_layout(rows, [1, 2, 4, 5, 6], counted="line", known=lambda name: False)
+    >>> layout.names, layout.first, layout.notes
+    (('F [Nm]', 'x [s]'), 4, ('lines 1 to 2 above the header are passed over',))
+    """
+    width = max(map(len, rows))
+    scope = _scope_header(rows)
+    if scope is not None:
+        return _of_scope(rows, scope, width)
+    numeric = _numeric_columns(rows, width)
+    header = _header(rows, numeric, known)
+    if header is None:
+        names = [*commented, *[""] * (width - len(commented))] if commented else [""] * width
+        if len(commented) > width or len([name for name in names if name]) < len(numeric):
+            names = [""] * width
+        return Layout(_completed(names), 0, tuple(range(width)))
+    names = [" ".join(cell.split()) for cell in rows[header]]
+    while len(names) > 1 and not names[-1]:
+        names.pop()
+    first = header + 1
+    if first < len(rows) - 1 and _is_units(rows[first], numeric):
+        names = _with_units(names, rows[first])
+        first += 1
+        while first < len(rows) - 1 and _repeats(rows[first], rows[header], numeric):
+            first += 1
+    notes: tuple[str, ...] = ()
+    if header > 0:
+        notes = (
+            Message(
+                "{counted}s {first} to {last} above the header are passed over",
+                counted,
+                numbers[0],
+                numbers[header - 1],
+            )
+            if header > 1
+            else Message("{counted} {first} above the header is passed over", counted, numbers[0]),
+        )
+    return Layout(_completed(names), first, tuple(range(len(names))), notes=notes)
+
+
+def _is_number(cell: str) -> bool:
+    return _NUMBER.fullmatch(cell.strip()) is not None
+
+
+def _is_value(cell: str) -> bool:
+    return _is_number(cell) or _MOMENT.fullmatch(cell.strip()) is not None
+
+
+def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> tuple[int, ...]:
+    """Return the columns in which most of the later rows have numbers."""
+    later = rows[-max(1, len(rows) // 2) :]
+    columns = []
+    for column in range(width):
+        cells = [row[column] for row in later if column < len(row) and row[column].strip()]
+        if cells and 2 * sum(map(_is_number, cells)) >= len(cells) and 3 * len(cells) >= len(later):
+            columns.append(column)
+    return tuple(columns)
+
+
+def _cell(row: Sequence[str], column: int) -> str:
+    return row[column].strip() if column < len(row) else ""
+
+
+def _header(
+    rows: Sequence[Sequence[str]], numeric: tuple[int, ...], known: Callable[[str], bool]
+) -> int | None:
+    """Return the index of the header; None if no row names the columns."""
+    if not numeric:
+        return 0
+    least = max(1.0, _NAMED_SHARE * len(numeric))
+
+    def names(row: Sequence[str]) -> bool:
+        cells = [_cell(row, column) for column in numeric]
+        return not any(map(_is_value, cells)) and sum(map(bool, cells)) >= least
+
+    def holds_values(row: Sequence[str]) -> bool:
+        return 2 * sum(_is_value(_cell(row, column)) for column in numeric) >= len(numeric)
+
+    candidates = [index for index, row in enumerate(rows) if names(row)]
+    begin = next((index for index, row in enumerate(rows) if holds_values(row)), len(rows))
+    above = [index for index in candidates if index < begin]
+    if not above:  # numbers of a title block may stand above the header
+        return next(
+            (index for index in candidates if index > begin and index < len(rows) - 1), None
+        )
+    scores = {index: sum(1 for cell in rows[index] if cell and known(cell)) for index in above}
+    best = max(scores.values())
+    if best:
+        return next(index for index in above if scores[index] == best)
+    units = [index for index in above if _is_units(rows[index], numeric) and index > above[0]]
+    return max((index for index in above if index not in units), default=above[0])
+
+
+def _is_units(row: Sequence[str], numeric: tuple[int, ...]) -> bool:
+    """Return whether a row holds units: most cells that aren't empty are known ones."""
+    cells = [cell.strip().strip(_BRACKETS) for cell in row if cell.strip()]
+    named = [cell for cell in cells if cell.lower() not in _NO_UNIT]
+    if not named or any(_is_value(_cell(row, column)) for column in numeric):
+        return False
+    understood = [cell for cell in named if kinds_of(cell)]
+    return 2 * len(understood) >= len(named) and all(len(cell) <= 12 for cell in named)
+
+
+def _with_units(names: list[str], row: Sequence[str]) -> list[str]:
+    completed = []
+    for column, name in enumerate(names):
+        unit = _cell(row, column)
+        bare = unit.strip(_BRACKETS).strip()
+        plain = not unit or bare.lower() in _NO_UNIT or unit.lower() in _NO_UNIT
+        completed.append(name if plain else f"{name} [{bare}]")
+    return completed
+
+
+def _repeats(row: Sequence[str], header: Sequence[str], numeric: tuple[int, ...]) -> bool:
+    """Return whether a row repeats names or units instead of holding values."""
+    if any(_is_value(_cell(row, column)) for column in numeric):
+        return False
+    cells = {cell.strip() for cell in row if cell.strip()}
+    return bool(cells) and (cells <= {cell.strip() for cell in header} or _is_units(row, numeric))
+
+
+def _completed(names: Sequence[str]) -> tuple[str, ...]:
+    """Return names with a number for those that the file doesn't name."""
+    return tuple(name or f"column {number}" for number, name in enumerate(names, 1))
+
+
+# -- TwinCAT's scope ------------------------------------------------------------------------
+
+
+def _scope_header(rows: Sequence[Sequence[str]]) -> int | None:
+    """Return the row of names of a scope's export: one that its own rows of properties follow."""
+    first = [_cell(row, 0).lower() for row in rows]
+    for index, cell in enumerate(first[:-1]):
+        if cell == "name" and any(each in _SCOPE_ROWS for each in first[index + 1 : index + 4]):
+            return index
+    return None
+
+
+def _of_scope(rows: Sequence[Sequence[str]], header: int, width: int) -> Layout:
+    properties = {_cell(row, 0).lower(): row for row in rows[header + 1 :] if _cell(row, 0)}
+    first = next(
+        index
+        for index in range(header + 1, len(rows) + 1)
+        if index == len(rows) or _is_number(_cell(rows[index], 0))
+    )
+    cells = [" ".join(cell.split()) for cell in rows[header]]
+    units = properties.get("unit", ())
+    values = (
+        [float(cell.replace(",", ".")) for cell in rows[first][:1]] if first < len(rows) else []
+    )
+    ticks = 0 if values and values[0] > _FILETIME else None
+    names: list[str] = []
+    columns: list[int] = []
+    for column, name in enumerate(cells):
+        time = name.lower() == "name"
+        if time and columns:
+            continue  # each channel has its times, which are those of the first
+        unit = _cell(units, column).strip(_BRACKETS)
+        if time:
+            name = "time [s]" if ticks is not None else "time [ms]"
+        elif unit and unit.lower() not in _NO_UNIT:
+            name = f"{name} [{unit}]"
+        if name:
+            names.append(name)
+            columns.append(column)
+    note = Message("times of {columns} channels are taken as one", width // 2)
+    paired = sum(cell.lower() == "name" for cell in cells) > 1
+    return Layout(tuple(names), first, tuple(columns), ticks, (note,) if paired else ())
