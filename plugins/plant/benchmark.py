@@ -237,7 +237,14 @@ def day_without_link(server: postgresql_server.Server, place: Path) -> dict[str,
                     run_id=run_id,
                 )
                 registry.add_run(
-                    RunSummary(run_id, "calibrate-output", started, True, "0.2.0", folder.path)
+                    RunSummary(
+                        run_id=run_id,
+                        kind="calibrate-output",
+                        started=started,
+                        simulated=True,
+                        software_version="0.2.0",
+                        folder=folder.path,
+                    )
                 )
                 folder.write_results(calibration_points(0.1, f"T-{number}", k))
                 registry.finish_run(folder.seal(), started + timedelta(minutes=8))
@@ -316,7 +323,14 @@ def refits(server: postgresql_server.Server, place: Path, count: int) -> dict[st
             folder("start", {"uid": run_id, "time": 0.0, "profile": {"settings": profile}})
             started = datetime(2026, 1, 5, tzinfo=UTC) + timedelta(hours=k)
             registry.add_run(
-                RunSummary(run_id, "calibrate-output", started, True, "0.2.0", folder.path)
+                RunSummary(
+                    run_id=run_id,
+                    kind="calibrate-output",
+                    started=started,
+                    simulated=True,
+                    software_version="0.2.0",
+                    folder=folder.path,
+                )
             )
             folder.write_results(calibration_points(0.1, "T-1", k))
             registry.finish_run(folder.seal(), started)

@@ -121,7 +121,16 @@ def test_a_run_that_ended_before_it_began_is_shown_so(tmp_path: Path) -> None:
     now = datetime.now(UTC)
     with Registry.open(tmp_path) as registry:
         writer = RunFolder.create(tmp_path / "runs", {}, kind="zero", run_id="run-9")
-        registry.add_run(RunSummary("run-9", "zero", now, True, "0.2.0", writer.path))
+        registry.add_run(
+            RunSummary(
+                run_id="run-9",
+                kind="zero",
+                started=now,
+                simulated=True,
+                software_version="0.2.0",
+                folder=writer.path,
+            )
+        )
         registry.finish_run(writer.seal(), now - timedelta(hours=3))
         assert times_of_run(registry.run("run-9")).startswith("run run-9 ended (")
     done = run("records", "show", "run-9", "--data", tmp_path, cwd=tmp_path)

@@ -34,7 +34,16 @@ def doubtful(tmp_path: Path) -> tuple[Path, int]:
         assert model.contradictions
         now, runs = datetime.now(UTC), tmp_path / "data" / "runs"
         writer = RunFolder.create(runs, {}, kind="zero", run_id="run-9")
-        station.registry.add_run(RunSummary("run-9", "zero", now, True, "0.2.0", writer.path))
+        station.registry.add_run(
+            RunSummary(
+                run_id="run-9",
+                kind="zero",
+                started=now,
+                simulated=True,
+                software_version="0.2.0",
+                folder=writer.path,
+            )
+        )
         station.registry.finish_run(writer.seal(), now - timedelta(hours=3))
     return tmp_path, model.model_id
 

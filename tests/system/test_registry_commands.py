@@ -10,7 +10,13 @@ import pytest
 from tests.system.command_line import run
 
 from torquebench.calibration import CalibrationData, load_profile
-from torquebench.records import CheckEntry, Registry, Zeroing, calibration_changes
+from torquebench.records import (
+    CalibrationEntry,
+    CheckEntry,
+    Registry,
+    Zeroing,
+    calibration_changes,
+)
 from torquebench.tables import write_calibration
 
 
@@ -134,14 +140,23 @@ def test_drift_is_charted_with_its_trend_and_a_due_date(calibrated, tmp_path):
                 transducer_serial="SIM-T2000",
                 counter_identity="SIM-COUNTER-1/oscillator-1",
             )
-            registry.add_calibration(points, performed=moment)
-            registry.add_zeroing(Zeroing("SIM-T2000", moment, 60010.0, 0.7))
+            registry.add_calibration(CalibrationEntry.of_points(points, performed=moment))
+            registry.add_zeroing(
+                Zeroing(
+                    transducer_serial="SIM-T2000", performed=moment, zero_hz=60010.0, zero_nm=0.7
+                )
+            )
             registry.add_check(
                 CheckEntry(
-                    "SIM-T2000", moment, "pass", 0.02, 0.1, False,
+                    transducer_serial="SIM-T2000",
+                    performed=moment,
+                    verdict="pass",
+                    worst_percent_fs=0.02,
+                    tolerance_percent_fs=0.1,
+                    simulated=False,
                     summary={"signed_worst_percent_fs": 0.02},
                 )
-            )  # fmt: skip
+            )
     done = records(data, "drift", "SIM-T2000", "--tolerance", 0.2)
     assert done.returncode == 0, done.stderr
     assert "a trend: +0.0" in done.stdout

@@ -3,6 +3,7 @@ import json
 import sqlite3
 import time
 from collections.abc import Callable, Generator, Iterator
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +29,7 @@ from torquebench.errors import (
     RecordError,
     SignalFault,
 )
-from torquebench.records import RunFolder
+from torquebench.records import CalibrationEntry, RunFolder
 from torquebench.station import Station, data_directory
 
 Plan = Generator[Msg, Any, Any]
@@ -289,7 +290,12 @@ def calibrated(station: Station, *, serial: str, counter: str, slope: float = 1.
     path = station.data_dir / "model.json"
     save_model(path, StoredModel(model, Provenance(2000.0, "output", serial, counter)))
     entry = station.registry.add_model(
-        station.registry.add_calibration(data), kind="polynomial", file=path, side="output"
+        station.registry.add_calibration(
+            CalibrationEntry.of_points(data, performed=datetime.now(UTC))
+        ),
+        kind="polynomial",
+        file=path,
+        side="output",
     )
     station.registry.activate(entry.model_id)
     return path

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.calibration import CalibrationData
-from torquebench.records import Equipment, Registry, RunFolder, RunSummary
+from torquebench.records import CalibrationEntry, Equipment, Registry, RunFolder, RunSummary
 
 START = datetime(2026, 1, 5, 6, 0, tzinfo=UTC)
 
@@ -107,10 +107,12 @@ def add_calibration(
     results = calibration_results(serial, span_percent)
     add_run(registry, run_id, "calibrate-output", results, hours=24.0 * days)
     registry.add_calibration(
-        CalibrationData(**results["data"]),
-        performed=START + timedelta(days=days),
-        run_id=run_id,
-        due=(START + timedelta(days=days + 365)).date(),
+        CalibrationEntry.of_points(
+            CalibrationData(**results["data"]),
+            performed=START + timedelta(days=days),
+            run_id=run_id,
+            due=(START + timedelta(days=days + 365)).date(),
+        )
     )
 
 

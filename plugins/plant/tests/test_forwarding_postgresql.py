@@ -19,8 +19,8 @@ from tests import postgresql_server
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError, RecordError
 from torquebench.progress import NoProgress
-from torquebench.records import Registry, RunFolder, UnavailableError
-from torquebench.records.registry.schema import metadata
+from torquebench.records import CalibrationEntry, Registry, RunFolder, UnavailableError
+from torquebench.records.registry import metadata
 from torquebench.station.entering import enter_run
 from torquebench_plant import FolderStore, Plant, forward
 from torquebench_plant.forwarding import BenchLink
@@ -312,7 +312,9 @@ def test_a_model_of_a_withdrawn_calibration_goes_out_of_use(plant: Plant, tmp_pa
     with Registry.open(data) as registry:
         add_run(registry, run_id, "calibrate-output", calibration_results())
         points = CalibrationData(**calibration_results()["data"])
-        entry = registry.add_calibration(points, performed=START, run_id=run_id)
+        entry = registry.add_calibration(
+            CalibrationEntry.of_points(points, performed=START, run_id=run_id)
+        )
         (tmp_path / "model.json").write_text("{}")
         model = registry.add_model(
             entry, kind="polynomial", file=tmp_path / "model.json", metrics={}

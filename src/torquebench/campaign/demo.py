@@ -26,8 +26,8 @@ from torquebench.campaign.measuring import (
     measure_friction,
     measure_verification,
 )
-from torquebench.campaign.modules import dense_sweep, evaluate_module, register_verification
-from torquebench.campaign.registering import registered_patiently
+from torquebench.campaign.modules import dense_sweep, evaluate_module
+from torquebench.campaign.registering import register_verification, registered_patiently
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.chain import Readings
 from torquebench.compensation import RECOMMENDED

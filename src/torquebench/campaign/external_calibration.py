@@ -9,22 +9,20 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from torquebench import __version__
 from torquebench.atomic_write import private_folder
-from torquebench.calibration import CalibrationData, Profile, propose_due_date
+from torquebench.calibration import CalibrationData, Profile
+from torquebench.campaign.registering import FittedFile, register_calibration
 from torquebench.chain import Reference
 from torquebench.compensation import StoredModel, load_model, save_model
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import (
-    MANIFEST,
     CalibrationEntry,
     Equipment,
     ModelEntry,
     Registry,
     Report,
     RunFolder,
-    RunSummary,
     json_text,
     sha256_of_file,
 )
@@ -153,29 +151,18 @@ def register_table(
             }
         )
         folder = writer.seal()
+    models = []
+    if stored is not None:
+        path = registry.root / "models" / f"{folder.run_id}-{stored.model.kind}.json"
+        private_folder(path.parent)
+        save_model(path, stored, private=True)
+        models.append(FittedFile("model", stored.model.kind, path))
     with registry.writing():
         _register_equipment(registry, circumstances)
-        registry.add_run(_summary(folder, profile, circumstances, data))
-        registry.finish_run(folder, circumstances.performed)
-        entry = registry.add_calibration(
-            data,
-            performed=circumstances.performed,
-            run_id=folder.run_id,
-            standard_serial=circumstances.reference.serial,
-            profile_name=profile.name,
-            profile_sha256=profile.sha256,
-            measured_by=circumstances.measured_by,
-            due=propose_due_date(circumstances.performed, None, longest_days=profile.valid_days),
-            files={each: sha256_of_file(folder.path / each) for each in (MANIFEST, "table.csv")},
-            summary={"table": called, "entered by": operator},
-        )
-        kept = None
-        if stored is not None:
-            path = registry.root / "models" / f"{folder.run_id}-{stored.model.kind}.json"
-            private_folder(path.parent)
-            save_model(path, stored, private=True)
-            kept = registry.add_model(entry, kind=stored.model.kind, file=path, side=data.side)
-    return RegisteredTable(folder.run_id, entry, kept)
+        registered = register_calibration(registry, folder, models)
+    return RegisteredTable(
+        folder.run_id, registered.calibration, next(iter(registered.models.values()), None)
+    )
 
 
 def check_circumstances(circumstances: ExternalCalibration) -> None:
@@ -289,21 +276,3 @@ def _register_equipment(registry: Registry, circumstances: ExternalCalibration) 
     if not registry.equipment("calibrator", reference.serial):
         model = circumstances.reference_model
         registry.add_equipment(Equipment("calibrator", reference.serial, model=model))
-
-
-def _summary(
-    folder: RunFolder, profile: Profile, circumstances: ExternalCalibration, data: CalibrationData
-) -> RunSummary:
-    return RunSummary(
-        run_id=folder.run_id,
-        kind=KIND,
-        started=circumstances.performed,
-        simulated=data.simulated,
-        software_version=__version__,
-        folder=folder.path,
-        side=data.side,
-        operator=circumstances.measured_by,
-        bench=circumstances.place,
-        profile_name=profile.name,
-        profile_sha256=profile.sha256,
-    )

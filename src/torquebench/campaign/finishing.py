@@ -13,19 +13,30 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-from torquebench.calibration import AdaptiveRound, CalibrationData, Placement, Profile, verify
+from torquebench.calibration import Profile, verify
 from torquebench.campaign.bench_chains import recorded_effects, used_chain
 from torquebench.campaign.checking import finish_check
-from torquebench.campaign.fitting import FittedModel, ModelChoice, fit_models, model_in_use
+from torquebench.campaign.fitting import (
+    FittedModel,
+    ModelChoice,
+    fit_metrics,
+    fit_models,
+    model_in_use,
+    store_model,
+)
 from torquebench.campaign.measuring import Measured
-from torquebench.campaign.modules import (
+from torquebench.campaign.registering import (
+    FittedFile,
     RegisteredCalibration,
+    read_measured,
     register_calibration,
     register_verification,
+    registered_patiently,
+    run_data,
+    run_profile,
 )
-from torquebench.campaign.registering import registered_patiently
 from torquebench.compensation import RECOMMENDED
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
@@ -37,7 +48,7 @@ from torquebench.records import (
     UnfinishedRun,
     unfinished_runs,
 )
-from torquebench.station import RunRecord, enter_run
+from torquebench.station import enter_run
 
 __all__ = [
     "Finished",
@@ -175,8 +186,33 @@ def finish_calibration(
     if any(item.contradictions for item in fitted if item.name == active):
         active = None
 
+    models = {item.name: item for item in fitted}
+    files = [
+        FittedFile(
+            item.name,
+            item.model.kind,
+            registry.root / "models" / f"{run_id}-{item.name}.json",
+            fit_metrics(item, data),
+            item.contradictions,
+        )
+        for item in fitted
+    ]
+
+    def store(file: FittedFile) -> None:
+        item = models[file.name]
+        store_model(
+            file.path,
+            item.model,
+            data,
+            file.metrics,
+            item.effects,
+            item.contradictions,
+            private=True,
+        )
+
     def register() -> RegisteredCalibration:
-        return register_calibration(registry, measured, profile, fitted, active)
+        folder = RunFolder(measured.record.folder)
+        return register_calibration(registry, folder, files, active, store=store)
 
     registered = registered_patiently(registry, run_id, register, progress)
     return FinishedCalibration(measured, profile, tuple(fitted), registered, active)
@@ -288,70 +324,6 @@ def measured_calibration(
         active = None
     choices = [ModelChoice(**each) for each in wanted["models"]]
     return finish_calibration(registry, measured, profile, choices, active, progress)
-
-
-def run_data(folder: RunFolder) -> CalibrationData:
-    """Return the points of a calibration run.
-
-    Raises
-    ------
-    RecordError
-        Where the run has none.
-    """
-    results = folder.results
-    if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
-        raise RecordError(
-            Message("{path} holds no points of a calibration", folder.path), "a calibration run"
-        )
-    try:
-        # A bench subtracts its zeros; runs of 0.2.0 don't say so.
-        measured = folder.metadata.get("kind") != "calibration-table"
-        return CalibrationData(**{"tared": measured, **results["data"]})
-    except TypeError as error:
-        raise RecordError(
-            Message("{path}: results.json has other columns ({error})", folder.path, error)
-        ) from error
-
-
-def run_profile(folder: RunFolder) -> Profile:
-    """Return the profile that a calibration run has followed, options included."""
-    start = next(document for _, document in folder.documents("start"))
-    if "profile" not in start:
-        raise RecordError(Message("{path} has no profile", folder.path), "a calibration run")
-    return Profile.model_validate(start["profile"]["settings"])
-
-
-def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
-    """Return the measured data of a completed calibration, check or verification, and its profile.
-
-    Raises
-    ------
-    RecordError
-        The folder holds no such result.
-    """
-    data, results, metadata = run_data(folder), folder.results, folder.metadata
-    try:
-        placement = results.get("placement")
-        result = StaircaseResult(
-            data=data,
-            unsettled=int(results["unsettled"]),
-            standard_serial=str(results["standard_serial"]),
-            placement=None if placement is None else _placement(placement),
-        )
-    except (AttributeError, KeyError, TypeError) as error:
-        raise RecordError(
-            Message("{path} holds no points of a calibration ({error})", folder.path, error),
-            "a calibration run",
-        ) from error
-    record = RunRecord(
-        folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
-    )
-    return Measured(result, record), run_profile(folder)
-
-
-def _placement(plain: Mapping[str, Any]) -> Placement:
-    rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
-    return Placement(**{**plain, "rounds": rounds})
 
 
 def _calibration(registry: Registry, folder: RunFolder, progress: Progress) -> Finished:

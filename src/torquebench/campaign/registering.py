@@ -1,18 +1,281 @@
-"""Register measured runs even if the registry's server restarts meanwhile."""
+"""Register measured runs: what a sealed folder holds becomes entries of the registry.
+
+The folder alone determines the entry of a calibration, whether it is registered right after its
+run, days later, from an external table, or into a rebuilt registry.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import TypeVar
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from datetime import datetime
+from pathlib import Path
+from typing import Any, TypeVar
 
+from torquebench.calibration import (
+    RAW,
+    AdaptiveRound,
+    CalibrationData,
+    Contradiction,
+    Placement,
+    Profile,
+    VerificationResult,
+    propose_due_date,
+)
+from torquebench.campaign.measuring import Measured, operator_name
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records import Registry
+from torquebench.records import (
+    MANIFEST,
+    CalibrationEntry,
+    ModelEntry,
+    Registry,
+    RunFolder,
+    sha256_of_file,
+)
+from torquebench.records.signatures import Signature
+from torquebench.station import RunRecord, enter_run
 
-__all__ = ["registered_patiently"]
+__all__ = [
+    "FittedFile",
+    "RegisteredCalibration",
+    "calibration_entry",
+    "read_measured",
+    "register_calibration",
+    "register_verification",
+    "registered_patiently",
+    "run_data",
+    "run_profile",
+]
 
 Result = TypeVar("Result")
+
+
+@dataclass(frozen=True)
+class FittedFile:
+    """A stored model, as it is registered with its calibration.
+
+    `name` is that of the choice, `kind` that of the model; `metrics` are the errors of its
+    cross-validation.
+    """
+
+    name: str
+    kind: str
+    path: Path
+    metrics: Mapping[str, Any] = field(default_factory=dict)
+    contradictions: Sequence[Contradiction] = ()
+
+
+@dataclass(frozen=True)
+class RegisteredCalibration:
+    """A calibration in the registry with the models that were fitted to it.
+
+    Parameters
+    ----------
+    calibration : CalibrationEntry
+    models : mapping of str to ModelEntry
+        By the name of the choice.
+    """
+
+    calibration: CalibrationEntry
+    models: Mapping[str, ModelEntry]
+
+
+def register_calibration(
+    registry: Registry,
+    folder: RunFolder,
+    models: Sequence[FittedFile],
+    active: str | None = None,
+    *,
+    store: Callable[[FittedFile], None] | None = None,
+    **remarks: str,
+) -> RegisteredCalibration:
+    """Register a calibration with its models, and put one of them into use.
+
+    All of it in one transaction; where the run has a calibration already, that one is returned.
+
+    Parameters
+    ----------
+    registry : Registry
+    folder : RunFolder
+        The sealed run.
+    models : sequence of FittedFile
+    active : str or None
+        Name of the model to be activated, unless the calibration contradicts itself.
+    store : callable, optional
+        Writes a model's file before it is registered.
+    **remarks : str
+        Further entries of the summary.
+    """
+    with registry.writing():
+        enter_run(registry, folder)
+        before = registry.calibration_of_run(folder.run_id)
+        if before is not None:
+            entry = registry.calibration(before)
+            known = {each.file.name: each for each in registry.models(calibration_id=before)}
+            return RegisteredCalibration(
+                entry,
+                {each.name: known[each.path.name] for each in models if each.path.name in known},
+            )
+        entry = registry.add_calibration(calibration_entry(folder, **remarks))
+        registered = {}
+        for each in models:
+            if store is not None:
+                store(each)
+            registered[each.name] = registry.add_model(
+                entry,
+                kind=each.kind,
+                file=each.path,
+                side=run_data(folder).side,
+                metrics=each.metrics,
+                contradictions=each.contradictions,
+            )
+        if active is not None and not registered[active].contradictions:
+            registry.activate(
+                registered[active].model_id,
+                reason="recommended by the calibration",
+                signature=Signature.typed(automatic=True),
+            )
+    return RegisteredCalibration(entry, registered)
+
+
+def calibration_entry(folder: RunFolder, **remarks: str) -> CalibrationEntry:
+    """Return the entry of the calibration that a sealed run holds."""
+    data, profile, metadata = run_data(folder), run_profile(folder), folder.metadata
+    results, manifest = folder.results, folder.manifest
+    performed = datetime.fromisoformat(manifest["sealed"])
+    if "table" in metadata:  # measured elsewhere, and earlier
+        start = next(document for _, document in folder.documents("start"))
+        performed = datetime.fromtimestamp(float(start["time"]), performed.tzinfo)
+    listed = [name for name in (MANIFEST, "table.csv") if (folder.path / name).is_file()]
+    signature = metadata.get("signature")
+    return CalibrationEntry.of_points(
+        data,
+        performed=performed,
+        run_id=folder.run_id,
+        standard_serial=str(results.get("standard_serial", "")),
+        measured_by=str(metadata.get("operator") or operator_name()),
+        due=propose_due_date(performed, None, longest_days=profile.valid_days),
+        profile_name=profile.name,
+        profile_sha256=profile.sha256,
+        files={name: sha256_of_file(folder.path / name) for name in listed},
+        summary={
+            **_summary(metadata, results),
+            **{name.replace("_", " "): text for name, text in remarks.items()},
+        },
+        signature=None if signature is None else Signature.restored(signature),
+    )
+
+
+def _summary(metadata: Mapping[str, Any], results: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what the registry stores of a calibration beside its points."""
+    if "table" in metadata:
+        return {"table": metadata["table"], "entered by": metadata["entered_by"]}
+    summary: dict[str, Any] = {"unsettled points": results.get("unsettled", 0)}
+    if metadata.get("resumes"):
+        summary |= {
+            "goes on with": ", ".join(metadata["resumes"]),
+            "points of earlier runs": metadata["points_of_earlier_runs"],
+            "measured here from series": metadata["resumed_at_series"],
+        }
+        if metadata["damaged_points"]:
+            summary["measured again because their record was damaged"] = "; ".join(
+                metadata["damaged_points"]
+            )
+    if results.get("placement"):
+        summary["placement"] = _placement(results["placement"]).sentence
+    return summary
+
+
+def register_verification(
+    registry: Registry,
+    models: Mapping[str, ModelEntry],
+    result: VerificationResult,
+    record: RunRecord,
+) -> None:
+    """Register the results of a verification, for each model and the raw reading.
+
+    In one transaction; existing entries of the run aren't changed.
+    """
+    with registry.writing():
+        enter_run(registry, RunFolder(record.folder))
+        for name, entry in models.items():
+            if any(each.run_id == record.run_id for each in registry.verifications(entry.model_id)):
+                continue
+            part = replace(result, models=(result.of(RAW), result.of(name)))
+            registry.add_verification(
+                entry.model_id,
+                part,
+                run_id=record.run_id,
+                performed=datetime.fromisoformat(RunFolder(record.folder).manifest["sealed"]),
+                measured_by=str(record.metadata.get("operator") or operator_name()),
+            )
+
+
+def run_data(folder: RunFolder) -> CalibrationData:
+    """Return the points of a calibration run.
+
+    Raises
+    ------
+    RecordError
+        Where the run has none.
+    """
+    results = folder.results
+    if not isinstance(results, Mapping) or not isinstance(results.get("data"), Mapping):
+        raise RecordError(
+            Message("{path} holds no points of a calibration", folder.path), "a calibration run"
+        )
+    try:
+        # A bench subtracts its zeros; runs of 0.2.0 don't say so.
+        measured = folder.metadata.get("kind") != "calibration-table"
+        return CalibrationData(**{"tared": measured, **results["data"]})
+    except TypeError as error:
+        raise RecordError(
+            Message("{path}: results.json has other columns ({error})", folder.path, error)
+        ) from error
+
+
+def run_profile(folder: RunFolder) -> Profile:
+    """Return the profile that a calibration run has followed, options included."""
+    start = next(document for _, document in folder.documents("start"))
+    if "profile" not in start:
+        raise RecordError(Message("{path} has no profile", folder.path), "a calibration run")
+    return Profile.model_validate(start["profile"]["settings"])
+
+
+def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile]:
+    """Return the measured data of a completed calibration, check or verification, and its profile.
+
+    Raises
+    ------
+    RecordError
+        The folder holds no such result.
+    """
+    data, results, metadata = run_data(folder), folder.results, folder.metadata
+    try:
+        placement = results.get("placement")
+        result = StaircaseResult(
+            data=data,
+            unsettled=int(results["unsettled"]),
+            standard_serial=str(results["standard_serial"]),
+            placement=None if placement is None else _placement(placement),
+        )
+    except (AttributeError, KeyError, TypeError) as error:
+        raise RecordError(
+            Message("{path} holds no points of a calibration ({error})", folder.path, error),
+            "a calibration run",
+        ) from error
+    record = RunRecord(
+        folder.run_id, str(metadata["kind"]), folder.path, "success", result, metadata=metadata
+    )
+    return Measured(result, record), run_profile(folder)
+
+
+def _placement(plain: Mapping[str, Any]) -> Placement:
+    rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
+    return Placement(**{**plain, "rounds": rounds})
 
 
 def registered_patiently(

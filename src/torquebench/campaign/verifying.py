@@ -12,8 +12,7 @@ from torquebench.bench.drivers.base import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import Profile, VerificationResult, verify
 from torquebench.campaign.measuring import Measured, RunOptions, measure_verification
-from torquebench.campaign.modules import register_verification
-from torquebench.campaign.registering import registered_patiently
+from torquebench.campaign.registering import register_verification, registered_patiently
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS

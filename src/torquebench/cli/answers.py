@@ -339,7 +339,7 @@ BACKED_UP = Record(
     "runs known_runs open_runs files_copied=files outside problems chain_end=head.__str__",
 )
 RESTORED = Record("Result of a restore.", "torquebench.station.backup:Restored")
-REBUILT = Record("Content of a rebuilt registry.", "torquebench.station.rebuilding:Rebuilt")
+REBUILT = Record("Content of a rebuilt registry.", "torquebench.campaign.rebuilding:Rebuilt")
 EXPORTED_RUN = Record("An exported run.", facts={"folder": str, **_FILES})
 EXPORTED_DATA = Record(
     "A run's samples or edges for other programs.",

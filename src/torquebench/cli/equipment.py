@@ -5,6 +5,7 @@ Entries that a laboratory makes about its equipment beside runs, in terms of ISO
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from datetime import date, datetime
 from enum import StrEnum
 from pathlib import Path
@@ -180,15 +181,15 @@ def adjust(
         _known(registry, kind, serial)
         registry.add_adjustment(
             Adjustment(
-                kind.value,
-                serial,
-                _named(what, "what was done"),
-                moment,
-                _named(by, "who has done it"),
-                checked_by,
-                reason,
-                named_values(before, "--before", "span_hz=30000"),
-                named_values(after, "--after", "span_hz=30000"),
+                kind=kind.value,
+                serial=serial,
+                what=_named(what, "what was done"),
+                performed=moment,
+                performed_by=_named(by, "who has done it"),
+                checked_by=checked_by,
+                reason=reason,
+                before=named_values(before, "--before", "span_hz=30000"),
+                after=named_values(after, "--after", "span_hz=30000"),
             )
         )
         newest = registry.calibrations(serial, limit=1) if kind is Kind.transducer else []
@@ -258,7 +259,7 @@ def _everything(registry: Registry, shown: Equipment) -> dict[str, Any]:
     }
     if shown.kind == "transducer":
         of_kind["calibrations"] = registry.calibrations(shown.serial)
-    return {**vars(shown), **of_kind}
+    return {**asdict(shown), **of_kind}
 
 
 def _known(registry: Registry, kind: Kind, serial: str) -> None:

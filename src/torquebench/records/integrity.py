@@ -14,19 +14,8 @@ from torquebench.message import Message
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
 from torquebench.records.files import sha256_of_file
 from torquebench.records.registry.database import Database
-from torquebench.records.registry.entries import archived_at
-from torquebench.records.registry.schema import (
-    calibrations,
-    certificates,
-    equipment,
-    links,
-    metadata,
-    models,
-    reports,
-    run_ends,
-    runs,
-)
-from torquebench.records.runs.entries import RunRecords
+from torquebench.records.registry.entries import archived_at, links, metadata
+from torquebench.records.registry.runs import RunRecords
 from torquebench.records.runs.folder import MANIFEST, RunFolder
 
 __all__ = [
@@ -37,6 +26,14 @@ __all__ = [
     "check_records",
     "folder_changes",
 ]
+
+calibrations, certificates, equipment, models, reports, run_ends, runs = (
+    metadata.tables[name]
+    for name in (
+        *("calibrations", "certificates", "equipment", "models", "reports"),
+        *("run_ends", "runs"),
+    )
+)
 
 FindingKind = Literal[
     "changed",
@@ -210,9 +207,7 @@ class _Check:
         self.entered_again = {run for *_, entered in registry.rebuilt() for run in entered}
         self.files = 0
         self.compared = 0
-        with registry.session() as session:
-            query = select(links).order_by(links.c.sequence)
-            self.links = [Link(**row._mapping) for row in session.execute(query)]
+        self.links = registry.links()
         self.anchors: list[tuple[ChainHead, str]] = []
 
     def chain(self) -> Iterator[Finding]:

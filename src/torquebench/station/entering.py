@@ -42,7 +42,7 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
             if specimen:
                 registry.add_equipment(Equipment("reducer", **specimen))
         if folder.sealed and not entered.get(folder.run_id):
-            registry.finish_run(folder)
+            registry.finish_run(folder, _measured_elsewhere(folder))
             for zeroing in _zeroings(folder):
                 registry.add_zeroing(zeroing)
 
@@ -53,7 +53,7 @@ def _summary(folder: RunFolder) -> RunSummary:
     return RunSummary(
         run_id=folder.run_id,
         kind=str(known["kind"]),
-        started=datetime.fromisoformat(known["created"]),
+        started=_measured_elsewhere(folder) or datetime.fromisoformat(known["created"]),
         simulated=bool(known.get("simulated")),
         software_version=str(known["software_version"]),
         folder=folder.path,
@@ -63,6 +63,14 @@ def _summary(folder: RunFolder) -> RunSummary:
         profile_name=str(known.get("profile_name", "")),
         profile_sha256=str(known.get("profile_sha256", "")),
     )
+
+
+def _measured_elsewhere(folder: RunFolder) -> datetime | None:
+    """Return when an external table was measured; None for a run of a bench."""
+    if "table" not in folder.metadata:
+        return None
+    start = next(document for _, document in folder.documents("start"))
+    return datetime.fromtimestamp(float(start["time"]), UTC)
 
 
 def _zeroings(folder: RunFolder) -> Iterator[Zeroing]:

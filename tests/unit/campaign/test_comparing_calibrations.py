@@ -12,7 +12,7 @@ from torquebench.campaign.modules import store_model
 from torquebench.chain import Effect, Inertia, Mounting, Reference, Temperature, Timebase, Zero
 from torquebench.compensation import make_model
 from torquebench.errors import InputError
-from torquebench.records import Registry
+from torquebench.records import CalibrationEntry, Registry
 from torquebench.reports.calibration_comparison import calibration_comparison_page
 from torquebench.reports.page import render_page
 from torquebench.reports.page_pdf import write_report
@@ -43,7 +43,9 @@ def calibrate(
         counter_identity="C-1",
     )
     moment = START + timedelta(days=30 * months)
-    entry = registry.add_calibration(data, performed=moment, standard_serial=standard)
+    entry = registry.add_calibration(
+        CalibrationEntry.of_points(data, performed=moment, standard_serial=standard)
+    )
     model = make_model("polynomial", degree=1, range_nm=100.0)
     model.fit(data.features(1), data.standard_nm)
     path = registry.root / "models" / f"{entry.calibration_id}.json"
@@ -151,7 +153,7 @@ def test_what_does_not_compare_is_refused(registry: Registry) -> None:
         transducer_serial="T-1",
         counter_identity="C-1",
     )
-    bare = registry.add_calibration(data, performed=START)
+    bare = registry.add_calibration(CalibrationEntry.of_points(data, performed=START))
     with pytest.raises(InputError, match="has no model"):
         compare_calibrations(registry, one, bare.calibration_id)
 

@@ -8,7 +8,7 @@ from torquebench.campaign.drifting import drift_of, next_due
 from torquebench.campaign.fitting import store_model
 from torquebench.chain import Inertia, MeasuredRotation, MeasuredTemperature
 from torquebench.compensation import make_model
-from torquebench.records import Registry, RunSummary, Zeroing
+from torquebench.records import CalibrationEntry, Registry, RunSummary, Zeroing
 
 START = datetime(2024, 1, 31, 12, 0, tzinfo=UTC)
 
@@ -30,7 +30,7 @@ def calibrate(registry, moment, gain, up_to=50.0):
         transducer_serial="T-1",
         counter_identity="C-1",
     )
-    registry.add_calibration(data, performed=moment)
+    registry.add_calibration(CalibrationEntry.of_points(data, performed=moment))
 
 
 def test_a_steady_drift_is_found_and_calibrated_in_time(registry):
@@ -62,10 +62,27 @@ def test_one_zero_a_run_enters_the_chart_and_an_hour_predicts_nothing(registry, 
     registry.add_equipment(Equipment("transducer", "T-1", range_nm=50.0))
     for run in range(4):
         name = f"run-{run}"
-        registry.add_run(RunSummary(name, "zero", START, True, "0.1.0", tmp_path / name))
+        registry.add_run(
+            RunSummary(
+                run_id=name,
+                kind="zero",
+                started=START,
+                simulated=True,
+                software_version="0.1.0",
+                folder=tmp_path / name,
+            )
+        )
         for again in range(3):
             moment = START + timedelta(minutes=10 * run + again)
-            registry.add_zeroing(Zeroing("T-1", moment, 6e4, 0.05 * run + again, run_id=name))
+            registry.add_zeroing(
+                Zeroing(
+                    transducer_serial="T-1",
+                    performed=moment,
+                    zero_hz=6e4,
+                    zero_nm=0.05 * run + again,
+                    run_id=name,
+                )
+            )
     (zero,) = drift_of(registry, "T-1", tolerance_percent=0.1)
     assert zero.values == pytest.approx([0.0, 0.1, 0.2, 0.3])
     assert zero.chart is not None
@@ -114,7 +131,9 @@ def turning_model(registry, folder, number):
     model = make_model("polynomial", range_nm=50.0).fit(data.features(2), torque)
     file = folder / f"model-{number}.json"
     store_model(file, model, data, {}, effects)
-    entry = registry.add_calibration(data, performed=START + timedelta(days=number))
+    entry = registry.add_calibration(
+        CalibrationEntry.of_points(data, performed=START + timedelta(days=number))
+    )
     registry.add_model(entry, kind="polynomial", file=file, side="input", metrics={})
 
 

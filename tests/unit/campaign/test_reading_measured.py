@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from torquebench.calibration import load_profile
-from torquebench.campaign.finishing import read_measured
+from torquebench.campaign.registering import read_measured
 from torquebench.campaign.resuming import _placed
 from torquebench.errors import RecordError
 

@@ -92,9 +92,9 @@ def test_the_details_of_every_result_are_typed(described: dict[str, Any]) -> Non
 
 def test_no_record_states_a_path_of_the_server(described: dict[str, Any]) -> None:
     schemas = described["components"]["schemas"]
-    assert "folder" not in schemas["RunView"]["properties"]
-    assert "file" not in schemas["ModelView"]["properties"]
-    assert "profile" in schemas["CalibrationView"]["properties"]
+    assert "folder" not in schemas["RunSummary"]["properties"]
+    assert "file" not in schemas["ModelEntry"]["properties"]
+    assert "profile" in schemas["CalibrationEntry"]["properties"]
 
 
 @pytest.mark.parametrize("name", EXAMPLES)

@@ -10,13 +10,13 @@ from torquebench.calibration import CalibrationData, verify
 from torquebench.errors import InputError, RecordError
 from torquebench.records import (
     Adjustment,
+    CalibrationEntry,
     CertificateEntry,
     CheckEntry,
     Equipment,
     Registry,
     Report,
     RunFolder,
-    RunSummary,
     Zeroing,
     anchor_of,
     calibration_changes,
@@ -24,7 +24,7 @@ from torquebench.records import (
     sha256_of_file,
 )
 from torquebench.records.registry.database_check import schema_changes
-from torquebench.records.registry.schema import links, metadata, runs
+from torquebench.records.registry.entries import RunSummary, TorqueRange, links, metadata
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 
@@ -34,14 +34,30 @@ def fill(registry, folder):
     with RunFolder.create(
         folder / "runs", {"registry_head": str(registry.head())}, kind="zero", run_id="run-1"
     ) as writer:
-        run = RunSummary("run-1", "zero", START, True, "0.1.0", writer.path)
+        run = RunSummary(
+            run_id="run-1",
+            kind="zero",
+            started=START,
+            simulated=True,
+            software_version="0.1.0",
+            folder=writer.path,
+        )
         registry.add_run(run)
         writer.document("start", {"uid": "1"})
     registry.finish_run(RunFolder(writer.path))
     registry.add_audit_end(folder / "audit", 7, "ab" * 32)
     registry.add_equipment(Equipment("transducer", "T-1", "HBK", "T40B", 2000.0, {"class": 0.05}))
     registry.fit_component(("bench", "Bench 1"), ("transducer", "T-1"), "output.transducer")
-    registry.add_adjustment(Adjustment("transducer", "T-1", "span set", START, "Ana", "Ben"))
+    registry.add_adjustment(
+        Adjustment(
+            kind="transducer",
+            serial="T-1",
+            what="span set",
+            performed=START,
+            performed_by="Ana",
+            checked_by="Ben",
+        )
+    )
     certificate = folder / "certificate.csv"
     certificate.write_text("side,torque_nm\n", encoding="utf-8")
     registry.add_report(
@@ -52,12 +68,22 @@ def fill(registry, folder):
             "Laboratory",
             date(2024, 6, 1),
             date(2026, 6, 1),
-            valid_nm=(-2000.0, 2000.0),
+            valid_nm=TorqueRange(-2000.0, 2000.0),
             expanded_uncertainty_percent=0.02,
             file=certificate,
         )
     )
-    registry.add_zeroing(Zeroing("T-1", START, 60001.5, 0.1, 23.0, "run-1", True))
+    registry.add_zeroing(
+        Zeroing(
+            transducer_serial="T-1",
+            performed=START,
+            zero_hz=60001.5,
+            zero_nm=0.1,
+            temperature_c=23.0,
+            run_id="run-1",
+            simulated=True,
+        )
+    )
     data = CalibrationData(
         [0.1, 5.2, 10.1],
         [0.0, 5.0, 10.0],
@@ -68,7 +94,9 @@ def fill(registry, folder):
         counter_identity="C-1",
     )
     calibration = registry.add_calibration(
-        data, performed=START, run_id="run-1", standard_serial="TC-1", measured_by="Ana"
+        CalibrationEntry.of_points(
+            data, performed=START, run_id="run-1", standard_serial="TC-1", measured_by="Ana"
+        )
     )
     file = folder / "model.json"
     file.write_text("{}", encoding="utf-8")
@@ -76,14 +104,29 @@ def fill(registry, folder):
     registry.activate(model.model_id, operator="Ana")
     registry.add_verification(model.model_id, verify(data, {}), run_id="run-1")
     registry.add_check(
-        CheckEntry("T-1", START, "pass", 0.02, 0.1, True, "VS-1", model.model_id, "run-1", "Ana")
+        CheckEntry(
+            transducer_serial="T-1",
+            performed=START,
+            verdict="pass",
+            worst_percent_fs=0.02,
+            tolerance_percent_fs=0.1,
+            simulated=True,
+            standard_serial="VS-1",
+            model_id=model.model_id,
+            run_id="run-1",
+            measured_by="Ana",
+        )
     )
     issued = folder / "certificates" / "2025-001" / "a.pdf"
     issued.parent.mkdir(parents=True)
     issued.write_bytes(b"%PDF")
     registry.add_certificate(
         CertificateEntry(
-            "2025-001", calibration.calibration_id, START, "Cy", {"a.pdf": sha256_of_file(issued)}
+            number="2025-001",
+            calibration_id=calibration.calibration_id,
+            issued=START,
+            authorised_by="Cy",
+            files={"a.pdf": sha256_of_file(issued)},
         )
     )
     registry.review("calibrations", calibration.calibration_id, checked_by="Ben")
@@ -279,7 +322,10 @@ def test_the_database_itself_refuses_to_change_a_record(filled, around):
     assert check_records(filled).intact
 
 
-@pytest.mark.parametrize("change", [runs.update().values(operator="Eve"), runs.delete()])
+RUNS = RunSummary.__table__
+
+
+@pytest.mark.parametrize("change", [RUNS.update().values(operator="Eve"), RUNS.delete()])
 def test_a_change_through_the_session_is_refused(filled, change):
     with pytest.raises(RecordError, match="runs is append-only"), filled.writing() as session:
         session.execute(change)
@@ -292,7 +338,11 @@ def test_a_failed_transaction_leaves_neither_rows_nor_links(filled):
     with pytest.raises(RecordError, match="is registered"):
         filled.add_run(run)
     with pytest.raises(RecordError, match="isn't registered"):
-        filled.add_zeroing(Zeroing("T-9", START, 6e4, 0.0, run_id="run-9"))
+        filled.add_zeroing(
+            Zeroing(
+                transducer_serial="T-9", performed=START, zero_hz=6e4, zero_nm=0.0, run_id="run-9"
+            )
+        )
     assert filled.head() == before
     assert "T-9" not in {each.serial for each in filled.equipment()}
     filled.add_run(replace(run, run_id="run-2"))

@@ -12,7 +12,14 @@ from sqlalchemy import make_url
 from torquebench.calibration import CalibrationData, Contradiction, verify
 from torquebench.errors import ModelMismatchError, RecordError
 from torquebench.message import Message
-from torquebench.records import Equipment, Registry, RunFolder, RunSummary, UnavailableError
+from torquebench.records import (
+    CalibrationEntry,
+    Equipment,
+    Registry,
+    RunFolder,
+    RunSummary,
+    UnavailableError,
+)
 from torquebench.records.registry.database import database_failures, engine_of
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
@@ -43,7 +50,9 @@ def summary(run_id="run-1", **changes):
 
 
 def add_model(registry, tmp_path, kind="polynomial", **chain):
-    calibration = registry.add_calibration(data(**chain), performed=START)
+    calibration = registry.add_calibration(
+        CalibrationEntry.of_points(data(**chain), performed=START)
+    )
     file = tmp_path / f"{kind}-{calibration.calibration_id}.json"
     file.write_text(kind, encoding="utf-8")
     return registry.add_model(calibration, kind=kind, file=file, metrics={"rms": np.float64(1.0)})
@@ -104,13 +113,15 @@ def test_taken_and_unknown_runs_are_named(registry, tmp_path):
 def test_a_calibration_keeps_its_chain_and_its_run(registry):
     registry.add_run(summary())
     entry = registry.add_calibration(
-        data(),
-        performed=START,
-        run_id="run-1",
-        standard_serial="TC-1",
-        profile_name="rapid-in-situ",
-        profile_sha256="ab" * 32,
-        summary={"settled": np.True_},
+        CalibrationEntry.of_points(
+            data(),
+            performed=START,
+            run_id="run-1",
+            standard_serial="TC-1",
+            profile_name="rapid-in-situ",
+            profile_sha256="ab" * 32,
+            summary={"settled": np.True_},
+        )
     )
     assert (entry.transducer_serial, entry.counter_identity) == ("T-1", "C-1")
     assert entry.run_id == "run-1"
@@ -124,9 +135,11 @@ def test_a_calibration_keeps_its_chain_and_its_run(registry):
 
 def test_a_calibration_of_an_unnamed_chain_is_refused(registry):
     with pytest.raises(RecordError, match="calibration of transducer ''"):
-        registry.add_calibration(data(serial=""))
+        registry.add_calibration(CalibrationEntry.of_points(data(serial=""), performed=START))
     with pytest.raises(RecordError, match="run run-9 isn't registered"):
-        registry.add_calibration(data(), run_id="run-9")
+        registry.add_calibration(
+            CalibrationEntry.of_points(data(), run_id="run-9", performed=START)
+        )
     assert registry.calibrations() == []
     assert registry.equipment() == []
 
@@ -168,7 +181,7 @@ def test_a_model_file_that_was_changed_or_lost_is_refused(registry, tmp_path):
 
 
 def test_contradictions_of_a_model_keep_their_messages(registry, tmp_path):
-    calibration = registry.add_calibration(data(), performed=START)
+    calibration = registry.add_calibration(CalibrationEntry.of_points(data(), performed=START))
     file = tmp_path / "model.json"
     file.write_text("{}", encoding="utf-8")
     said = Message("{percent:.1f} % off", 2.0)
@@ -180,7 +193,7 @@ def test_contradictions_of_a_model_keep_their_messages(registry, tmp_path):
 
 
 def test_unknown_models_are_named(registry, tmp_path):
-    calibration = registry.add_calibration(data())
+    calibration = registry.add_calibration(CalibrationEntry.of_points(data(), performed=START))
     with pytest.raises(RecordError, match=r"none\.json is missing"):
         registry.add_model(calibration, kind="spline", file=tmp_path / "none.json")
     for action in (registry.activate, registry.model):
@@ -220,11 +233,12 @@ def test_everything_is_there_after_closing_and_moving(tmp_path):
 
 
 def test_a_model_of_no_calibration_is_refused(registry, tmp_path):
-    entry = registry.add_calibration(data())
+    entry = CalibrationEntry.of_points(data(), performed=START)
+    entry.calibration_id = 99
     file = tmp_path / "model.json"
     file.write_text("{}", encoding="utf-8")
     with pytest.raises(RecordError, match=r"(?i)foreign key"):
-        registry.add_model(replace(entry, calibration_id=99), kind="spline", file=file)
+        registry.add_model(entry, kind="spline", file=file)
 
 
 def test_a_file_database_is_in_wal_mode(tmp_path):

@@ -20,9 +20,9 @@ def add_runs(registry: Registry, folder: Path) -> None:
         ended = number != 3
         registry.add_run(
             RunSummary(
-                f"run-{number}",
-                "calibrate-output",
-                START + timedelta(minutes=number % 3),
+                run_id=f"run-{number}",
+                kind="calibrate-output",
+                started=START + timedelta(minutes=number % 3),
                 simulated=number % 2 == 0,
                 software_version="0.1",
                 folder=folder / "runs" / f"run-{number}",

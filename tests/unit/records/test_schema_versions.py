@@ -1,20 +1,34 @@
-import hashlib
+import json
+import sqlite3
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
+from pathlib import Path
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
-from sqlalchemy import event, inspect, text
-from sqlalchemy.dialects import postgresql, sqlite
-from sqlalchemy.schema import CreateTable
+from sqlalchemy import StaticPool, create_engine, event, inspect, text
 
 from torquebench.errors import InputError, RecordError
-from torquebench.records import Registry
-from torquebench.records.registry.database import REGISTRY_URL
-from torquebench.records.registry.migrating import SCHEMA_VERSION
+from torquebench.records import Equipment, Registry, check_records
+from torquebench.records.chain import canonical
+from torquebench.records.registry.database import REGISTRY_URL, entries_query
+from torquebench.records.registry.database_check import schema_changes
+from torquebench.records.registry.entries import (
+    Adjustment,
+    Amendment,
+    CheckEntry,
+    Registered,
+    Report,
+    RunEnd,
+    RunSummary,
+    VerificationEntry,
+    Zeroing,
+    facts,
+    metadata,
+)
+from torquebench.records.registry.migrating import SCHEMA_VERSION, upgrade
 from torquebench.records.registry.migrations import versions
-from torquebench.records.registry.schema import metadata, run_ends, runs
-from torquebench.records.runs.entries import RunRecords
 
 START = datetime(2025, 1, 31, 12, 0, tzinfo=UTC)
 
@@ -32,15 +46,67 @@ def test_the_migrations_give_the_tables_that_the_code_writes(registry, around):
     assert wanted <= found
 
 
-def test_the_tables_of_a_version_stay_as_they_were_made() -> None:
+MADE_BY_0_2_0 = (Path(__file__).parent / "registry_0_2_0.sql").read_text(encoding="utf-8")
+"""The dump of a registry that 0.2.0 wrote, with at least one row in each table."""
+
+
+@pytest.fixture
+def registry_of_0_2_0(tmp_path):
+    with closing(sqlite3.connect(tmp_path / "registry.sqlite")) as connection:
+        connection.executescript(MADE_BY_0_2_0)
+    return tmp_path
+
+
+def test_a_registry_of_0_2_0_is_upgraded_with_its_chain_unchanged(registry_of_0_2_0):
+    head = "30:6aab1a32e6e6d5b2ad53004d28790928bed5d24e0b1a39e1a4577dc370f212c4"
+    with Registry.open(registry_of_0_2_0) as registry:
+        assert str(registry.head()) == head
+        report = check_records(registry, folders=False)
+        assert (report.findings, report.records) == ((), 30)
+        assert list(schema_changes(registry)) == []
+        kinds = Registered.__subclasses__()
+        assert all(registry.entries(kind) for kind in kinds)
+        assert len(kinds) == len(metadata.tables) - 1  # the chain isn't one
+        (calibration,) = registry.calibrations("T-1")
+        assert dict(facts(calibration))["standard"] == "R-9"
+        assert calibration.valid_nm == (0.0, 10.0)
+        assert calibration.summary["placement"].as_plain()["template"] == "{count} points"
+        assert calibration.signature is None
+        registry.add_equipment(Equipment("bench", "Bench 5"))
+        assert check_records(registry, folders=False).intact
+
+
+def test_the_same_entries_get_the_same_content_as_in_0_2_0(registry_of_0_2_0):
+    """The chain covers the content: an entry of 0.2.0 that is added again is equal in its bytes."""
+    with Registry.open(registry_of_0_2_0) as old:
+        again = {
+            kind: [old.add(entry) for entry in old.entries(kind)]
+            for kind in (Zeroing, CheckEntry, VerificationEntry, Adjustment, Report, Amendment)
+        }
+        content = {(link.table, link.key): link.content for link in old.links()}
+        for kind, numbers in again.items():
+            table = kind.__tablename__
+            for before, now in enumerate(numbers, start=1):
+                was, is_now = (json.loads(content[table, number]) for number in (before, now))
+                for changing in ("id", "recorded"):
+                    was.pop(changing, None), is_now.pop(changing, None)
+                assert canonical(is_now) == canonical(was)
+
+
+def test_the_tables_of_0_2_0_are_made_as_it_made_them():
     """They are derived from the entries; a stored registry has the columns of its version."""
-    made = [
-        str(CreateTable(table).compile(dialect=dialect))
-        for dialect in (sqlite.dialect(), postgresql.dialect())
-        for _, table in sorted(metadata.tables.items())
-    ]
-    digest = hashlib.sha256(" ".join(" ".join(made).split()).encode()).hexdigest()
-    assert (SCHEMA_VERSION, digest[:16]) == ("0003", "621203df5d5ad724")
+    with closing(sqlite3.connect(":memory:")) as connection:
+        connection.executescript(MADE_BY_0_2_0)
+        wanted = dict(connection.execute("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL"))
+    engine = create_engine("sqlite://", poolclass=StaticPool)
+    upgrade(engine, to="0003")
+    with engine.connect() as connection:
+        query = text("SELECT name, sql FROM sqlite_master WHERE sql NOT NULL")
+        made = dict(connection.execute(query).all())
+    engine.dispose()
+    assert {name: sql.split() for name, sql in made.items()} == {
+        name: sql.split() for name, sql in wanted.items()
+    }
 
 
 def test_the_newest_migration_is_the_version_that_is_written():
@@ -65,7 +131,7 @@ def test_opening_again_changes_nothing(registry, tmp_path, registry_url):
 def test_a_registry_of_a_newer_version_is_refused(registry, around, tmp_path, registry_url):
     with around.begin() as connection:
         connection.execute(text("UPDATE alembic_version SET version_num = '9999'"))
-    with pytest.raises(RecordError, match=r"has the schema 9999; allowed: 0003 or older"):
+    with pytest.raises(RecordError, match=r"has the schema 9999; allowed: 0004 or older"):
         Registry.open(tmp_path, registry_url)
 
 
@@ -149,8 +215,8 @@ def enter_runs(engine, count):
         for run in begun
     ]
     with engine.begin() as connection:
-        connection.execute(runs.insert(), begun)
-        connection.execute(run_ends.insert(), ends)
+        connection.execute(RunSummary.__table__.insert(), begun)
+        connection.execute(RunEnd.__table__.insert(), ends)
         connection.execute(text("ANALYZE"))
 
 
@@ -161,7 +227,8 @@ def test_the_first_page_of_a_long_list_of_runs_reads_that_page_only(registry, ar
         START + timedelta(minutes=2999 - number) for number in range(50)
     ]
     for kind in (None, "zero"):
-        steps = plan_of(around, RunRecords.runs_query(registry, kind).limit(50))
+        query = entries_query(RunSummary, order=("started", "id"), newest_first=True, kind=kind)
+        steps = plan_of(around, query.limit(50))
         assert "SCAN run_ends" not in steps
         assert "Seq Scan" not in steps
         assert "TEMP B-TREE" not in steps

@@ -113,13 +113,15 @@ def calibrated_bench(
     else:
         registry.finish_run(writer.seal(), started.replace(hour=ended_h))
     entry = registry.add_calibration(
-        data,
-        performed=started,
-        run_id=writer.run_id,
-        standard_serial="CAL-3",
-        profile_name=chosen.name,
-        profile_sha256=chosen.sha256,
-        measured_by=operator,
+        CalibrationEntry.of_points(
+            data,
+            performed=started,
+            run_id=writer.run_id,
+            standard_serial="CAL-3",
+            profile_name=chosen.name,
+            profile_sha256=chosen.sha256,
+            measured_by=operator,
+        )
     )
     model = make_model("polynomial", degree=2, range_nm=RANGE_NM)
     model.fit(data.features(2), data.standard_nm)

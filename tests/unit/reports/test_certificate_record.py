@@ -200,7 +200,14 @@ def test_the_certificates_verdict_is_that_of_the_verification(
         run_id = writer.seal().run_id
     started = datetime(2026, 3, 3, tzinfo=UTC)
     registry.add_run(
-        RunSummary(run_id, "verify", started, True, "0.1.0", registry.root / "runs" / run_id)
+        RunSummary(
+            run_id=run_id,
+            kind="verify",
+            started=started,
+            simulated=True,
+            software_version="0.1.0",
+            folder=registry.root / "runs" / run_id,
+        )
     )
     chain = load_chain(entry.file)
     result = verify(fresh, {"polynomial": chain})

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from torquebench.bench.audit.entries import AUDIT_FOLDER, AuditLog
 from torquebench.calibration import CalibrationData
-from torquebench.records import Equipment, Registry, Report, RunFolder, RunSummary
+from torquebench.records import CalibrationEntry, Equipment, Registry, Report, RunFolder, RunSummary
 
 __all__ = ["filled_directory"]
 
@@ -25,7 +25,15 @@ def filled_directory(data: Path) -> Path:
             writer = RunFolder.create(data / "runs", known, kind=kind, run_id=f"run-{number}")
             started = datetime.now(UTC)
             registry.add_run(
-                RunSummary(writer.run_id, kind, started, True, "0.2.0", writer.path, side="output")
+                RunSummary(
+                    run_id=writer.run_id,
+                    kind=kind,
+                    started=started,
+                    simulated=True,
+                    software_version="0.2.0",
+                    folder=writer.path,
+                    side="output",
+                )
             )
             log.begin_run(writer.run_id, "Ana", writer.path)
             log.write("run begins")
@@ -44,7 +52,11 @@ def filled_directory(data: Path) -> Path:
             transducer_serial="T-1",
             counter_identity="C/1",
         )
-        entry = registry.add_calibration(table, run_id="run-2", standard_serial="TC-1")
+        entry = registry.add_calibration(
+            CalibrationEntry.of_points(
+                table, run_id="run-2", standard_serial="TC-1", performed=datetime.now(UTC)
+            )
+        )
         model = data / "models" / "run-2-polynomial.json"
         model.parent.mkdir()
         model.write_text("{}", encoding="utf-8")

@@ -15,7 +15,7 @@ from torquebench.campaign.fitting import ModelChoice, fit_models, store_model
 from torquebench.chain import Drift, MeasuringChain, Readings, load_chain
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError
-from torquebench.records import Registry
+from torquebench.records import CalibrationEntry, Registry
 from torquebench.station.matching import compensation_for
 from torquebench.tables import parse_calibration, read_readings
 from torquebench.tables.readings import calibration_csv
@@ -62,7 +62,9 @@ def test_a_refit_of_old_points_does_not_make_them_new(
 ) -> None:
     day = None if days is None else TODAY - timedelta(days=days)
     file = stored(tmp_path, day)
-    entry = registry.add_calibration(points(day), performed=datetime.now(UTC))
+    entry = registry.add_calibration(
+        CalibrationEntry.of_points(points(day), performed=datetime.now(UTC))
+    )
     model = registry.add_model(entry, kind="polynomial", file=file, side="output", metrics={})
     registry.activate(model.model_id)
     active = compensation_for(registry, default_bench(), COUNTER, "output")

@@ -76,7 +76,9 @@ with Registry.open(data) as registry:
         writer = RunFolder.create(data / "runs", {"registry_head": head}, kind="zero",
                                   run_id=f"run-{number:05}")
         now = datetime.now(UTC)
-        registry.add_run(RunSummary(writer.run_id, "zero", now, True, "0", writer.path))
+        registry.add_run(RunSummary(
+            run_id=writer.run_id, kind="zero", started=now, simulated=True,
+            software_version="0", folder=writer.path))
         log.begin_run(writer.run_id, "Ana", writer.path)
         for point in range(5):
             log.write("command", torque_nm=1.0 * point)

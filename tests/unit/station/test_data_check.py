@@ -211,7 +211,16 @@ def test_impossible_times_are_named_and_change_nothing(data: Path) -> None:
     now = datetime.now(UTC)
     with Registry.open(data) as registry:
         with RunFolder.create(data / "runs", {}, kind="zero", run_id="run-9") as writer:
-            registry.add_run(RunSummary("run-9", "zero", now, True, "0.2.0", writer.path))
+            registry.add_run(
+                RunSummary(
+                    run_id="run-9",
+                    kind="zero",
+                    started=now,
+                    simulated=True,
+                    software_version="0.2.0",
+                    folder=writer.path,
+                )
+            )
         registry.finish_run(writer.folder, now - timedelta(hours=3))
         assert clock_behind(registry) == ""
         behind = clock_behind(registry, now - timedelta(hours=5))

@@ -10,7 +10,14 @@ def test_a_run_that_the_registry_can_not_take_is_no_recovered_run(tmp_path: Path
     with Registry.open(tmp_path) as registry:
         writer = RunFolder.create(tmp_path / "runs", {}, kind="zero")
         registry.add_run(
-            RunSummary(writer.run_id, "zero", datetime.now(UTC), True, "1", writer.path)
+            RunSummary(
+                run_id=writer.run_id,
+                kind="zero",
+                started=datetime.now(UTC),
+                simulated=True,
+                software_version="1",
+                folder=writer.path,
+            )
         )
         writer.close()  # as a kill leaves it
         with sqlite3.connect(tmp_path / "registry.sqlite") as database:

@@ -12,8 +12,7 @@ from typing import Any
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.records.queries import MEDIA, RecordQueries
-from torquebench.panel.service.records.views import RunView
-from torquebench.records import CertificateEntry
+from torquebench.records import CertificateEntry, RunSummary
 from torquebench.uncertainty import Verdict
 
 __all__ = [
@@ -92,7 +91,7 @@ def result_records(records: RecordQueries, limit: int = MOST_RESULTS) -> tuple[R
     return tuple(sorted(found, key=lambda each: each.created, reverse=True)[:limit])
 
 
-def _of_run(records: RecordQueries, run: RunView, serial: str) -> ResultRecord:
+def _of_run(records: RecordQueries, run: RunSummary, serial: str) -> ResultRecord:
     assert run.finished is not None
     file_format = MEDIA[".pdf"] if records.has_report(run.run_id) else ""
     done = run.status == "completed"

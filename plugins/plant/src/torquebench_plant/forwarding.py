@@ -13,7 +13,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import select, text
+from sqlalchemy import text
 from sqlalchemy.engine import URL
 
 from torquebench.atomic_write import atomic_write
@@ -22,9 +22,13 @@ from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.chain import ChainHead
-from torquebench.records.registry.entries import Activation, CalibrationEntry, ModelEntry
-from torquebench.records.registry.schema import links, run_ends, runs
-from torquebench.records.runs.states import DISCARDED
+from torquebench.records.registry import (
+    DISCARDED,
+    Activation,
+    CalibrationEntry,
+    ModelEntry,
+    RunEnd,
+)
 from torquebench_plant.database import PlantDatabase
 from torquebench_plant.facts import facts_of, points_table
 from torquebench_plant.folders import FolderStore
@@ -223,11 +227,7 @@ def _send_entries(registry: Registry, link: BenchLink, done: Forwarded, progress
     progress.start("Sending entries", end - first)
     while done.head.sequence < end:
         after = done.head.sequence
-        query = (
-            select(links).where(links.c.sequence > after).order_by(links.c.sequence).limit(BATCH)
-        )
-        with registry.session() as session:
-            entries = [dict(row._mapping) for row in session.execute(query)]
+        entries = [vars(each) for each in registry.links(after, BATCH)]
         done.head = link.append(entries)
         if done.head.sequence <= after:
             raise RecordError(
@@ -320,11 +320,10 @@ def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) ->
 
     A model that was fitted to it is taken out of use.
     """
-    with registry.writing() as session:
-        query = select(run_ends.c.id).join(runs).where(runs.c.run_id == run_id)
-        end = session.scalars(query).one()
+    with registry.writing():
+        (end,) = registry.entries(RunEnd, run_key=registry.run(run_id).number)
         registry.amend(
-            "run_ends", end, {"status": DISCARDED}, amended_by=by, reason=f"plant: {reason}"
+            "run_ends", end.number, {"status": DISCARDED}, amended_by=by, reason=f"plant: {reason}"
         )
         said = f"run {run_id} withdrawn by {by}: {reason}"
         fitted = [

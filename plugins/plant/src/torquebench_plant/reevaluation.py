@@ -140,7 +140,7 @@ def _file(store: FolderStore, folder: SealedFolder, name: str) -> bytes:
 
 def _measured(store: FolderStore, folder: SealedFolder) -> tuple[Any, Any]:
     """Return the measured data of a calibration, check or verification, and its profile."""
-    from torquebench.campaign.finishing import read_measured
+    from torquebench.campaign.registering import read_measured
     from torquebench.records import RunFolder
 
     with tempfile.TemporaryDirectory(prefix="torquebench-run-") as place:

@@ -26,10 +26,10 @@ from sqlalchemy import (
     text,
 )
 from sqlalchemy.dialects.postgresql import JSONB
-from sqlalchemy.types import JSON, Date, TypeEngine
+from sqlalchemy.types import Date, TypeEngine
 
-from torquebench.records.registry import schema
-from torquebench.records.registry.schema import UtcDateTime
+from torquebench.records.registry import Document, UtcDateTime, metadata
+from torquebench.records.registry import links as chain
 
 __all__ = [
     "PLANT_SCHEMA",
@@ -60,7 +60,7 @@ def _texts(names: str, default: str | None = "") -> list[Column[str]]:
 
 
 def _mirrored_type(kind: TypeEngine[Any]) -> TypeEngine[Any]:
-    if isinstance(kind, JSON):
+    if isinstance(kind, Document):
         return JSONB()
     if isinstance(kind, Integer):
         return BigInteger()
@@ -99,7 +99,7 @@ links = Table(
             nullable=False,
             autoincrement=False,
         )
-        for each in schema.links.c
+        for each in chain.c
     ),
 )
 
@@ -218,9 +218,9 @@ def _mirror(table: Table) -> Table:
 
 
 _LOOKED_UP = ("serial", "transducer_key", "equipment_key")
-_OTHERWISE = (schema.links, schema.runs, schema.run_ends)
+_OTHERWISE = (chain.name, "runs", "run_ends")
 
 mirrored = {
-    table.name: _mirror(table) for table in schema.metadata.sorted_tables if table not in _OTHERWISE
+    table.name: _mirror(table) for table in metadata.sorted_tables if table.name not in _OTHERWISE
 }
 """The plant's tables of a bench's rows, by the bench's name of the table."""

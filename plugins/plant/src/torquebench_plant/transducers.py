@@ -13,7 +13,7 @@ from torquebench.campaign.drifting import drift_of, next_due
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import CalibrationEntry, CheckEntry, Equipment, EquipmentKind, Zeroing
-from torquebench.records.registry.entry_rows import entry_of
+from torquebench.records.registry import entry_of
 from torquebench.units import DAY, DAYS_PER_YEAR
 from torquebench_plant.answer import Answer
 from torquebench_plant.database import Plant

@@ -93,9 +93,9 @@ def rebuild(data: DataOption = DEFAULT_DATA) -> None:
     listed. Restore a backup instead if there is one.
     """
     from torquebench.campaign.measuring import operator_name
+    from torquebench.campaign.rebuilding import NOT_REBUILT
+    from torquebench.campaign.rebuilding import rebuild as rebuild_registry
     from torquebench.cli.records.checks import checked_directory
-    from torquebench.station.rebuilding import NOT_REBUILT
-    from torquebench.station.rebuilding import rebuild as rebuild_registry
 
     with TerminalProgress() as progress:
         done = rebuild_registry(checked_directory(data), operator_name(), progress)

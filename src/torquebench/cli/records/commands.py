@@ -36,7 +36,7 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
+    from torquebench.records import Registry, RunSummary, VerificationEntry
     from torquebench.records.runs.listing import RunLine
 
 __all__ = ["app"]
@@ -172,9 +172,8 @@ def _list_models(registry: Registry, limit: int) -> None:
     lines, records = [], []
     for entry in registry.models(limit=limit + 1):
         name, span = f"model-{entry.model_id}", f"{entry.range_nm:g} N·m"
-        in_use = _in_use(registry, entry)
-        records.append(LISTED_MODEL.of(entry, name=name, in_use=in_use))
-        what = (entry.kind, entry.transducer_serial, span, "yes" if in_use else "")
+        records.append(LISTED_MODEL.of(entry, name=name, in_use=entry.active))
+        what = (entry.kind, entry.transducer_serial, span, "yes" if entry.active else "")
         lines.append((name, _moment(entry.created), *what))
     headings = ("name", "created (UTC)", "kind", "transducer", "range", "in use")
     _print_list(Kind.models, headings, lines, records, limit)
@@ -289,7 +288,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
             "counter": entry.counter_identity,
             "range": f"{entry.range_nm:g} N·m",
             "created": _moment(entry.created),
-            "in use": "yes" if _in_use(registry, entry) else "no",
+            "in use": "yes" if entry.active else "no",
             "data": "simulated" if entry.simulated else "measured",
             "file": state,
             **{
@@ -303,7 +302,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
     )
     for verification in registry.verifications(model_id):
         _show_verification(verification)
-        answer(verifications=[vars(verification)])
+        answer(verifications=[verification])
 
 
 def _show_verification(verification: VerificationEntry) -> None:
@@ -380,19 +379,10 @@ def _changes(changes: Mapping[str, Any]) -> str:
     return ", ".join(f"{name} = {value}" for name, value in changes.items())
 
 
-def _in_use(registry: Registry, entry: ModelEntry) -> bool:
-    latest = [
-        activation.model_id
-        for activation in registry.activations(entry.transducer_serial)
-        if activation.counter_identity == entry.counter_identity
-    ]
-    return bool(latest) and latest[-1] == entry.model_id
-
-
 def _facts(title: str, facts: Mapping[str, str], record: object) -> None:
     print_facts(title, facts.items())
     answer(name=title, facts={key: value for key, value in facts.items() if value})
-    answer(record=vars(record))
+    answer(record=record)
 
 
 def _short(value: Any) -> str:

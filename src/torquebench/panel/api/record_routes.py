@@ -17,12 +17,10 @@ from torquebench.panel.api.bench_routes import finite_list
 from torquebench.panel.api.models import CertificateBody, DocumentBody, ReasonBody, SignOffBody
 from torquebench.panel.service import (
     CalibrationDetail,
-    CalibrationView,
     EnteredTable,
     EnterTableRequest,
     ErrorCurve,
     JobView,
-    ModelView,
     RunDetail,
     RunPage,
     SettingsChange,
@@ -33,7 +31,7 @@ from torquebench.panel.service import (
 )
 from torquebench.panel.service.fields import Moment
 from torquebench.panel.service.records.queries import MEDIA
-from torquebench.records import CertificateEntry
+from torquebench.records import CalibrationEntry, CertificateEntry, ModelEntry
 from torquebench.records.export.streams import Stream, StreamFormat, stream_ending
 
 __all__ = ["router", "settings_router"]
@@ -197,7 +195,7 @@ def calibrations(
     service: Watched,
     transducer: Serial = None,
     limit: Annotated[int, Query(ge=1, le=500)] = 100,
-) -> list[CalibrationView]:
+) -> list[CalibrationEntry]:
     """Return calibrations, the newest first."""
     return service.records.calibrations(transducer, limit)
 
@@ -238,7 +236,7 @@ def certificate(
 
 
 @router.get("/models")
-def models(service: Watched, transducer: Serial = None) -> list[ModelView]:
+def models(service: Watched, transducer: Serial = None) -> list[ModelEntry]:
     """Return models, and which of them are in use."""
     return service.records.models(transducer)
 

@@ -78,13 +78,10 @@ from .jobs.recall import (
 )
 from .records.views import (
     CalibrationDetail as CalibrationDetail,
-    CalibrationView as CalibrationView,
     ErrorCurve as ErrorCurve,
-    ModelView as ModelView,
     RunDetail as RunDetail,
     RunPage as RunPage,
     RunTable as RunTable,
-    RunView as RunView,
 )
 from .settings.documents import (
     SECTIONS as SECTIONS,

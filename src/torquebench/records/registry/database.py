@@ -1,4 +1,4 @@
-"""The database below the registry: connection, append-only transactions, rows by name."""
+"""The database below the registry: connection, append-only transactions, entries."""
 
 import contextlib
 import importlib
@@ -8,18 +8,23 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
 from sqlalchemy import (
     URL,
+    Column,
     Connection,
     Engine,
     NullPool,
+    Select,
     Table,
+    TypeDecorator,
     create_engine,
     event,
+    inspect,
     make_url,
     select,
     text,
@@ -33,15 +38,15 @@ from sqlalchemy.exc import (
     OperationalError,
     SQLAlchemyError,
 )
-from sqlalchemy.orm import Session
+from sqlalchemy.orm import Session, object_session
 
 from torquebench.atomic_write import create_private, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.records.chain import START, ChainHead, canonical, seal
+from torquebench.records.chain import START, ChainHead, Link, canonical, seal
 from torquebench.records.read_only import is_writable, sqlite_reader
+from torquebench.records.registry.entries import Entry, Identity, Registered, completed, links
 from torquebench.records.registry.migrating import upgrade
-from torquebench.records.registry.schema import links
 
 __all__ = [
     "REGISTRY_FILE",
@@ -51,7 +56,7 @@ __all__ = [
     "UnavailableError",
     "database_failures",
     "engine_of",
-    "insert",
+    "entries_query",
     "lost_registry",
     "url_with_driver",
 ]
@@ -330,6 +335,143 @@ class Database:
         inside = self._sqlite and resolved.is_relative_to(self.root)
         return (resolved.relative_to(self.root) if inside else resolved).as_posix()
 
+    # -- entries --------------------------------------------------------------------------------
+
+    def add(self, entry: Registered) -> int:
+        """Append an entry, and new equipment that it names; return its number.
+
+        Raises
+        ------
+        RecordError
+            Where its run isn't registered.
+        """
+        table = type(entry).__table__
+        assert isinstance(table, Table)
+        with self.writing() as session:
+            content = self._columns(session, entry)
+            appended = session.execute(table.insert().returning(table.c.id), content)
+            number: int = appended.scalar_one()
+            bound = {name: _bound(table.c[name], value, session) for name, value in content.items()}
+            session.info.setdefault("added", []).append((table.name, {"id": number, **bound}))
+            return number
+
+    def _columns(self, session: Session, entry: Registered) -> dict[str, Any]:
+        """Return the columns of an entry's row, without its number."""
+        values: dict[str, Any] = {}
+        for attribute in inspect(type(entry)).column_attrs:
+            column = attribute.columns[0]
+            if not isinstance(column, Column) or column.primary_key:
+                continue
+            value = getattr(entry, attribute.key)
+            if attribute.key == column.name and column.foreign_keys:
+                value = self._row_of(session, entry, column) if value is None else value
+            elif column.name == "recorded":
+                value = datetime.now(UTC)
+            elif isinstance(value, Path):
+                value = self.stored(value)
+            elif value is None and not column.nullable:
+                value = ""  # a path that isn't there
+            values[column.name] = value
+        return values
+
+    def _row_of(self, session: Session, entry: Registered, column: Column[Any]) -> int | None:
+        """Return the number of the row that a key of an entry points to; None for none."""
+        wanted, kind = {}, ""
+        for each in fields(entry):
+            key, attribute = each.metadata.get("through", ("", ""))
+            if key == column.name:
+                wanted[attribute.partition(".")[2]] = getattr(entry, each.name)
+                kind = each.metadata.get("kind", "")
+        if column.nullable and not any(wanted.values()):
+            return None
+        (foreign,) = column.foreign_keys
+        target = foreign.column.table
+        if target.name == "equipment":
+            return self.equipment_key(**{"kind": kind, **wanted})
+        query = select(target.c.id)
+        for name, value in wanted.items():
+            query = query.where(target.c[name] == value)
+        number = session.scalar(query)
+        if number is None and target.name == "runs":
+            raise RecordError(
+                Message("run {run_id} isn't registered", wanted["run_id"]), "a registered run"
+            )
+        return number
+
+    def equipment_key(self, kind: Any, serial: str) -> int:
+        """Return the number of a piece of equipment, which is registered if it isn't yet."""
+        known = self.entries(Identity, kind=kind, serial=serial)
+        return known[0].number if known else self.add(Identity(kind, serial))
+
+    def entries(
+        self,
+        kind: type[Entry],
+        /,
+        *conditions: Any,
+        order: tuple[str, ...] = ("id",),
+        newest_first: bool = False,
+        limit: int | None = None,
+        offset: int = 0,
+        **wanted: Any,
+    ) -> list[Entry]:
+        """Return the entries of a kind, one of `torquebench.records.registry.entries`.
+
+        Parameters
+        ----------
+        *conditions
+            In terms of the kind's attributes, as SQLAlchemy takes them.
+        order : tuple of str
+            Columns by which they are sorted.
+        newest_first : bool
+            Whether they are sorted downwards.
+        limit, offset : int, optional
+            How many, and how many to pass over.
+        **wanted
+            Values of fields; None for any.
+        """
+        query = entries_query(kind, *conditions, order=order, newest_first=newest_first, **wanted)
+        with self.session() as session:
+            found = session.scalars(query.limit(limit).offset(offset or None))
+            return [self.complete(entry) for entry in found]
+
+    def complete(self, entry: Entry) -> Entry:
+        """Return an entry apart from its session; see `completed`."""
+        session = object_session(entry)
+        if session is not None:
+            session.expunge(entry)
+        return completed(entry, self.root)
+
+    def links(self, after: int = 0, limit: int | None = None) -> list[Link]:
+        """Return links of the chain, from the one after a number on."""
+        query = select(links).where(links.c.sequence > after).order_by(links.c.sequence)
+        with self.session() as session:
+            return [Link(**row._mapping) for row in session.execute(query.limit(limit))]
+
+
+def entries_query(
+    kind: type[Entry],
+    /,
+    *conditions: Any,
+    order: tuple[str, ...] = ("id",),
+    newest_first: bool = False,
+    **wanted: Any,
+) -> Select[tuple[Entry]]:
+    """Return the query of `Database.entries`, without limit and offset."""
+    equal = (getattr(kind, name) == value for name, value in wanted.items() if value is not None)
+    columns = [kind.__table__.c[name] for name in order]
+    return (
+        select(kind)
+        .where(*conditions, *equal)
+        .order_by(*(each.desc() if newest_first else each for each in columns))
+    )
+
+
+def _bound(column: Column[Any], value: Any, session: Session) -> Any:
+    """Return a value as the database and the chain get it."""
+    if isinstance(column.type, TypeDecorator):
+        return column.type.process_bind_param(value, session.get_bind().dialect)
+    return value
+
 
 def _retried(
     action: Callable[[], Result], longest_s: float, told: Callable[[str], None] | None = None
@@ -366,15 +508,6 @@ def database_failures(what: str) -> Iterator[None]:
             "a database that can be read and written",
             _remedy(error),
         ) from error
-
-
-def insert(session: Session, table: Table, **values: Any) -> int:
-    """Add a row in a transaction of `Database.writing`; return its number."""
-    content = {column.name: values.get(column.name) for column in table.columns}
-    del content["id"]
-    number: int = session.execute(table.insert().returning(table.c.id), content).scalar_one()
-    session.info.setdefault("added", []).append((table.name, {"id": number, **content}))
-    return number
 
 
 def _head(session: Session) -> ChainHead:

@@ -11,8 +11,8 @@ from sqlalchemy import Connection, StaticPool, create_engine, inspect, text
 from torquebench.records.integrity import Finding
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.registry.database import WAY_BACK, Database
+from torquebench.records.registry.entries import metadata
 from torquebench.records.registry.migrating import upgrade
-from torquebench.records.registry.schema import metadata
 from torquebench.records.registry.schema_version import VERSIONS_TABLE
 
 __all__ = ["damage_of_file", "index_damage_only", "mend_schema", "schema_changes"]

@@ -1,40 +1,140 @@
-"""Values that the registry accepts and returns, in terms of a calibration laboratory."""
+"""What the registry stores, as mapped dataclasses: each class is a table and the value of its rows.
+
+Every table is append-only: triggers refuse changes, and the chain's links reveal changes that
+bypass them. Later information (a run's end, the state of equipment, a calibration's review) is a
+row of its own that refers to the original.
+
+A field with a label is shown wherever the entry is shown; see `facts`. A new column needs a
+migration, which names it.
+"""
 
 import hashlib
 import json
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from datetime import date, datetime
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields, make_dataclass
+from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, Self
+from types import MappingProxyType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    NamedTuple,
+    Self,
+    TypeVar,
+    get_args,
+    get_origin,
+)
+
+from sqlalchemy import (
+    JSON,
+    Boolean,
+    Column,
+    ColumnElement,
+    Date,
+    DateTime,
+    Dialect,
+    Double,
+    ForeignKey,
+    Index,
+    Integer,
+    MetaData,
+    String,
+    Table,
+    Text,
+    TypeDecorator,
+    func,
+    inspect,
+    select,
+)
+from sqlalchemy.orm import (
+    DeclarativeBase,
+    Mapped,
+    MappedAsDataclass,
+    aliased,
+    column_property,
+    composite,
+    mapped_column,
+)
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
-from torquebench.records.files import sha256_of_file
+from torquebench.records.files import json_text, revived, sha256_of_file, with_messages
+from torquebench.records.signatures import Signature
 
 if TYPE_CHECKING:
-    from torquebench.calibration import Contradiction
+    from torquebench.calibration import CalibrationData, Contradiction
 
 __all__ = [
     "Activation",
     "Adjustment",
     "Amendment",
+    "AuditEnd",
     "CalibrationEntry",
     "CertificateEntry",
     "CheckEntry",
     "Component",
+    "ComponentChange",
+    "Document",
     "Equipment",
     "EquipmentKind",
     "ModelEntry",
+    "Registered",
     "Report",
     "Review",
+    "RunEnd",
     "RunSummary",
+    "TorqueRange",
+    "UtcDateTime",
     "VerificationEntry",
     "Zeroing",
     "archived_at",
+    "completed",
+    "entry_of",
+    "facts",
+    "links",
+    "metadata",
     "sha256_of_record",
 ]
 
+
+class UtcDateTime(TypeDecorator[datetime]):
+    """A moment with time zone, stored in UTC: SQLite itself keeps no time zone."""
+
+    impl = DateTime(timezone=True)
+    cache_ok = True
+
+    def process_bind_param(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Turn a moment into UTC on its way into the database."""
+        return None if value is None else value.astimezone(UTC)
+
+    def process_result_value(self, value: datetime | None, _dialect: Dialect) -> datetime | None:
+        """Give a stored moment its time zone back."""
+        if value is None:
+            return None
+        return value.replace(tzinfo=UTC) if value.tzinfo is None else value.astimezone(UTC)
+
+
+class Document(TypeDecorator[Any]):
+    """Plain JSON; the messages in it keep their templates, see `with_messages`."""
+
+    impl = JSON
+    cache_ok = True
+
+    def process_bind_param(self, value: Any, _dialect: Dialect) -> Any:
+        """Return a value as JSON holds it."""
+        return None if value is None else json.loads(json_text(with_messages(value)))
+
+    def coerce_compared_value(self, op: Any, value: Any) -> Any:
+        """Let its parts be compared as those of JSON."""
+        return self.impl_instance.coerce_compared_value(op, value)
+
+
+Entry = TypeVar("Entry", bound="Registered")
+Sha256 = Annotated[str, 64]
+Json = Mapping[str, Any]
+Files = Mapping[str, str]
 EquipmentKind = Literal[
     "transducer",
     "calibrator",
@@ -45,11 +145,230 @@ EquipmentKind = Literal[
     "bench",
     "reducer",
 ]
+HIDDEN: Json = MappingProxyType({"exclude": True})
+"""Metadata of a field that no client of the panel's API gets: numbers of rows, paths."""
+
+metadata = MetaData(
+    naming_convention={
+        "ix": "ix_%(table_name)s_%(column_0_N_name)s",
+        "uq": "uq_%(table_name)s_%(column_0_N_name)s",
+        "fk": "fk_%(table_name)s_%(column_0_name)s",
+        "pk": "pk_%(table_name)s",
+    }
+)
 
 
-@dataclass(frozen=True)
-class Equipment:
+class Registered(MappedAsDataclass, DeclarativeBase):
+    """A kind of entry.
+
+    A field made by `through` isn't stored here, but in the row that a key points to: it is read
+    from there, and an entry that is added gets the key of the row with its value.
+    """
+
+    metadata = metadata
+    type_annotation_map = MappingProxyType(
+        {
+            str: Text,
+            Sha256: String(64),
+            int: Integer,
+            float: Double,
+            bool: Boolean,
+            datetime: UtcDateTime,
+            date: Date,
+            Path: Text,
+            Json: Document,
+            Files: Document,
+            Signature: Document(none_as_null=True),
+        }
+    )
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        for each in fields(cls):
+            if get_origin(each.type) is Mapped:  # other libraries read the type of the value
+                each.type = get_args(each.type)[0]
+            if "through" in each.metadata:
+                key, attribute = each.metadata["through"]
+                value = _value_at(cls.__table__.c[key], *attribute.split("."))
+                _derive(cls, each.name, func.coalesce(value, "") if each.default == "" else value)
+
+    @classmethod
+    def __get_pydantic_core_schema__(cls, _source: object, handler: Any) -> Any:
+        """Describe an entry to the panel's API: a plain dataclass of its fields."""
+        from pydantic_core import core_schema
+
+        plain = make_dataclass(
+            cls.__name__,
+            [
+                (each.name, each.type, field(metadata=each.metadata))
+                for each in fields(cls)
+                if not each.metadata.get("exclude")
+            ],
+            kw_only=True,
+        )
+        plain.__doc__ = (cls.__doc__ or "").partition("\n\n")[0]
+        return core_schema.no_info_before_validator_function(
+            lambda value: asdict(value) if isinstance(value, cls) else value,
+            handler.generate_schema(plain),
+        )
+
+
+def _derive(kind: type[Registered], name: str, value: Any) -> None:
+    """Read a field of a kind from other rows."""
+    if name in vars(kind):  # the default of its dataclass
+        type.__delattr__(kind, name)
+    setattr(kind, name, column_property(value))
+
+
+def _value_at(key: ColumnElement[Any], kind: str, attribute: str) -> Any:
+    """Return the value of an attribute in the row of a kind that a key points to."""
+    (target,) = (each for each in Registered.__subclasses__() if each.__name__ == kind)
+    row = aliased(target)
+    number = inspect(target).get_property_by_column(target.__table__.c.id).key
+    return select(getattr(row, attribute)).where(getattr(row, number) == key).scalar_subquery()
+
+
+def _number() -> Any:
+    """Declare the number of a row, which isn't a field of the entry."""
+    return mapped_column("id", Integer, primary_key=True)
+
+
+def _key(table: str, *, nullable: bool = False, index: bool = False) -> Any:
+    """Declare the number of another table's row, which isn't a field either; see `_through`."""
+    return mapped_column(ForeignKey(f"{table}.id"), nullable=nullable, index=index or None)
+
+
+def _recorded() -> Any:
+    """Declare when a row was entered, which isn't a field of the entry."""
+    return mapped_column(UtcDateTime, nullable=False)
+
+
+def _through(key: str, attribute: str, label: str = "", **options: Any) -> Any:
+    """Declare a field that stands in the row that a key of this class points to."""
+    more = {"label": label} if label else {}
+    kind = {"kind": options.pop("kind")} if "kind" in options else {}
+    return field(metadata={"through": (key, attribute), **kind, **more}, **options)
+
+
+def _serial(key: str, kind: EquipmentKind, label: str = "", **default: Any) -> Any:
+    """Declare the serial number of a piece of equipment of a kind."""
+    return _through(key, "Identity.serial", label, kind=kind, **default)
+
+
+def _stated(label: str, **options: Any) -> Any:
+    """Declare a column that is shown with its label wherever the entry is shown."""
+    return mapped_column(dataclass_metadata={"label": label}, **options)
+
+
+def _of_calibration(attribute: str) -> Any:
+    """Declare what a model has from its calibration; not stored with it."""
+    return _through("calibration_key", attribute, init=False)
+
+
+# -- runs ---------------------------------------------------------------------------------------
+
+
+class RunEnd(Registered, kw_only=True):
+    """How a run ended, and the hash of the manifest that seals its folder."""
+
+    __tablename__ = "run_ends"
+
+    number = _number()
+    run_key: Mapped[int] = mapped_column(ForeignKey("runs.id"), unique=True)
+    finished: Mapped[datetime]
+    status: Mapped[str]
+    reason: Mapped[str]
+    manifest_sha256: Mapped[Sha256]
+
+
+class RunSummary(Registered, kw_only=True):
+    """One line of the list of runs.
+
+    Parameters
+    ----------
+    run_id : str
+        Identifier and name of the folder.
+    kind : str
+        Kind of run, such as ``"calibrate-output"``.
+    started, finished : datetime.datetime
+        In UTC; `finished` is None while the run is open.
+    status : str
+        ``"running"``, ``"completed"``, ``"aborted"``, ``"failed"`` or ``"interrupted"``.
+    simulated : bool
+        Whether it ran on the simulated bench.
+    folder : pathlib.Path
+        The run's folder.
+    doubts : tuple of str
+        Implausible times; filled in by lists that look for them.
+    """
+
+    __tablename__ = "runs"
+    # Lists of runs are sorted newest first: these indexes serve them, read backwards.
+    __table_args__ = (
+        Index("ix_runs_started", "started", "id"),
+        Index("ix_runs_kind_started", "kind", "started", "id"),
+    )
+
+    number = _number()
+    run_id: Mapped[str] = mapped_column(unique=True)
+    kind: Mapped[str]
+    started: Mapped[datetime]
+    side: Mapped[str] = mapped_column(default="")
+    operator: Mapped[str] = mapped_column(default="")
+    bench: Mapped[str] = mapped_column(default="")
+    simulated: Mapped[bool]
+    profile_name: Mapped[str] = mapped_column(
+        default="", dataclass_metadata={"serialization_alias": "profile"}
+    )
+    profile_sha256: Mapped[Sha256] = mapped_column(default="")
+    software_version: Mapped[str]
+    folder: Mapped[Path] = mapped_column(dataclass_metadata=HIDDEN)
+    finished: datetime | None = None
+    status: str = "running"
+    reason: str = ""
+    manifest_sha256: str = ""
+    doubts: tuple[str, ...] = field(default=(), compare=False)
+
+
+for _name in ("finished", "status", "reason", "manifest_sha256"):
+    _of_end: Any = select(getattr(RunEnd, _name)).where(RunEnd.run_key == RunSummary.number)
+    _of_end = _of_end.scalar_subquery()
+    if _name != "finished":
+        _of_end = func.coalesce(_of_end, "running" if _name == "status" else "")
+    _derive(RunSummary, _name, _of_end)
+
+
+class AuditEnd(Registered):
+    """The end of an audit log when its bench was closed: a removal before it is detected."""
+
+    __tablename__ = "audit_ends"
+
+    number = _number()
+    log: Mapped[str]
+    line: Mapped[int]
+    sha256: Mapped[Sha256]
+    recorded = _recorded()
+
+
+# -- equipment ----------------------------------------------------------------------------------
+
+
+class Identity(Registered):
+    """A piece of equipment: what never changes of it."""
+
+    __tablename__ = "equipment"
+    __table_args__ = (Index("ix_equipment_identity", "kind", "serial", unique=True),)
+
+    number = _number()
+    kind: Mapped[EquipmentKind] = mapped_column(Text)
+    serial: Mapped[str]
+    recorded = _recorded()
+
+
+class Equipment(Registered):
     """A transducer, standard, counter, drive, encoder, bench or tested reducer.
+
+    The data of a piece of equipment from a time on; the latest row is valid.
 
     Parameters
     ----------
@@ -65,12 +384,17 @@ class Equipment:
         Further data: class, nominal zero, timebase frequency.
     """
 
-    kind: EquipmentKind
-    serial: str
-    manufacturer: str = ""
-    model: str = ""
-    range_nm: float | None = None
-    details: Mapping[str, Any] = field(default_factory=dict)
+    __tablename__ = "equipment_descriptions"
+
+    number = _number()
+    kind: EquipmentKind = _through("equipment_key", "Identity.kind")
+    serial: str = _through("equipment_key", "Identity.serial")
+    equipment_key = _key("equipment", index=True)
+    manufacturer: Mapped[str] = mapped_column(default="")
+    model: Mapped[str] = mapped_column(default="")
+    range_nm: Mapped[float | None] = mapped_column(default=None)
+    details: Mapped[Json] = mapped_column(default_factory=dict)
+    recorded = _recorded()
 
 
 @dataclass(frozen=True)
@@ -94,8 +418,22 @@ class Component:
     fitted_by: str = ""
 
 
-@dataclass(frozen=True)
-class Adjustment:
+class ComponentChange(Registered):
+    """A piece of equipment was fitted into another one, or removed from it."""
+
+    __tablename__ = "components"
+
+    number = _number()
+    whole_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    part_key: Mapped[int] = mapped_column(ForeignKey("equipment.id"), index=True)
+    role: Mapped[str]
+    change: Mapped[Literal["fitted", "removed"]] = mapped_column(Text)
+    performed: Mapped[datetime]
+    performed_by: Mapped[str]
+    reason: Mapped[str]
+
+
+class Adjustment(Registered, kw_only=True):
     """Work on a piece of equipment that may change its indication.
 
     Parameters
@@ -110,19 +448,32 @@ class Adjustment:
         The persons who performed and who reviewed it.
     """
 
-    kind: str
-    serial: str
-    what: str
-    performed: datetime
-    performed_by: str
-    checked_by: str = ""
-    reason: str = ""
-    before: Mapping[str, Any] = field(default_factory=dict)
-    after: Mapping[str, Any] = field(default_factory=dict)
+    __tablename__ = "adjustments"
+
+    number = _number()
+    kind: EquipmentKind = _through("equipment_key", "Identity.kind")
+    serial: str = _through("equipment_key", "Identity.serial")
+    equipment_key = _key("equipment", index=True)
+    what: Mapped[str]
+    before: Mapped[Json] = mapped_column(default_factory=dict)
+    after: Mapped[Json] = mapped_column(default_factory=dict)
+    performed: Mapped[datetime]
+    performed_by: Mapped[str]
+    checked_by: Mapped[str] = mapped_column(default="")
+    reason: Mapped[str] = mapped_column(default="")
 
 
-@dataclass(frozen=True)
-class Report:
+class TorqueRange(NamedTuple):
+    """Lowest and highest torque in N·m."""
+
+    low_nm: float
+    high_nm: float
+
+    def __composite_values__(self) -> "TorqueRange":
+        return self
+
+
+class Report(Registered):
     """The certificate of a standard by the laboratory that calibrated it: traceability.
 
     Parameters
@@ -142,22 +493,30 @@ class Report:
         The certificate's file, which is hashed when it is registered.
     """
 
-    kind: EquipmentKind
-    serial: str
-    number: str
-    laboratory: str = ""
-    performed: date | None = None
-    due: date | None = None
-    measured_by: str = ""
-    checked_by: str = ""
-    valid_nm: tuple[float, float] | None = None
-    expanded_uncertainty_percent: float | None = None
-    file: Path | None = None
-    file_sha256: str = ""
+    __tablename__ = "reports"
+
+    report_id = _number()
+    kind: EquipmentKind = _through("equipment_key", "Identity.kind")
+    serial: str = _through("equipment_key", "Identity.serial")
+    equipment_key = _key("equipment", index=True)
+    number: Mapped[str]  # type: ignore[misc]  # the fields before have no default
+    laboratory: Mapped[str] = mapped_column(default="")
+    performed: Mapped[date | None] = mapped_column(default=None)
+    due: Mapped[date | None] = mapped_column(default=None)
+    measured_by: Mapped[str] = mapped_column(default="")
+    checked_by: Mapped[str] = mapped_column(default="")
+    valid_nm: Mapped[TorqueRange | None] = composite(
+        mapped_column("valid_low_nm", Double, nullable=True),
+        mapped_column("valid_high_nm", Double, nullable=True),
+        default=None,
+    )
+    expanded_uncertainty_percent: Mapped[float | None] = mapped_column(default=None)
+    file: Mapped[Path | None] = mapped_column(default=None, nullable=False)
+    file_sha256: Mapped[Sha256] = mapped_column(default="")
+    recorded = _recorded()
 
 
-@dataclass(frozen=True)
-class Zeroing:
+class Zeroing(Registered, kw_only=True):
     """The unloaded zero of a transducer.
 
     Parameters
@@ -166,86 +525,25 @@ class Zeroing:
         Frequency, and its deviation from the nominal zero in N·m.
     """
 
-    transducer_serial: str
-    performed: datetime
-    zero_hz: float
-    zero_nm: float
-    temperature_c: float | None = None
-    run_id: str | None = None
-    simulated: bool = False
+    __tablename__ = "zeroings"
+    __table_args__ = (Index("ix_zeroings_transducer", "transducer_key", "performed"),)
+
+    number = _number()
+    transducer_serial: str = _serial("transducer_key", "transducer")
+    transducer_key = _key("equipment")
+    run_id: str | None = _through("run_key", "RunSummary.run_id", default=None)
+    run_key = _key("runs", nullable=True)
+    performed: Mapped[datetime]
+    zero_hz: Mapped[float]
+    zero_nm: Mapped[float]
+    temperature_c: Mapped[float | None] = mapped_column(default=None)
+    simulated: Mapped[bool] = mapped_column(default=False)
 
 
-@dataclass(frozen=True)
-class Amendment:
-    """An amendment of a record; the record itself isn't changed.
-
-    Parameters
-    ----------
-    subject, subject_id : str, int
-        Table and number of the record that it amends.
-    changes : mapping
-        Field to its correct value.
-    """
-
-    subject: str
-    subject_id: int
-    amended: datetime
-    amended_by: str
-    reason: str
-    changes: Mapping[str, Any]
+# -- calibrations -------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True)
-class Review:
-    """A review of a record, and its result."""
-
-    subject: str
-    subject_id: int
-    checked: datetime
-    checked_by: str
-    accepted: bool
-    remark: str
-
-
-@dataclass(frozen=True)
-class RunSummary:
-    """One line of the list of runs.
-
-    Parameters
-    ----------
-    run_id : str
-        Identifier and name of the folder.
-    kind : str
-        Kind of run, such as ``"calibrate-output"``.
-    started, finished : datetime.datetime
-        In UTC; `finished` is None while the run is open.
-    status : str
-        ``"running"``, ``"completed"``, ``"aborted"``, ``"failed"`` or ``"interrupted"``.
-    simulated : bool
-        Whether it ran on the simulated bench.
-    folder : pathlib.Path
-        The run's folder.
-    """
-
-    run_id: str
-    kind: str
-    started: datetime
-    simulated: bool
-    software_version: str
-    folder: Path
-    finished: datetime | None = None
-    status: str = "running"
-    reason: str = ""
-    side: str = ""
-    operator: str = ""
-    bench: str = ""
-    profile_name: str = ""
-    profile_sha256: str = ""
-    manifest_sha256: str = ""
-
-
-@dataclass(frozen=True)
-class CalibrationEntry:
+class CalibrationEntry(Registered, kw_only=True):
     """One calibration of one chain.
 
     Parameters
@@ -264,29 +562,78 @@ class CalibrationEntry:
         When the chain is to be calibrated again.
     files : mapping of str to str
         SHA-256 of the files that hold it, by their names.
+    signature : Signature or None
+        How `measured_by` came about; None before 0.3.0.
+    doubts : tuple of str
+        An expired standard, implausible times; filled in by lists that look for them.
     """
 
-    calibration_id: int
-    run_id: str | None
-    transducer_serial: str
-    counter_identity: str
-    performed: datetime
-    range_nm: float
-    points: int
-    data_sha256: str
-    profile_name: str
-    profile_sha256: str
-    simulated: bool
-    summary: Mapping[str, Any]
-    standard_serial: str = ""
-    measured_by: str = ""
-    valid_nm: tuple[float, float] = (0.0, 0.0)
-    due: date | None = None
-    files: Mapping[str, str] = field(default_factory=dict)
+    __tablename__ = "calibrations"
+
+    calibration_id: Mapped[int] = mapped_column("id", primary_key=True, init=False)
+    run_id: str | None = _through("run_key", "RunSummary.run_id", "run", default=None)
+    run_key = _key("runs", nullable=True)
+    transducer_serial: str = _serial("transducer_key", "transducer", "transducer")
+    transducer_key = _key("equipment", index=True)
+    counter_identity: str = _serial("counter_key", "counter", "counter")
+    counter_key = _key("equipment")
+    standard_serial: str = _serial("standard_key", "calibrator", "standard", default="")
+    standard_key = _key("equipment", nullable=True)
+    performed: Mapped[datetime] = _stated("performed")
+    measured_by: Mapped[str] = _stated("measured by", default="")
+    range_nm: Mapped[float] = _stated("range in N·m")
+    valid_nm: Mapped[TorqueRange] = composite(
+        mapped_column("valid_low_nm", Double, nullable=False),
+        mapped_column("valid_high_nm", Double, nullable=False),
+        default=TorqueRange(0.0, 0.0),
+        dataclass_metadata={"label": "valid in N·m"},
+    )
+    due: Mapped[date | None] = _stated("due", default=None)
+    points: Mapped[int] = _stated("points")
+    data_sha256: Mapped[Sha256] = _stated("data SHA-256")
+    profile_name: Mapped[str] = mapped_column(
+        default="", dataclass_metadata={"serialization_alias": "profile", "label": "profile"}
+    )
+    profile_sha256: Mapped[Sha256] = _stated("profile SHA-256", default="")
+    simulated: Mapped[bool] = _stated("simulated")
+    files: Mapped[Files] = mapped_column(default_factory=dict)
+    summary: Mapped[Json] = mapped_column(default_factory=dict)
+    signature: Mapped[Signature | None] = _stated("entered", default=None)
+    doubts: tuple[str, ...] = field(default=(), compare=False)
+
+    @classmethod
+    def of_points(cls, data: "CalibrationData", *, performed: datetime, **more: Any) -> Self:
+        """Return the entry of a table of points.
+
+        Parameters
+        ----------
+        data : CalibrationData
+            With transducer serial and counter identity.
+        performed : datetime.datetime
+            When, with time zone.
+        **more
+            Other fields. The summary always has the errors of the span: control charts are drawn
+            from them.
+        """
+        from torquebench.calibration import span_errors  # not imported for lists of records
+
+        low, high = min(data.standard_nm.min(), 0.0), max(data.standard_nm.max(), 0.0)
+        summary = {**more.pop("summary", {}), "span_error_percent": span_errors(data)}
+        return cls(
+            transducer_serial=data.transducer_serial,
+            counter_identity=data.counter_identity,
+            performed=performed,
+            range_nm=data.range_nm,
+            valid_nm=TorqueRange(float(low), float(high)),
+            points=len(data),
+            data_sha256=data.sha256(),
+            simulated=data.simulated,
+            summary=summary,
+            **more,
+        )
 
 
-@dataclass(frozen=True)
-class ModelEntry:
+class ModelEntry(Registered, kw_only=True):
     """One fitted model and its file.
 
     Parameters
@@ -299,22 +646,29 @@ class ModelEntry:
         The model file.
     file_sha256 : str
         Hash of the file when it was registered.
-    transducer_serial, counter_identity : str
-        The chain that it is valid for.
+    transducer_serial, counter_identity, simulated
+        Of its calibration.
+    active : bool
+        Whether it is in use; filled in by lists of models.
     """
 
-    model_id: int
-    calibration_id: int
-    kind: str
-    file: Path
-    file_sha256: str
-    range_nm: float
-    side: str
-    transducer_serial: str
-    counter_identity: str
-    metrics: Mapping[str, Any]
-    created: datetime
-    simulated: bool
+    __tablename__ = "models"
+
+    model_id: Mapped[int] = mapped_column("id", primary_key=True, init=False)
+    calibration_id: Mapped[int] = mapped_column(
+        "calibration_key", ForeignKey("calibrations.id"), index=True
+    )
+    kind: Mapped[str]
+    file: Mapped[Path] = mapped_column(dataclass_metadata=HIDDEN)
+    file_sha256: Mapped[Sha256]
+    range_nm: Mapped[float]
+    side: Mapped[str] = mapped_column(default="")
+    metrics: Mapped[Json] = mapped_column(default_factory=dict)
+    created: Mapped[datetime]
+    transducer_serial: str = _of_calibration("CalibrationEntry.transducer_serial")
+    counter_identity: str = _of_calibration("CalibrationEntry.counter_identity")
+    simulated: bool = _of_calibration("CalibrationEntry.simulated")
+    active: bool = field(default=False, compare=False)
 
     @property
     def contradictions(self) -> "tuple[Contradiction, ...]":
@@ -348,33 +702,44 @@ class ModelEntry:
         return self.file
 
 
-@dataclass(frozen=True)
-class Activation:
-    """A model put into use for a chain, or (model_id None) compensation taken out of use."""
+class Activation(Registered, kw_only=True):
+    """A model put into use for a chain, or (model_id None) compensation taken out of use.
 
-    model_id: int | None
-    transducer_serial: str
-    counter_identity: str
-    activated: datetime
-    operator: str
-    reason: str
+    `signature` says how the decision came about; it is None before 0.3.0.
+    """
+
+    __tablename__ = "activations"
+    __table_args__ = (Index("ix_activations_chain", "transducer_key", "counter_key", "id"),)
+
+    number = _number()
+    transducer_serial: str = _serial("transducer_key", "transducer")
+    transducer_key = _key("equipment")
+    counter_identity: str = _serial("counter_key", "counter")
+    counter_key = _key("equipment")
+    model_id: Mapped[int | None] = mapped_column("model_key", ForeignKey("models.id"))
+    activated: Mapped[datetime]
+    operator: Mapped[str]
+    reason: Mapped[str]
+    signature: Mapped[Signature | None] = _stated("signature", default=None)
 
 
-@dataclass(frozen=True)
-class VerificationEntry:
+class VerificationEntry(Registered, kw_only=True):
     """Result of a verification for one model; `summary` holds its numbers."""
 
-    model_id: int
-    run_id: str | None
-    performed: datetime
-    data_sha256: str
-    simulated: bool
-    summary: Mapping[str, Any]
-    measured_by: str = ""
+    __tablename__ = "verifications"
+
+    number = _number()
+    model_id: Mapped[int] = mapped_column("model_key", ForeignKey("models.id"), index=True)
+    run_id: str | None = _through("run_key", "RunSummary.run_id", default=None)
+    run_key = _key("runs", nullable=True)
+    performed: Mapped[datetime]
+    measured_by: Mapped[str] = mapped_column(default="")
+    data_sha256: Mapped[Sha256]
+    simulated: Mapped[bool]
+    summary: Mapped[Json]
 
 
-@dataclass(frozen=True)
-class CheckEntry:
+class CheckEntry(Registered, kw_only=True):
     """A quick check of a chain against the check standard.
 
     Parameters
@@ -385,21 +750,30 @@ class CheckEntry:
         Largest error, and the tolerance, in % of full scale.
     """
 
-    transducer_serial: str
-    performed: datetime
-    verdict: str
-    worst_percent_fs: float
-    tolerance_percent_fs: float
-    simulated: bool
-    standard_serial: str = ""
-    model_id: int | None = None
-    run_id: str | None = None
-    measured_by: str = ""
-    summary: Mapping[str, Any] = field(default_factory=dict)
+    __tablename__ = "checks"
+    __table_args__ = (Index("ix_checks_transducer", "transducer_key", "performed"),)
+
+    number = _number()
+    transducer_serial: str = _serial("transducer_key", "transducer")
+    transducer_key = _key("equipment")
+    standard_serial: str = _serial("standard_key", "verification-standard", default="")
+    standard_key = _key("equipment", nullable=True)
+    model_id: Mapped[int | None] = mapped_column("model_key", ForeignKey("models.id"), default=None)
+    run_id: str | None = _through("run_key", "RunSummary.run_id", default=None)
+    run_key = _key("runs", nullable=True)
+    performed: Mapped[datetime]
+    measured_by: Mapped[str] = mapped_column(default="")
+    verdict: Mapped[str]
+    worst_percent_fs: Mapped[float]
+    tolerance_percent_fs: Mapped[float]
+    simulated: Mapped[bool]
+    summary: Mapped[Json] = mapped_column(default_factory=dict)
 
 
-@dataclass(frozen=True)
-class CertificateEntry:
+# -- certificates, reviews, amendments ----------------------------------------------------------
+
+
+class CertificateEntry(Registered, kw_only=True):
     """An issued certificate, as stored, listed, exported and sent.
 
     Parameters
@@ -414,18 +788,27 @@ class CertificateEntry:
         Summary of its statements: see `of_record`.
     supersedes : str
         Number of the certificate that it replaces; empty for a first one.
+    signature : Signature or None
+        How the authorisation came about; None before 0.3.0.
     superseded_by : str
         Number of the one that replaces it, once there is one.
     """
 
-    number: str
-    calibration_id: int
-    issued: datetime
-    authorised_by: str
-    files: Mapping[str, str]
-    summary: Mapping[str, Any] = field(default_factory=dict)
-    supersedes: str = ""
-    superseded_by: str = ""
+    __tablename__ = "certificates"
+
+    certificate_id = _number()
+    number: Mapped[str] = mapped_column(unique=True)
+    calibration_id: Mapped[int] = mapped_column(
+        "calibration_key", ForeignKey("calibrations.id"), index=True
+    )
+    supersedes: str = _through("supersedes_key", "CertificateEntry.number", default="")
+    supersedes_key = _key("certificates", nullable=True)
+    issued: Mapped[datetime]
+    authorised_by: Mapped[str]
+    files: Mapped[Files]
+    summary: Mapped[Json] = mapped_column(default_factory=dict)
+    signature: Mapped[Signature | None] = _stated("signature", default=None)
+    superseded_by: str = field(default="", compare=False)
 
     @classmethod
     def of_record(
@@ -500,3 +883,107 @@ def sha256_of_record(record: Mapping[str, Any]) -> str:
     """Return the SHA-256 of a certificate's record, whichever way its JSON is laid out."""
     text = json.dumps(record, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+class Review(Registered):
+    """A review of a record, and its result.
+
+    `signature` says how it came about and what was reviewed; it is None before 0.3.0.
+    """
+
+    __tablename__ = "reviews"
+    __table_args__ = (Index("ix_reviews_subject", "subject", "subject_key"),)
+
+    number = _number()
+    subject: Mapped[str]
+    subject_id: Mapped[int] = mapped_column("subject_key")
+    checked: Mapped[datetime]
+    checked_by: Mapped[str]
+    accepted: Mapped[bool]
+    remark: Mapped[str]
+    signature: Mapped[Signature | None] = _stated("signature", default=None)
+
+
+class Amendment(Registered):
+    """An amendment of a record; the record itself isn't changed.
+
+    Parameters
+    ----------
+    subject, subject_id : str, int
+        Table and number of the record that it amends.
+    changes : mapping
+        Field to its correct value.
+    """
+
+    __tablename__ = "amendments"
+    __table_args__ = (Index("ix_amendments_subject", "subject", "subject_key"),)
+
+    number = _number()
+    subject: Mapped[str]
+    subject_id: Mapped[int] = mapped_column("subject_key")
+    amended: Mapped[datetime]
+    amended_by: Mapped[str]
+    reason: Mapped[str]
+    changes: Mapped[Json]
+
+
+links = Table(
+    "chain",
+    metadata,
+    Column("sequence", Integer, primary_key=True, autoincrement=False),
+    Column("table", Text, nullable=False),
+    Column("key", Integer, nullable=False),
+    Column("recorded", Text, nullable=False),
+    Column("content", Text, nullable=False),
+    Column("previous_sha256", String(64), nullable=False),
+    Column("sha256", String(64), nullable=False, unique=True),
+    Index("ix_chain_row", "table", "key", unique=True),
+)
+"""Rows of the other tables as entered, by the fields of a link of the hash chain."""
+
+
+def facts(entry: Registered) -> Iterator[tuple[str, Any]]:
+    """Yield label and value of every field of an entry that is shown by itself."""
+    for each in fields(entry):
+        value = getattr(entry, each.name)
+        if "label" in each.metadata and value not in (None, ""):
+            yield each.metadata["label"], value
+
+
+def entry_of(kind: type[Entry], columns: Mapping[Any, Any], root: Path = Path()) -> Entry:
+    """Return an entry from columns that have the names of its fields.
+
+    Parameters
+    ----------
+    kind : type
+        Kind of entry.
+    columns : mapping
+        Where there is no value, the field has its default.
+    root : pathlib.Path
+        Data directory of the stored paths.
+    """
+    known = {
+        each.name: columns[each.name]
+        for each in fields(kind)
+        if each.init and columns.get(each.name) is not None
+    }
+    if columns.get("valid_low_nm") is not None and "valid_nm" in kind.__dataclass_fields__:
+        known["valid_nm"] = TorqueRange(columns["valid_low_nm"], columns["valid_high_nm"])
+    entry = completed(kind(**known), root)
+    for each in fields(kind):
+        if not each.init:
+            setattr(entry, each.name, columns.get(each.name))
+    return entry
+
+
+def completed(entry: Entry, root: Path = Path()) -> Entry:
+    """Return an entry as it was read from its columns, with whole paths, messages, signatures."""
+    for each in fields(entry):
+        value = getattr(entry, each.name)
+        if each.type in (Path, Path | None):
+            setattr(entry, each.name, root / value if value else None)
+        elif each.type == Signature | None and value is not None:
+            setattr(entry, each.name, Signature.restored(value))
+        elif isinstance(value, dict):
+            setattr(entry, each.name, revived(value))
+    return entry

@@ -17,7 +17,7 @@ __all__ = ["SCHEMA_VERSION", "upgrade"]
 _MIGRATIONS = Path(__file__).parent / "migrations"
 
 
-def upgrade(engine: Engine, *, read_only: bool = False) -> None:
+def upgrade(engine: Engine, *, read_only: bool = False, to: str = SCHEMA_VERSION) -> None:
     """Create or upgrade the tables of a registry.
 
     Parameters
@@ -25,6 +25,8 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
     engine : sqlalchemy.Engine
     read_only : bool
         Whether nothing can be written, so that only a registry of this version is accepted.
+    to : str
+        The version; another one than the newest for tests.
 
     Raises
     ------
@@ -75,7 +77,7 @@ def upgrade(engine: Engine, *, read_only: bool = False) -> None:
             # Two benches that open a new database at once upgrade it in turn.
             connection.execute(text("SELECT pg_advisory_xact_lock(7240514)"))
         config.attributes["connection"] = connection
-        command.upgrade(config, SCHEMA_VERSION)
+        command.upgrade(config, to)
 
 
 def _version(engine: Engine) -> str | None:

@@ -1,14 +1,66 @@
 """The registry: every record of a data directory, chained so that no change stays hidden."""
 
-from torquebench.records.registry.calibrations import CalibrationRecords
-from torquebench.records.registry.conformity import ConformityRecords
-from torquebench.records.registry.equipment import EquipmentRecords
-from torquebench.records.runs.states import RunStateRecords
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
 
-__all__ = ["Registry"]
+from sqlalchemy import func, select
+
+from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.message import Message
+from torquebench.records.chain import canonical
+from torquebench.records.files import plain_json, sha256_of_file
+from torquebench.records.registry.entries import (
+    Activation,
+    Adjustment,
+    Amendment,
+    CalibrationEntry,
+    CertificateEntry,
+    CheckEntry,
+    Component,
+    ComponentChange,
+    Equipment,
+    EquipmentKind,
+    Identity,
+    ModelEntry,
+    Report,
+    Review,
+    VerificationEntry,
+    Zeroing,
+    metadata,
+)
+from torquebench.records.registry.runs import RunRecords
+from torquebench.records.signatures import Signature
+
+if TYPE_CHECKING:
+    from torquebench.calibration import Contradiction, VerificationResult
+
+__all__ = ["Registry", "Subject"]
+
+Subject = Literal[
+    "equipment",
+    "equipment_descriptions",
+    "components",
+    "adjustments",
+    "reports",
+    "zeroings",
+    "runs",
+    "run_ends",
+    "calibrations",
+    "models",
+    "activations",
+    "verifications",
+    "checks",
+    "certificates",
+]
+"""Tables whose records can be reviewed and amended."""
+_DOERS = ("measured_by", "performed_by", "authorised_by", "operator")
 
 
-class Registry(EquipmentRecords, RunStateRecords, CalibrationRecords, ConformityRecords):
+class Registry(RunRecords):
     """The records of a data directory, in SQLite by default and in PostgreSQL by URL.
 
     It is opened by `Registry.open` for a data directory, or by a database URL and the data
@@ -24,3 +76,647 @@ class Registry(EquipmentRecords, RunStateRecords, CalibrationRecords, Conformity
     ...     [equipment.serial for equipment in registry.equipment()], registry.head().sequence
     (['T-1'], 2)
     """
+
+    # -- equipment ------------------------------------------------------------------------------
+
+    def add_equipment(self, equipment: Equipment) -> None:
+        """Register equipment, or its changed data."""
+        self._add_changed(equipment)
+
+    def equipment(
+        self, kind: EquipmentKind | None = None, serial: str | None = None
+    ) -> list[Equipment]:
+        """Return the registered equipment, all or of a kind or a serial, by both."""
+        latest = select(func.max(Equipment.number)).group_by(Equipment.equipment_key)
+        query = (
+            select(Identity, Equipment)
+            .outerjoin(
+                Equipment,
+                (Equipment.equipment_key == Identity.number) & Equipment.number.in_(latest),
+            )
+            .order_by(Identity.kind, Identity.serial)
+        )
+        if kind is not None:
+            query = query.where(Identity.kind == kind)
+        if serial is not None:
+            query = query.where(Identity.serial == serial)
+        with self.session() as session:
+            rows: list[Any] = list(session.execute(query))
+            return [
+                Equipment(identity.kind, identity.serial)
+                if described is None
+                else self.complete(described)
+                for identity, described in rows
+            ]
+
+    def _add_changed(self, entry: Equipment | Report, unimportant: tuple[str, ...] = ()) -> None:
+        """Append an entry unless the latest of its equipment says the same."""
+        with self.writing():
+            latest = self.entries(
+                type(entry), newest_first=True, limit=1, kind=entry.kind, serial=entry.serial
+            )
+            compared = [
+                each.name for each in fields(entry) if each.compare and each.name not in unimportant
+            ]
+            if not latest or any(
+                getattr(latest[0], name) != getattr(entry, name) for name in compared
+            ):
+                self.add(entry)
+
+    def fit_component(
+        self,
+        whole: tuple[EquipmentKind, str],
+        part: tuple[EquipmentKind, str],
+        role: str,
+        *,
+        performed_by: str = "",
+        reason: str = "",
+    ) -> None:
+        """Enter that a part is fitted into a whole, replacing the earlier part.
+
+        Nothing is entered where the part is there already.
+        """
+        with self.writing():
+            whole_key, part_key = self.equipment_key(*whole), self.equipment_key(*part)
+            present = self._fitted(whole_key).get(role)
+            if present is not None and present.part_key == part_key:
+                return
+            what = datetime.now(UTC), performed_by, reason
+            if present is not None:
+                self.add(ComponentChange(whole_key, present.part_key, role, "removed", *what))
+            self.add(ComponentChange(whole_key, part_key, role, "fitted", *what))
+
+    def components(self, whole: tuple[EquipmentKind, str]) -> list[Component]:
+        """Return the parts fitted into a whole at present, by role."""
+        with self.session():
+            identities = {each.number: each for each in self.entries(Identity)}
+            fitted = {
+                role: (identities[change.part_key], change)
+                for (key, each) in identities.items()
+                if (each.kind, each.serial) == whole
+                for role, change in sorted(self._fitted(key).items())
+            }
+        return [
+            Component(whole, (part.kind, part.serial), role, change.performed, change.performed_by)
+            for role, (part, change) in fitted.items()
+        ]
+
+    def _fitted(self, whole_key: int) -> dict[str, ComponentChange]:
+        """Return the latest change of each role that a part is fitted in."""
+        latest = {each.role: each for each in self.entries(ComponentChange, whole_key=whole_key)}
+        return {role: change for role, change in latest.items() if change.change == "fitted"}
+
+    def add_adjustment(self, adjustment: Adjustment) -> None:
+        """Register work on a piece of equipment that may change its indication."""
+        self.add(adjustment)
+
+    def adjustments(self, serial: str) -> list[Adjustment]:
+        """Return the work on a piece of equipment, the oldest first."""
+        return self.entries(Adjustment, serial=serial)
+
+    def add_report(self, report: Report) -> None:
+        """Register the certificate of a standard, unless exactly this one is registered.
+
+        Raises
+        ------
+        RecordError
+            Where its file is missing.
+        """
+        if report.file is not None and not report.file.is_file():
+            raise RecordError(
+                Message("certificate {file} is missing", report.file), "a file that can be read"
+            )
+        digest = "" if report.file is None else sha256_of_file(report.file)
+        # The same certificate may lie elsewhere.
+        self._add_changed(replace(report, file_sha256=digest), ("file",))
+
+    def reports(self, serial: str) -> list[Report]:
+        """Return the certificates of a standard, the newest first."""
+        return self.entries(Report, newest_first=True, serial=serial)
+
+    def add_zeroing(self, zeroing: Zeroing) -> None:
+        """Register the zero of a transducer.
+
+        Raises
+        ------
+        RecordError
+            Where its run isn't registered.
+        """
+        self.add(zeroing)
+
+    def zeroings(self, transducer_serial: str) -> list[Zeroing]:
+        """Return the zeros of a transducer, the oldest first."""
+        return self.entries(Zeroing, order=("performed", "id"), transducer_serial=transducer_serial)
+
+    # -- calibrations ---------------------------------------------------------------------------
+
+    def add_calibration(self, entry: CalibrationEntry) -> CalibrationEntry:
+        """Register a calibration; its transducer and counter are registered where they aren't yet.
+
+        Raises
+        ------
+        RecordError
+            Where transducer or counter aren't named, or the run isn't registered.
+        """
+        if not entry.transducer_serial or not entry.counter_identity:
+            raise RecordError(
+                Message(
+                    "a calibration of transducer {transducer_serial!r} with counter "
+                    "{counter_identity!r}",
+                    entry.transducer_serial,
+                    entry.counter_identity,
+                ),
+                "the serial of the transducer and the identity of its counter",
+                "name both in the table or the bench description",
+            )
+        return self.calibration(self.add(entry))
+
+    def calibration(self, calibration_id: int) -> CalibrationEntry:
+        """Return one calibration.
+
+        Raises
+        ------
+        RecordError
+            Where it isn't registered.
+        """
+        for entry in self.entries(CalibrationEntry, calibration_id=calibration_id):
+            return entry
+        raise RecordError(
+            Message("calibration {calibration_id} isn't registered", calibration_id),
+            "a registered calibration",
+        )
+
+    def calibrations(
+        self, transducer_serial: str | None = None, *, limit: int | None = None
+    ) -> list[CalibrationEntry]:
+        """Return calibrations, all or of one transducer, the newest first."""
+        return self.entries(
+            CalibrationEntry, newest_first=True, limit=limit, transducer_serial=transducer_serial
+        )
+
+    def add_model(
+        self,
+        calibration: CalibrationEntry,
+        *,
+        kind: str,
+        file: Path,
+        side: str = "",
+        metrics: Mapping[str, Any] | None = None,
+        contradictions: "Sequence[Contradiction]" = (),
+        created: datetime | None = None,
+    ) -> ModelEntry:
+        """Register a fitted model by its file.
+
+        Parameters
+        ----------
+        calibration : CalibrationEntry
+            The calibration that it was fitted to.
+        kind : str
+            Kind of model.
+        file : pathlib.Path
+            The model file, which is hashed.
+        side : str
+            ``"input"`` or ``"output"``.
+        metrics : mapping, optional
+            Errors of its cross-validation.
+        contradictions : sequence of Contradiction
+            Contradictions of its calibration; it is then activated only by a person's decision.
+        created : datetime.datetime, optional
+            When, with time zone; now by default.
+
+        Raises
+        ------
+        RecordError
+            Where the file is missing.
+        """
+        if not file.is_file():
+            raise RecordError(Message("model file {file} is missing", file), "a model file")
+        entry = ModelEntry(
+            calibration_id=calibration.calibration_id,
+            kind=kind,
+            file=file,
+            file_sha256=sha256_of_file(file),
+            range_nm=calibration.range_nm,
+            side=side,
+            metrics={
+                **(metrics or {}),
+                **({"contradictions": contradictions} if contradictions else {}),
+            },
+            created=created or datetime.now(UTC),
+        )
+        return self.model(self.add(entry))
+
+    def model(self, model_id: int) -> ModelEntry:
+        """Return one model.
+
+        Raises
+        ------
+        RecordError
+            Where it isn't registered.
+        """
+        for entry in self._in_use(self.entries(ModelEntry, model_id=model_id)):
+            return entry
+        raise RecordError(
+            Message("model {model_id} isn't registered", model_id), "a registered model"
+        )
+
+    def models(
+        self,
+        transducer_serial: str | None = None,
+        *,
+        calibration_id: int | None = None,
+        limit: int | None = None,
+    ) -> list[ModelEntry]:
+        """Return models, all or those of a transducer or a calibration, the newest first.
+
+        `active` of each says whether it is in use.
+        """
+        return self._in_use(
+            self.entries(
+                ModelEntry,
+                newest_first=True,
+                limit=limit,
+                transducer_serial=transducer_serial,
+                calibration_id=calibration_id,
+            )
+        )
+
+    def _in_use(self, models: list[ModelEntry]) -> list[ModelEntry]:
+        """Return models with the statement whether they are in use."""
+        serials = {model.transducer_serial for model in models}
+        latest = {
+            (each.transducer_serial, each.counter_identity): each.model_id
+            for serial in serials
+            for each in self.activations(serial)
+        }
+        for model in models:
+            chain = model.transducer_serial, model.counter_identity
+            model.active = latest.get(chain) == model.model_id
+        return models
+
+    # -- activation -----------------------------------------------------------------------------
+
+    def activate(
+        self,
+        model_id: int,
+        *,
+        operator: str = "",
+        reason: str = "",
+        despite_contradictions: bool = False,
+        signature: Signature | None = None,
+    ) -> None:
+        """Put a model into use for the transducer and the counter that it was made with.
+
+        Parameters
+        ----------
+        model_id : int
+        operator, reason : str
+            Person and reason of the decision.
+        despite_contradictions : bool
+            Whether the operator, by name and with a reason, takes a model whose calibration
+            contradicts itself.
+        signature : Signature, optional
+            How the decision came about; by default typed on this computer.
+
+        Raises
+        ------
+        RecordError
+            Where the model isn't registered, or its calibration contradicts itself.
+        InputError
+            Where such a model is taken without a name or a reason.
+        """
+        with self.writing():
+            model = self.model(model_id)
+            contradictions = model.contradictions
+            if contradictions and not despite_contradictions:
+                raise RecordError(
+                    Message(
+                        "the calibration of model-{number} contradicts itself: {what}",
+                        model_id,
+                        Message.joined((each.found for each in contradictions), "; "),
+                    ),
+                    "a plausible calibration",
+                    "find the cause and calibrate again, or take it by name and with a reason",
+                )
+            if contradictions and not (operator.strip() and reason.strip()):
+                raise InputError(
+                    Message(
+                        "model-{model_id}, whose calibration contradicts itself, without a reason",
+                        model_id,
+                    )
+                    if operator.strip()
+                    else Message(
+                        "model-{model_id}, whose calibration contradicts itself, without a name",
+                        model_id,
+                    ),
+                    "the name of who takes it, and the reason",
+                )
+            if contradictions:
+                reason = Message("although its calibration contradicts itself: {reason}", reason)
+            signature = signature or Signature.typed()
+            self.add(
+                Activation(
+                    transducer_serial=model.transducer_serial,
+                    counter_identity=model.counter_identity,
+                    model_id=model_id,
+                    activated=datetime.now(UTC),
+                    operator=operator,
+                    reason=reason,
+                    signature=signature.about(self.covered(model.calibration_id)),
+                )
+            )
+
+    def deactivate(
+        self,
+        transducer_serial: str,
+        counter_identity: str,
+        *,
+        operator: str = "",
+        reason: str = "",
+        signature: Signature | None = None,
+    ) -> None:
+        """Deactivate the compensation of a chain; the history keeps earlier ones."""
+        self.add(
+            Activation(
+                transducer_serial=transducer_serial,
+                counter_identity=counter_identity,
+                model_id=None,
+                activated=datetime.now(UTC),
+                operator=operator,
+                reason=reason,
+                signature=signature or Signature.typed(),
+            )
+        )
+
+    def active_model(self, transducer_serial: str, counter_identity: str) -> ModelEntry | None:
+        """Return the model in use for a transducer read by a counter, or None.
+
+        Raises
+        ------
+        ModelMismatchError
+            If the transducer's active model belongs to another counter: a timebase error is part of
+            the calibration.
+        """
+        latest = {
+            activation.counter_identity: activation.model_id
+            for activation in self.activations(transducer_serial)
+        }
+        model_id = latest.get(counter_identity)
+        if model_id is not None:
+            return self.model(model_id)
+        others = sorted(name for name, other in latest.items() if other is not None)
+        if others and counter_identity not in latest:
+            raise ModelMismatchError(
+                Message(
+                    "transducer {transducer_serial} is read by counter {counter_identity}",
+                    transducer_serial,
+                    counter_identity,
+                ),
+                Message("counter {others}, which its model was made with", ", ".join(others)),
+                "calibrate again with this counter",
+            )
+        return None
+
+    def activations(self, transducer_serial: str) -> list[Activation]:
+        """Return the history of a transducer's models in use, the oldest first."""
+        return self.entries(Activation, transducer_serial=transducer_serial)
+
+    # -- verifications, checks ------------------------------------------------------------------
+
+    def add_verification(
+        self,
+        model_id: int,
+        result: "VerificationResult",
+        *,
+        run_id: str | None = None,
+        performed: datetime | None = None,
+        measured_by: str = "",
+    ) -> None:
+        """Register a verification's results for a model.
+
+        Raises
+        ------
+        RecordError
+            Where the model or the run isn't registered.
+        """
+        entry = VerificationEntry(
+            model_id=self.model(model_id).model_id,
+            run_id=run_id,
+            performed=performed or datetime.now(UTC),
+            measured_by=measured_by,
+            data_sha256=result.data_sha256,
+            simulated=result.simulated,
+            summary=plain_json(result),
+        )
+        self.add(entry)
+
+    def verifications(self, model_id: int) -> list[VerificationEntry]:
+        """Return the verifications of a model, the oldest first."""
+        return self.entries(VerificationEntry, model_id=model_id)
+
+    def add_check(self, entry: CheckEntry) -> None:
+        """Register a quick check against the check standard.
+
+        Raises
+        ------
+        RecordError
+            Where its run isn't registered.
+        """
+        self.add(entry)
+
+    def checks(self, transducer_serial: str) -> list[CheckEntry]:
+        """Return the checks of a transducer, the oldest first."""
+        return self.entries(
+            CheckEntry, order=("performed", "id"), transducer_serial=transducer_serial
+        )
+
+    # -- certificates ---------------------------------------------------------------------------
+
+    def add_certificate(self, entry: CertificateEntry) -> None:
+        """Register a certificate that is issued.
+
+        Raises
+        ------
+        RecordError
+            Where the number is taken, or calibration or replaced certificate aren't registered.
+        """
+        with self.writing():
+            if self.entries(CertificateEntry, number=entry.number):
+                raise RecordError(
+                    Message("certificate {number} is issued", entry.number),
+                    "a new number",
+                    "issue an amended certificate under its own number that supersedes it",
+                )
+            self.calibration(entry.calibration_id)
+            if entry.supersedes and not self.entries(CertificateEntry, number=entry.supersedes):
+                raise RecordError(
+                    Message("certificate {supersedes} isn't registered", entry.supersedes),
+                    "an issued one",
+                )
+            self.add(entry)
+
+    def certificates(self, calibration_id: int | None = None) -> list[CertificateEntry]:
+        """Return certificates, all or of one calibration, the newest first."""
+        entries = self.entries(CertificateEntry, newest_first=True)
+        newer = {entry.supersedes: entry.number for entry in reversed(entries)}
+        for entry in entries:
+            entry.superseded_by = newer.get(entry.number, "")
+        return [each for each in entries if calibration_id in (None, each.calibration_id)]
+
+    # -- reviews, amendments --------------------------------------------------------------------
+
+    def review(
+        self,
+        subject: Subject,
+        subject_id: int,
+        *,
+        checked_by: str,
+        accepted: bool = True,
+        remark: str = "",
+        signature: Signature | None = None,
+    ) -> None:
+        """Enter the review of a record.
+
+        Parameters
+        ----------
+        subject, subject_id : str, int
+            The record: its table and number.
+        checked_by : str
+            The person.
+        accepted : bool
+        remark : str
+        signature : Signature, optional
+            How the review came about; by default typed on this computer.
+
+        Raises
+        ------
+        RecordError
+            If there is no such record, no person is named, or the reviewer measured or entered it.
+        """
+        with self.writing():
+            content = self._content(subject, subject_id)
+            measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
+            entered_by = (content.get("summary") or {}).get("entered by", "")
+            doers = [str(each) for each in (measured_by, entered_by) if each]
+            own = checked_by.strip().casefold() in (each.strip().casefold() for each in doers)
+            if not checked_by.strip() or own:
+                raise RecordError(
+                    Message(
+                        "{subject} {subject_id} checked by {checked_by}",
+                        subject,
+                        subject_id,
+                        checked_by.strip() or "nobody",
+                    ),
+                    Message("somebody else than {doers}", " and ".join(doers))
+                    if doers
+                    else "a name",
+                    "have a second person look over it",
+                )
+            covers: dict[str, str] = {subject: _sha256(content)}
+            if subject == "calibrations":
+                covers = self.covered(subject_id)
+            self.add(
+                Review(
+                    subject,
+                    subject_id,
+                    datetime.now(UTC),
+                    checked_by.strip(),
+                    accepted,
+                    remark,
+                    (signature or Signature.typed()).about(covers),
+                )
+            )
+
+    def covered(self, calibration_id: int) -> dict[str, str]:
+        """Return the hashes of what a signature under a calibration is about, by name.
+
+        The calibration as entered, each of its models, and the latest verification of each.
+        """
+        found = {"calibration": _sha256(self._content("calibrations", calibration_id))}
+        for model in self.entries(ModelEntry, calibration_id=calibration_id):
+            found[f"model-{model.model_id}"] = model.file_sha256
+            verifications = self.verifications(model.model_id)
+            if verifications:
+                latest = self._content("verifications", verifications[-1].number)
+                found[f"verification of model-{model.model_id}"] = _sha256(latest)
+        return found
+
+    def reviews(self, subject: Subject, subject_id: int) -> list[Review]:
+        """Return the reviews of a record, the oldest first."""
+        return self.entries(Review, subject=subject, subject_id=subject_id)
+
+    def amend(
+        self,
+        subject: Subject,
+        subject_id: int,
+        changes: Mapping[str, Any],
+        *,
+        amended_by: str,
+        reason: str,
+    ) -> None:
+        """Enter an amendment of a record. The record itself stays as it was.
+
+        Parameters
+        ----------
+        subject, subject_id : str, int
+            The record that is amended: its table and number.
+        changes : mapping of str to value
+            Field to its correct value.
+        amended_by, reason : str
+            Person and reason.
+
+        Raises
+        ------
+        RecordError
+            If there is no such record or field, or no person or reason is named.
+        """
+        for what, given in (
+            ("changes", changes),
+            ("a name", amended_by.strip()),
+            ("a reason", reason.strip()),
+        ):
+            if not given:
+                raise RecordError(
+                    Message(
+                        "an amendment of {subject} {subject_id} without {what}",
+                        subject,
+                        subject_id,
+                        what,
+                    ),
+                    "what it should have said, who says so, and why",
+                )
+        with self.writing():
+            content = self._content(subject, subject_id)
+            for name in changes:
+                if name not in content or name == "id":
+                    known = ", ".join(sorted(set(content) - {"id"}))
+                    raise RecordError(
+                        Message("{subject} have no field {name}", subject, name), known
+                    )
+            now, by = datetime.now(UTC), amended_by.strip()
+            self.add(Amendment(subject, subject_id, now, by, reason.strip(), changes))
+
+    def amendments(self, subject: Subject, subject_id: int) -> list[Amendment]:
+        """Return the amendments of a record, the oldest first."""
+        return self.entries(Amendment, subject=subject, subject_id=subject_id)
+
+    def _content(self, subject: Subject, subject_id: int) -> dict[str, Any]:
+        """Return the columns of the record that a review or an amendment is about."""
+        if subject not in get_args(Subject):
+            raise RecordError(
+                Message("a record of kind {subject}", subject), ", ".join(get_args(Subject))
+            )
+        table = metadata.tables[subject]
+        with self.session() as session:
+            row = session.execute(select(table).where(table.c.id == subject_id)).one_or_none()
+        if row is None:
+            raise RecordError(
+                Message("{subject} {subject_id} isn't registered", subject, subject_id),
+                "a registered record",
+            )
+        return dict(row._mapping)
+
+
+def _sha256(content: Mapping[str, Any]) -> str:
+    """Return the hash of a row's content, which is that of its link in the chain."""
+    return hashlib.sha256(canonical(content).encode()).hexdigest()

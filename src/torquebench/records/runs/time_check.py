@@ -9,15 +9,7 @@ from sqlalchemy import select
 
 from torquebench.message import Message
 from torquebench.records.registry.database import Database
-from torquebench.records.registry.entries import RunSummary
-from torquebench.records.registry.schema import (
-    calibrations,
-    equipment,
-    links,
-    reports,
-    run_ends,
-    runs,
-)
+from torquebench.records.registry.entries import RunSummary, links, metadata
 from torquebench.units import DAY, HOUR
 
 if TYPE_CHECKING:
@@ -32,6 +24,10 @@ __all__ = [
     "time_remarks",
     "times_of_run",
 ]
+
+calibrations, equipment, reports, run_ends, runs = (
+    metadata.tables[name] for name in ("calibrations", "equipment", "reports", "run_ends", "runs")
+)
 
 TOLERANCE_S = 2.0
 """Largest correction of a computer's clock by a time server, s."""

@@ -18,9 +18,9 @@ from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead
 from torquebench.records.registry.entries import RunSummary
+from torquebench.records.registry.runs import INTERRUPTED, RunRecords
 from torquebench.records.runs.folder import RunFolder
 from torquebench.records.runs.lock import is_held
-from torquebench.records.runs.states import INTERRUPTED, RunStateRecords
 from torquebench.units import HOUR
 
 __all__ = [
@@ -110,9 +110,7 @@ class UnfinishedRun:
         )
 
 
-def unfinished_runs(
-    registry: RunStateRecords, now: datetime | None = None
-) -> tuple[UnfinishedRun, ...]:
+def unfinished_runs(registry: RunRecords, now: datetime | None = None) -> tuple[UnfinishedRun, ...]:
     """Return every run that isn't finished and that no process writes, the oldest first.
 
     Parameters
@@ -132,7 +130,7 @@ def unfinished_runs(
     return tuple(sorted(found, key=lambda run: run.run_id))
 
 
-def unentered_folders(registry: RunStateRecords) -> Iterator[UnfinishedRun]:
+def unentered_folders(registry: RunRecords) -> Iterator[UnfinishedRun]:
     """Yield runs of the data directory that the registry doesn't know, or not the end of.
 
     Left out are folders that a process writes, and those that another registry has made: the end
@@ -158,7 +156,7 @@ def _folders(runs: Path) -> list[str]:
     return sorted(each.name for each in os.scandir(runs)) if runs.is_dir() else []
 
 
-def _belongs(registry: RunStateRecords, metadata: Mapping[str, Any]) -> bool:
+def _belongs(registry: RunRecords, metadata: Mapping[str, Any]) -> bool:
     """Return whether a run's folder belongs to this registry."""
     number, _, digest = str(metadata.get("registry_head", "")).partition(":")
     known = number.isdecimal() and int(number) > 0
@@ -175,7 +173,7 @@ def _registers(run: RunSummary) -> bool:
         return False
 
 
-def _interrupted(registry: RunStateRecords, now: datetime) -> Iterator[UnfinishedRun]:
+def _interrupted(registry: RunRecords, now: datetime) -> Iterator[UnfinishedRun]:
     """Yield interrupted calibrations that can still be resumed and have no continuation."""
     candidates = registry.interrupted_calibrations(now - RECENT)
     for run in candidates:
@@ -212,7 +210,7 @@ def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | No
     return start, last_s
 
 
-def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, ...]:
+def followers(registry: RunRecords, run: RunSummary) -> tuple[RunSummary, ...]:
     """Return the runs that resumed a run, the newest first.
 
     One that was discarded doesn't count, nor one that ended before it had a point.
@@ -228,7 +226,7 @@ def followers(registry: RunStateRecords, run: RunSummary) -> tuple[RunSummary, .
     return tuple(found)
 
 
-def latest_unfinished_calibration(registry: RunStateRecords) -> RunSummary | None:
+def latest_unfinished_calibration(registry: RunRecords) -> RunSummary | None:
     """Return the newest unfinished calibration, also one that can't be finished any more.
 
     None where the newest ones are registered, discarded, or were resumed by a later run.
@@ -253,7 +251,7 @@ def _resumed(run: RunSummary) -> list[str]:
         return []
 
 
-def _calibrated_since(registry: RunStateRecords, run: RunSummary) -> bool:
+def _calibrated_since(registry: RunRecords, run: RunSummary) -> bool:
     """Return whether the same module was calibrated completely after a run."""
     for other in registry.runs(limit=MANY, kind=run.kind):
         if other.run_id == run.run_id:

@@ -14,7 +14,7 @@ from torquebench.calibration import (
     assign_nominal,
 )
 from torquebench.campaign.calibration_comparison import model_of_calibration
-from torquebench.campaign.finishing import run_data, run_profile
+from torquebench.campaign.registering import run_data, run_profile
 from torquebench.chain import MeasuringChain, load_chain
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message

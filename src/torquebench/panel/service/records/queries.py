@@ -7,13 +7,12 @@ import tempfile
 import zipfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import IO, Any
 
 import numpy as np
-from sqlalchemy import func, select
+from sqlalchemy import or_
 
 from torquebench.campaign.drifting import DriftSeries, drift_of
 from torquebench.chain import load_chain
@@ -24,17 +23,15 @@ from torquebench.panel.service.live.rings import Rows, envelope
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.records.views import (
     CalibrationDetail,
-    CalibrationView,
     ErrorCurve,
-    ModelView,
     RunDetail,
     RunPage,
     RunTable,
-    RunView,
 )
 from torquebench.records import (
     CalibrationEntry,
     CertificateEntry,
+    ModelEntry,
     Registry,
     RunFolder,
     RunSummary,
@@ -99,38 +96,33 @@ class RecordQueries:
             Of the start, with time zone.
         limit, offset : int
         """
-        query = self._registry.runs_query()
-        column = query.selected_columns
+        run: Any = RunSummary
+        wanted: list[Any] = []
         for word in text[:200].split():
-            like = [
-                column[name].icontains(word, autoescape=True)
-                for name in ("run_id", "kind", "operator", "profile_name")
-            ]
-            query = query.where(like[0] | like[1] | like[2] | like[3])
+            columns = (run.run_id, run.kind, run.operator, run.profile_name)
+            wanted.append(or_(*(each.icontains(word, autoescape=True) for each in columns)))
         if kind is not None:
-            query = query.where(column.kind.startswith(kind[:64], autoescape=True))
+            wanted.append(run.kind.startswith(kind[:64], autoescape=True))
         if side is not None:
-            query = query.where(column.side == side[:16])
-        if status == "running":
-            query = query.where(column.status.is_(None))
-        elif status is not None:
-            query = query.where(column.status == status[:32])
+            wanted.append(run.side == side[:16])
+        if status is not None:
+            wanted.append(run.status == status[:32])
         if since is not None:
-            query = query.where(column.started >= since)
+            wanted.append(run.started >= since)
         if until is not None:
-            query = query.where(column.started < until)
+            wanted.append(run.started < until)
         limit, offset = min(max(limit, 1), MOST_ROWS), min(max(offset, 0), 10**9)
-        with self._registry.session() as session:
-            counted = select(func.count()).select_from(query.order_by(None).subquery())
-            total = int(session.scalar(counted) or 0)
-            run_ids = [row.run_id for row in session.execute(query.limit(limit).offset(offset))]
-        runs = self._doubted([self._registry.run(run_id) for run_id in run_ids])
+        runs = self._registry.runs(limit, offset, None, *wanted)
+        self._doubt(runs)
         behind = clock_behind(self._registry)
-        return RunPage(runs, total, offset, (behind,) if behind else ())
+        total = self._registry.number_of_runs(*wanted)
+        return RunPage(tuple(runs), total, offset, (behind,) if behind else ())
 
-    def _doubted(self, runs: Sequence[RunSummary]) -> tuple[RunView, ...]:
+    def _doubt(self, runs: Sequence[RunSummary]) -> None:
+        """State the implausible times of runs."""
         doubts = doubts_of_runs(self._registry, [run.run_id for run in runs])
-        return tuple(RunView(**vars(run), doubts=doubts.get(run.run_id, ())) for run in runs)
+        for run in runs:
+            run.doubts = doubts.get(run.run_id, ())
 
     def run(self, run_id: str, *, check: bool = True) -> RunDetail:
         """Return everything about one run.
@@ -148,7 +140,8 @@ class RecordQueries:
         RecordError
             Its folder is missing.
         """
-        (run,) = self._doubted([self._run(run_id)])
+        run = self._run(run_id)
+        self._doubt([run])
         folder = RunFolder.open(run.folder)
         metadata = {
             key: value for key, value in folder.metadata.items() if key not in ("bench", "folder")
@@ -159,8 +152,10 @@ class RecordQueries:
         changes: list[str] = []
         if check and run.finished is not None:
             changes = folder_changes(run.folder, run.manifest_sha256)
+        if folder.sealed:  # with its template, for the translation
+            run.reason = folder.manifest["reason"]
         return RunDetail(
-            replace(run, reason=folder.manifest["reason"] if folder.sealed else run.reason),
+            run,
             metadata,
             folder.results if folder.sealed else None,
             tuple(_tables(folder)),
@@ -256,18 +251,18 @@ class RecordQueries:
 
     def calibrations(
         self, transducer_serial: str | None = None, limit: int = 100
-    ) -> list[CalibrationView]:
+    ) -> list[CalibrationEntry]:
         """Return calibrations, the newest first."""
         limit = min(max(limit, 1), MOST_ROWS)
-        return self._questioned(self._registry.calibrations(transducer_serial, limit=limit))
+        return self._doubted(self._registry.calibrations(transducer_serial, limit=limit))
 
-    def _questioned(self, entries: Sequence[CalibrationEntry]) -> list[CalibrationView]:
+    def _doubted(self, entries: list[CalibrationEntry]) -> list[CalibrationEntry]:
+        """Return calibrations with their expired standards and implausible times."""
         numbers = [entry.calibration_id for entry in entries]
         doubts = doubts_of_calibrations(self._registry, numbers)
-        return [
-            CalibrationView(**vars(entry), doubts=doubts.get(entry.calibration_id, ()))
-            for entry in entries
-        ]
+        for entry in entries:
+            entry.doubts = doubts.get(entry.calibration_id, ())
+        return entries
 
     def calibration(self, calibration_id: int) -> CalibrationDetail:
         """Return a calibration with its models, verifications and certificates.
@@ -289,7 +284,7 @@ class RecordQueries:
             for model in self.models(entry.transducer_serial)
             if model.calibration_id == calibration_id
         )
-        (calibration,) = self._questioned([entry])
+        (calibration,) = self._doubted([entry])
         return CalibrationDetail(
             calibration,
             models,
@@ -303,17 +298,9 @@ class RecordQueries:
             tuple(self._registry.activations(entry.transducer_serial)),
         )
 
-    def models(self, transducer_serial: str | None = None) -> list[ModelView]:
+    def models(self, transducer_serial: str | None = None) -> list[ModelEntry]:
         """Return models, and which of them are in use."""
-        active: set[int] = set()
-        models = self._registry.models(transducer_serial)
-        for serial in {model.transducer_serial for model in models}:
-            latest = {
-                activation.counter_identity: activation.model_id
-                for activation in self._registry.activations(serial)
-            }
-            active |= {number for number in latest.values() if number is not None}
-        return [ModelView(**vars(model), active=model.model_id in active) for model in models]
+        return self._registry.models(transducer_serial)
 
     def model_file(self, model_id: int) -> tuple[bytes, str]:
         """Return a model's file, checked by its registered hash, and its name.

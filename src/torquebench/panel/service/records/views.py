@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
-from typing import Annotated, Any, TypeAlias
-
-from pydantic import Field
+from typing import Any
 
 from torquebench.records import (
     Activation,
@@ -21,35 +18,18 @@ from torquebench.records import (
 
 __all__ = [
     "CalibrationDetail",
-    "CalibrationView",
     "ErrorCurve",
-    "ModelView",
     "RunDetail",
     "RunPage",
     "RunTable",
-    "RunView",
 ]
-
-
-ProfileName: TypeAlias = Annotated[str, Field(serialization_alias="profile")]
-Unsent: TypeAlias = Annotated[Path, Field(exclude=True)]
-"""A path of the server: no client may see it."""
-
-
-@dataclass(frozen=True)
-class RunView(RunSummary):
-    """One line of the list of runs; `doubts` lists implausible times."""
-
-    folder: Unsent
-    profile_name: ProfileName = ""
-    doubts: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class RunPage:
     """A part of the list of runs, and how many there are in all; `doubts` reports a wrong clock."""
 
-    runs: tuple[RunView, ...]
+    runs: tuple[RunSummary, ...]
     total: int
     offset: int
     doubts: tuple[str, ...]
@@ -78,7 +58,7 @@ class RunDetail:
 
     Parameters
     ----------
-    run : RunView
+    run : RunSummary
     metadata : mapping
         Metadata at the start.
     results : object
@@ -90,7 +70,7 @@ class RunDetail:
         Changes since the run was sealed; empty if it is intact.
     """
 
-    run: RunView
+    run: RunSummary
     metadata: Mapping[str, Any]
     results: Any
     tables: tuple[RunTable, ...]
@@ -99,27 +79,11 @@ class RunDetail:
 
 
 @dataclass(frozen=True)
-class ModelView(ModelEntry):
-    """A fitted model, and whether it is in use."""
-
-    file: Unsent
-    active: bool
-
-
-@dataclass(frozen=True)
-class CalibrationView(CalibrationEntry):
-    """One line of the list of calibrations; `doubts` names an expired standard, wrong times."""
-
-    profile_name: ProfileName
-    doubts: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
 class CalibrationDetail:
     """A calibration with its models, verifications, reviews and certificates."""
 
-    calibration: CalibrationView
-    models: tuple[ModelView, ...]
+    calibration: CalibrationEntry
+    models: tuple[ModelEntry, ...]
     verifications: tuple[VerificationEntry, ...]
     reviews: tuple[Review, ...]
     certificates: tuple[CertificateEntry, ...]

@@ -2,7 +2,7 @@
 
 from alembic import context
 
-from torquebench.records.registry.schema import metadata
+from torquebench.records.registry.entries import metadata
 
 context.configure(connection=context.config.attributes["connection"], target_metadata=metadata)
 context.run_migrations()

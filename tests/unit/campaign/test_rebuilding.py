@@ -10,12 +10,12 @@ import pytest
 from tests.system.command_line import laboratory, run
 from tests.unit.station.data_directories import filled_directory
 
+from torquebench.campaign.rebuilding import rebuild
 from torquebench.errors import InputError
 from torquebench.records import Registry, RunFolder
 from torquebench.records.registry.database import REGISTRY_FILE, REGISTRY_URL
 from torquebench.station.backup import back_up, restore
 from torquebench.station.data_check import check_data_directory
-from torquebench.station.rebuilding import rebuild
 
 
 @pytest.fixture(scope="module")

@@ -17,13 +17,13 @@ from pathlib import Path
 from typing import Any
 
 from torquebench.bench.description import BenchDescription
-from torquebench.calibration import CalibrationData, Contradiction, Profile, propose_due_date
+from torquebench.calibration import Contradiction
+from torquebench.campaign.registering import FittedFile, register_calibration, run_data
 from torquebench.compensation import StoredModel, load_model
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
-    MANIFEST,
     CertificateEntry,
     Registry,
     RunFolder,
@@ -55,7 +55,6 @@ NOT_REBUILT = (
     "equipment, certificates of standards, parts and adjustments that were entered by hand",
     "verdicts of checks, and what verifications found: `torquebench records list runs` names their "
     "runs, `records finish RUN` registers them again",
-    "external calibrations: evaluate them again",
     "accounts, passwords and settings of the panel, which lie in panel.sqlite: `records restore`",
 )
 """Entries that exist in the registry only."""
@@ -198,47 +197,34 @@ def _enter(registry: Registry, path: Path, done: Rebuilt) -> None:
 
 
 def _enter_calibration(registry: Registry, folder: RunFolder, done: Rebuilt) -> None:
-    kind, manifest = str(folder.metadata.get("kind", "")), folder.manifest
-    results = folder.results
+    metadata, results = folder.metadata, folder.results
+    kind = str(metadata.get("kind", ""))
     measured = isinstance(results, Mapping) and isinstance(results.get("data"), Mapping)
-    if not kind.startswith("calibrate-") or manifest["status"] != "completed" or not measured:
+    if not (kind.startswith("calibrate-") or "table" in metadata) or not measured:
         return
-    known, start = folder.metadata, next(document for _, document in folder.documents("start"))
-    data = CalibrationData(**results["data"])
-    models = list(_models_of(registry.root / "models", data.sha256(), done))
-    if not models:  # it had no result before the registry was lost
+    if folder.manifest["status"] != "completed":
+        return
+    models = list(_models_of(registry.root / "models", run_data(folder).sha256(), done))
+    if not models and kind.startswith("calibrate-"):  # no result before the registry was lost
         done.unfitted.append(folder.run_id)
         return
-    profile = Profile.model_validate(start["profile"]["settings"])
-    performed = datetime.fromisoformat(manifest["sealed"])
-    entry = registry.add_calibration(
-        data,
-        performed=performed,
-        run_id=folder.run_id,
-        standard_serial=str(results.get("standard_serial", "")),
-        profile_name=str(known.get("profile_name", "")),
-        profile_sha256=str(known.get("profile_sha256", "")),
-        measured_by=str(known.get("operator", "")),
-        due=propose_due_date(performed, None, longest_days=profile.valid_days),
-        files={MANIFEST: sha256_of_file(folder.path / MANIFEST)},
-        summary={
-            "unsettled points": results.get("unsettled", 0),
-            "rebuilt": "entered again from the run's folder",
-        },
-    )
-    done.calibrations.append(f"calibration-{entry.calibration_id} ({folder.run_id})")
-    for file, stored in models:
-        model = registry.add_model(
-            entry,
-            kind=stored.model.kind,
-            file=file,
-            side=data.side,
-            metrics=dict(stored.provenance.metrics),
-            contradictions=[
-                Contradiction.of_text(each) for each in stored.provenance.contradictions
-            ],
+    files = [
+        FittedFile(
+            file.name,
+            stored.model.kind,
+            file,
+            dict(stored.provenance.metrics),
+            [Contradiction.of_text(each) for each in stored.provenance.contradictions],
         )
-        done.models.append(f"model-{model.model_id} ({file.name})")
+        for file, stored in models
+    ]
+    registered = register_calibration(
+        registry, folder, files, rebuilt="entered again from the run's folder"
+    )
+    done.calibrations.append(
+        f"calibration-{registered.calibration.calibration_id} ({folder.run_id})"
+    )
+    done.models += [f"model-{model.model_id} ({name})" for name, model in registered.models.items()]
 
 
 def _models_of(folder: Path, data_sha256: str, done: Rebuilt) -> Iterator[tuple[Path, StoredModel]]:

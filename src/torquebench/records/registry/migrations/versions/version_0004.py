@@ -1,0 +1,13 @@
+"""Version 0.3.0: how calibrations, reviews, activations and certificates came about."""
+
+from torquebench.records.registry.migrations.steps import add_columns
+
+__all__ = ["upgrade"]
+
+revision = "0004"
+down_revision = "0003"
+
+
+def upgrade() -> None:
+    """Add the signatures."""
+    add_columns("signature", "activations", "calibrations", "certificates", "reviews")
