@@ -31,7 +31,7 @@ import numpy as np
 from tests.system.command_line import laboratory
 
 import torquebench.campaign.fitting
-import torquebench.campaign.modules
+import torquebench.campaign.registering
 import torquebench.cli
 import torquebench.reports.certificate
 from benchmarks.fault_judging import Outcome, Status
@@ -195,7 +195,7 @@ class _Child:
         else:
             module, function = {
                 "fit": (torquebench.campaign.fitting, "fit_models"),
-                "register": (torquebench.campaign.modules, "register_calibration"),
+                "register": (torquebench.campaign.registering, "register_calibration"),
                 "certificate": (torquebench.reports.certificate, "issue_certificate"),
             }[phase]
             original: Callable[..., Any] = getattr(module, function)

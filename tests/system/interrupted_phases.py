@@ -30,8 +30,7 @@ from torquebench.campaign.checking import check_module
 from torquebench.campaign.finishing import finish_calibration, finish_run, registers_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration, measure_verification
-from torquebench.campaign.modules import register_verification
-from torquebench.campaign.registering import registered_patiently
+from torquebench.campaign.registering import register_verification, registered_patiently
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.records import (

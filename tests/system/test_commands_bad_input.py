@@ -7,7 +7,7 @@ import pytest
 from tests.system.command_line import run, widest_line
 
 from torquebench.calibration import CalibrationData
-from torquebench.campaign.modules import store_model
+from torquebench.campaign.fitting import store_model
 from torquebench.compensation import make_model
 
 HEADER = "reading_nm,standard_nm\n"

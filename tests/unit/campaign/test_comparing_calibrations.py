@@ -8,7 +8,7 @@ import pytest
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.calibration_comparison import compare_calibrations
-from torquebench.campaign.modules import store_model
+from torquebench.campaign.fitting import store_model
 from torquebench.chain import Effect, Inertia, Mounting, Reference, Temperature, Timebase, Zero
 from torquebench.compensation import make_model
 from torquebench.errors import InputError

@@ -15,7 +15,7 @@ from torquebench.campaign.external_calibration import (
     RegisteredTable,
     register_table,
 )
-from torquebench.campaign.modules import store_model
+from torquebench.campaign.fitting import store_model
 from torquebench.chain import Reference
 from torquebench.compensation import load_model, make_model
 from torquebench.errors import InputError, RecordError

@@ -12,7 +12,7 @@ from torquebench.calibration import CalibrationData, load_profile
 from torquebench.campaign.finishing import finish_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table
 from torquebench.campaign.measuring import measure_calibration
-from torquebench.campaign.modules import RegisteredCalibration
+from torquebench.campaign.registering import RegisteredCalibration
 from torquebench.compensation import load_model
 from torquebench.errors import InputError, RecordError
 from torquebench.progress import NoProgress

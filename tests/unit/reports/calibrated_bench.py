@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from torquebench.calibration import CalibrationData, Profile, load_profile
-from torquebench.campaign.modules import store_model
+from torquebench.campaign.fitting import store_model
 from torquebench.compensation import make_model
 from torquebench.records import (
     CalibrationEntry,

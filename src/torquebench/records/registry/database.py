@@ -455,7 +455,7 @@ def entries_query(
     order: tuple[str, ...] = ("id",),
     newest_first: bool = False,
     **wanted: Any,
-) -> Select[tuple[Entry]]:
+) -> Select[Any]:
     """Return the query of `Database.entries`, without limit and offset."""
     equal = (getattr(kind, name) == value for name, value in wanted.items() if value is not None)
     columns = [kind.__table__.c[name] for name in order]
