@@ -48,7 +48,7 @@ from torquebench.records import (
     UnfinishedRun,
     unfinished_runs,
 )
-from torquebench.station import enter_run
+from torquebench.station.entering import enter_run, require_original
 
 __all__ = [
     "Finished",
@@ -227,7 +227,10 @@ def find_unfinished(registry: Registry, name: str) -> UnfinishedRun:
         There is none, or more than one.
     """
     every = unfinished_runs(registry)
-    found = every[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
+    own = [run for run in every if run.state is not RunState.COPY]
+    found = own[-1:] if name == "latest" else [r for r in every if r.run_id.startswith(name)]
+    if len(found) > 1:  # a copy's name often begins with that of its run
+        found = [r for r in found if r.run_id == name] or found
     if len(found) != 1:
         raise InputError(
             Message(
@@ -271,6 +274,8 @@ def finish_run(
             return Finished(
                 run.run_id, Message("run {run_id} is entered as {status}", run.run_id, status)
             )
+    if run.state is RunState.COPY:
+        raise InputError(run.found, "a run's own folder", run.remedy)
     if run.state is RunState.INTERRUPTED:
         raise InputError(
             Message("run {run} was interrupted", run.run_id),
@@ -297,6 +302,7 @@ def discard_run(registry: Registry, run: UnfinishedRun, *, by: str, reason: str)
             Message("run {run} discarded without a reason", run.run_id), "a name and a reason"
         )
     folder = RunFolder.open(run.folder)
+    require_original(folder)
     if run.state is RunState.LEFT_OPEN:
         folder.recover()
     with registry.writing():

@@ -41,7 +41,7 @@ from torquebench.records.runs.lock import RunLock
 from torquebench.station.backup import require_file_registry
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.data_check import run_folders
-from torquebench.station.entering import enter_run
+from torquebench.station.entering import enter_run, require_original
 from torquebench.station.registration import register_equipment
 from torquebench.validation import validated
 
@@ -175,6 +175,7 @@ def _enter(registry: Registry, path: Path, done: Rebuilt) -> None:
     """Enter one run with its bench, its calibration and its models."""
     try:
         folder = RunFolder.open(path)
+        require_original(folder)
         lock = RunLock(path)
         if not lock.held:
             return

@@ -40,7 +40,7 @@ def finish(
         answer(finished=[])
         every = unfinished_runs(registry)
         for each in every:
-            if each.state is RunState.INTERRUPTED:
+            if each.state in (RunState.INTERRUPTED, RunState.COPY):
                 say(f"{each.found}: {each.remedy}")
                 answer(unfinished=[each.run_id])
             else:

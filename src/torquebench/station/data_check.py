@@ -27,7 +27,7 @@ from torquebench.records.registry.database_check import (
 )
 from torquebench.records.runs.lock import RunLock
 from torquebench.records.runs.time_check import time_remarks
-from torquebench.records.runs.unfinished import unentered_folders
+from torquebench.records.runs.unfinished import RunState, UnfinishedRun, unentered_folders
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -178,6 +178,10 @@ def _stranger(registry: Registry, path: Path, *, own: bool) -> Iterator[Finding]
         return
     lock.release()
     if registry.runs_beginning(path.name, limit=1):  # it was entered meanwhile
+        return
+    if folder.copy_of:
+        run = UnfinishedRun(path.name, "", RunState.COPY, path)
+        yield Finding("orphan", str(path), "", run.found, "", run.remedy)
         return
     state = "a sealed run" if folder.sealed else "a run that was left open"
     command = Message("finish {name}", path.name) if own else "rebuild"

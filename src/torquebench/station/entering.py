@@ -12,6 +12,8 @@ from typing import Any
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES
+from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import Equipment, Registry, RunFolder, RunSummary, Zeroing
 
 __all__ = ["SPECIMEN", "enter_run"]
@@ -32,8 +34,9 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
     Raises
     ------
     RecordError
-        The registry can't take it, or the folder can't be read.
+        The registry can't take it, the folder can't be read, or it is a copy of another one.
     """
+    require_original(folder)
     with registry.writing():
         entered = registry.entered_runs([folder.run_id])
         if folder.run_id not in entered:
@@ -45,6 +48,16 @@ def enter_run(registry: Registry, folder: RunFolder) -> None:
             registry.finish_run(folder, _measured_elsewhere(folder))
             for zeroing in _zeroings(folder):
                 registry.add_zeroing(zeroing)
+
+
+def require_original(folder: RunFolder) -> None:
+    """Refuse a folder that was copied or renamed: a run is entered from its own folder only."""
+    if folder.copy_of:
+        raise RecordError(
+            Message("folder {name} holds run {run_id}", folder.path.name, folder.copy_of),
+            "a run's own folder",
+            "remove a copy, or give a renamed folder its name again",
+        )
 
 
 def _summary(folder: RunFolder) -> RunSummary:

@@ -12,6 +12,7 @@ from torquebench.records import (
     Registry,
     RunFolder,
     RunLock,
+    RunState,
     UnfinishedRun,
     unentered_folders,
 )
@@ -67,7 +68,11 @@ def recover_unfinished(registry: Registry) -> tuple[RecoveredRun, ...]:
     another process has locked is skipped. The caller must hold the data directory's lock
     (`BenchLock`): a run that is just beginning isn't locked yet.
     """
-    found = [_recovered(registry, run) for run in unentered_folders(registry)]
+    found = [
+        _recovered(registry, run)
+        for run in unentered_folders(registry)
+        if run.state is not RunState.COPY
+    ]
     runs = registry.root / "runs"
     for run in registry.unfinished_runs():
         if run.folder.parent == runs and not run.folder.is_dir():

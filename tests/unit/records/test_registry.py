@@ -51,7 +51,7 @@ def summary(run_id="run-1", **changes):
 
 def add_model(registry, tmp_path, kind="polynomial", **chain):
     calibration = registry.add_calibration(
-        CalibrationEntry.of_points(data(**chain), performed=START)
+        CalibrationEntry.of_points(replace(data(**chain), simulated=True), performed=START)
     )
     file = tmp_path / f"{kind}-{calibration.calibration_id}.json"
     file.write_text(kind, encoding="utf-8")

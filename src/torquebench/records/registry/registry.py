@@ -216,7 +216,8 @@ class Registry(RunRecords):
         Raises
         ------
         RecordError
-            Where transducer or counter aren't named, or the run isn't registered.
+            Where transducer or counter aren't named, the run isn't registered, or the points of a
+            real bench are registered already.
         """
         if not entry.transducer_serial or not entry.counter_identity:
             raise RecordError(
@@ -228,6 +229,17 @@ class Registry(RunRecords):
                 ),
                 "the serial of the transducer and the identity of its counter",
                 "name both in the table or the bench description",
+            )
+        same = self.entries(CalibrationEntry, data_sha256=entry.data_sha256)
+        if same and not entry.simulated:  # a simulated bench repeats its noise
+            raise RecordError(
+                Message(
+                    "the points of run {run} are those of calibration-{number}",
+                    entry.run_id or "",
+                    same[0].calibration_id,
+                ),
+                "points that aren't registered yet",
+                "remove the copy of the run's folder",
             )
         return self.calibration(self.add(entry))
 

@@ -395,8 +395,21 @@ class RunFolder:
 
     @property
     def run_id(self) -> str:
-        """Identifier of the run: the folder's name."""
-        return self.path.name
+        """Identifier of the run, as it began: the folder's name unless it was copied or renamed."""
+        try:
+            if not self.sealed:
+                stated = [(_read_checked_json(self.path / _METADATA) or {})["run_id"]]
+            else:
+                files = (_METADATA, MANIFEST)
+                stated = [read_json(self.path / each)["run_id"] for each in files]
+        except (RecordError, KeyError, TypeError):  # damaged, or of 0.1.0
+            return self.path.name
+        return str(stated[0]) if len(set(stated)) == 1 else self.path.name
+
+    @property
+    def copy_of(self) -> str:
+        """Identifier of the run that the folder holds under another name; empty for its own."""
+        return "" if self.run_id == self.path.name else self.run_id
 
     @property
     def sealed(self) -> bool:
@@ -700,7 +713,7 @@ def _seal(folder: Path, status: RunStatus, reason: str) -> None:
         for name in _files_of(folder)
     }
     manifest = {
-        "run_id": folder.name,
+        "run_id": RunFolder(folder).run_id,
         "status": status,
         "reason": reason,
         "sealed": datetime.now(UTC),

@@ -52,6 +52,8 @@ class RunState(Enum):
     """It is complete and entered; its result isn't registered."""
     INTERRUPTED = "interrupted"
     """A calibration that can be resumed; from its beginning if it has no point yet."""
+    COPY = "copy"
+    """A folder with another name than its run: copied, or renamed. It is never entered."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,16 @@ class UnfinishedRun:
         match self.state:
             case RunState.LEFT_OPEN:
                 return Message("run {run_id} was left open", self.run_id)
+            case RunState.COPY if self._original.exists():
+                return Message(
+                    "folder {run_id} is a copy of run {original}", self.run_id, self._original.name
+                )
+            case RunState.COPY:
+                return Message(
+                    "folder {run_id} holds run {original} under another name",
+                    self.run_id,
+                    self._original.name,
+                )
             case RunState.SEALED:
                 return Message(
                     "run {run_id} is measured and sealed, and not in the registry", self.run_id
@@ -89,9 +101,23 @@ class UnfinishedRun:
         return Message("run {run} was interrupted", self.run_id)
 
     @property
+    def _original(self) -> Path:
+        """Where the run's own folder is, or was."""
+        return self.folder.with_name(RunFolder(self.folder).run_id)
+
+    @property
     def remedy(self) -> str:
         """Remedy."""
         match self.state:
+            case RunState.COPY if self._original.exists():
+                return Message(
+                    "nothing of it is entered; remove it, or move it out of {runs}",
+                    self.folder.parent,
+                )
+            case RunState.COPY:
+                return Message(
+                    "nothing of it is entered; rename it to {original}", self._original.name
+                )
             case RunState.LEFT_OPEN | RunState.SEALED:
                 return Message(
                     "`torquebench records finish {run_id}` enters it; so does any start",
@@ -146,9 +172,11 @@ def unentered_folders(registry: RunRecords) -> Iterator[UnfinishedRun]:
             metadata = folder.metadata
         except RecordError:  # killed before anything was written
             continue
-        if name not in entered and not _belongs(registry, metadata):
+        if name not in entered and not folder.copy_of and not _belongs(registry, metadata):
             continue
         state = RunState.SEALED if folder.sealed else RunState.LEFT_OPEN
+        if folder.copy_of:
+            state = RunState.COPY
         yield UnfinishedRun(name, str(metadata.get("kind", "")), state, path)
 
 

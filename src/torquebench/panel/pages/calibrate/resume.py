@@ -29,6 +29,9 @@ def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
     for run in service.unfinished():
         if measured_only and run.state == "interrupted":
             continue
+        if run.state == "copy":
+            note(f"{text.core(run.found)}: {text.core(run.remedy)}", "warn")
+            continue
         said = text("unfinished.found", number=run.run_id)
         with note(said, "warn", title=text(f"unfinished.{run.state.replace(' ', '_')}")):
             if run.state != "interrupted":

@@ -30,9 +30,9 @@ class UnfinishedView:
     Parameters
     ----------
     run_id, kind : str
-    state : {"left open", "sealed", "measured", "interrupted"}
-        Its state: "interrupted" must be resumed on its bench, the others can be finished without
-        measuring.
+    state : {"left open", "sealed", "measured", "interrupted", "copy"}
+        Its state: "interrupted" must be resumed on its bench, "copy" is a folder that is never
+        entered, the others can be finished without measuring.
     found, remedy : str
         Its state in words, and the command that finishes it.
     """
