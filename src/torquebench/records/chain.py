@@ -68,7 +68,10 @@ class Link:
             self.content,
             self.previous_sha256,
         ]
-        text = json.dumps(covered, ensure_ascii=False, separators=(",", ":"))
+        try:
+            text = json.dumps(covered, ensure_ascii=False, separators=(",", ":"))
+        except TypeError:  # a value that isn't text any more
+            return ""
         return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 

@@ -16,15 +16,22 @@ from torquebench.message import Message
 
 __all__ = [
     "EDGE_STREAM",
+    "UNREADABLE",
     "json_text",
     "plain_json",
     "read_json",
+    "read_object",
     "revived",
     "sha256_of_file",
     "with_messages",
 ]
 
 
+UNREADABLE = (
+    *(ValueError, TypeError, KeyError, IndexError, AttributeError, OverflowError),
+    RecursionError,
+)
+"""What reading damaged content raises: other types, missing keys, JSON nested too deeply."""
 EDGE_STREAM = "edges.arrow"
 """Recorded edges of an open run."""
 
@@ -146,3 +153,20 @@ def read_json(path: Path) -> Any:
         raise RecordError(
             Message("{path} can't be read: {problem}", path, error), "a JSON file in UTF-8"
         ) from error
+
+
+def read_object(path: Path) -> dict[str, Any]:
+    """Return the content of a JSON file that holds an object.
+
+    Raises
+    ------
+    RecordError
+        Where the file is missing or holds something else.
+    """
+    content = read_json(path)
+    if not isinstance(content, dict):
+        raise RecordError(
+            Message("{path} can't be read: {problem}", path, f"a {type(content).__name__}"),
+            "a JSON object",
+        )
+    return content

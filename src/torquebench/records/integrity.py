@@ -1,21 +1,21 @@
 """Integrity of all records: chain, rows, model files, run folders."""
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
-from sqlalchemy import Table, select
+from sqlalchemy import Select, Table, inspect, select
 from sqlalchemy.orm import Session
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead, Link, broken_links, canonical, changed_fields
-from torquebench.records.files import sha256_of_file
+from torquebench.records.files import UNREADABLE, sha256_of_file
 from torquebench.records.registry.database import Database
-from torquebench.records.registry.entries import archived_at, links, metadata
-from torquebench.records.registry.runs import RunRecords
+from torquebench.records.registry.entries import Amendment, archived_at, links, metadata
+from torquebench.records.registry.runs import REBUILT, RunRecords
 from torquebench.records.runs.folder import MANIFEST, RunFolder
 
 __all__ = [
@@ -25,6 +25,7 @@ __all__ = [
     "calibration_changes",
     "check_records",
     "folder_changes",
+    "survived",
 ]
 
 calibrations, certificates, equipment, models, reports, run_ends, runs = (
@@ -186,13 +187,13 @@ def check_records(
     IntegrityReport
     """
     check = _Check(registry)
-    findings = [*check.chain(), *check.rows()]
+    findings = [*survived("chain", check.chain()), *check.rows()]
     compared_runs = 0
     if folders:
         for found in check.runs():
             compared_runs += 1
             findings += found
-        findings += check.single_files()
+        findings += survived("files", check.single_files())
     findings += check.anchored(anchors)
     return IntegrityReport(
         registry.head(), check.compared, compared_runs, check.files, tuple(dict.fromkeys(findings))
@@ -204,7 +205,14 @@ class _Check:
 
     def __init__(self, registry: RunRecords) -> None:
         self.registry = registry
-        self.entered_again = {run for *_, entered in registry.rebuilt() for run in entered}
+        problems: list[str] = []
+        amendments = registry.entries(Amendment, subject=REBUILT, problems=problems)
+        self.entered_again = {
+            run
+            for each in amendments
+            if isinstance(each.changes, dict)
+            for run in each.changes.get("runs", ())
+        }
         self.files = 0
         self.compared = 0
         self.links = registry.links()
@@ -220,43 +228,37 @@ class _Check:
             registered.setdefault(link.table, {})[link.key] = link
         for name, table in sorted(metadata.tables.items()):
             if table is not links:
-                yield from self._table(table, registered.pop(name, {}))
+                yield from survived(name, self._table(table, registered.pop(name, {})))
         for name, removed in registered.items():
             for key in removed:
                 yield Finding("removed", f"{name} {key}")
 
     def _table(self, table: Table, entered: dict[int, Link]) -> Iterator[Finding]:
-        with self.registry.session() as session:
-            query = select(table).order_by(table.c.id).execution_options(yield_per=1000)
-            for row in _readable(session.execute(query)):
-                if isinstance(row, ValueError):
-                    yield Finding("changed", table.name, found=f"a value that can't be read: {row}")
-                    return
-                self.compared += 1
-                link = entered.pop(row.id, None)
-                where = f"{table.name} {row.id}"
-                if link is None:
-                    yield Finding("added", where)
-                    continue
+        for number, row in _rows(self.registry, table):
+            self.compared += 1
+            link = entered.pop(number, None)
+            where = f"{table.name} {number}"
+            if isinstance(row, Exception):
+                yield Finding("changed", where, found=f"it can't be read: {row}")
+            elif link is None:
+                yield Finding("added", where)
+            else:
                 yield from _differences(where, row, link)
         for key in entered:
             yield Finding("removed", f"{table.name} {key}")
 
     def runs(self) -> Iterator[list[Finding]]:
-        query = select(runs.c.folder, run_ends.c.manifest_sha256).join(
-            run_ends, run_ends.c.run_key == runs.c.id
-        )
-        with self.registry.session() as session:
-            ended = list(session.execute(query.order_by(runs.c.id)))
-        for folder, manifest_sha256 in ended:
-            path = self.registry.root / folder
-            yield [
-                Finding("file", str(path), found=what)
-                for what in folder_changes(path, manifest_sha256)
-            ]
-            self._note_anchor(path)
+        rows: dict[int, Any] = dict(_rows(self.registry, runs))
+        for number, end in _rows(self.registry, run_ends):
+            run = None if isinstance(end, Exception) else rows.get(end.get("run_key", 0))
+            if isinstance(end, Exception) or run is None or isinstance(run, Exception):
+                continue  # the row is a finding of its own
+            yield list(survived(f"run_ends {number}", self._run(run, end)))
 
-    def _note_anchor(self, path: Path) -> None:
+    def _run(self, run: Mapping[str, Any], end: Mapping[str, Any]) -> Iterator[Finding]:
+        path = self.registry.root / run["folder"]
+        for what in folder_changes(path, end["manifest_sha256"]):
+            yield Finding("file", str(path), found=what)
         try:
             noted = RunFolder(path).metadata.get("registry_head")
         except RecordError:
@@ -270,15 +272,13 @@ class _Check:
                 return
 
     def single_files(self) -> Iterator[Finding]:
-        with self.registry.session() as session:
-            files: list[Any] = [
-                *session.execute(select(models.c.file, models.c.file_sha256)),
-                *session.execute(
-                    select(reports.c.file, reports.c.file_sha256).where(reports.c.file != "")
-                ),
-            ]
-        files += self._certificates()
-        for name, digest in files:
+        files = [
+            (row["file"], row["file_sha256"])
+            for table in (models, reports)
+            for _, row in _rows(self.registry, table)
+            if not isinstance(row, Exception) and row["file"]
+        ]
+        for name, digest in (*files, *self._certificates()):
             path = self.registry.root / name
             self.files += 1
             if not path.is_file():
@@ -297,7 +297,7 @@ class _Check:
                 yield from (
                     (f"{archive}/{name}", digest) for name, digest in entered["files"].items()
                 )
-            except (json.JSONDecodeError, KeyError, AttributeError, TypeError):
+            except UNREADABLE:
                 continue  # the chain itself was changed, which is a finding of its own
 
     def anchored(self, anchors: tuple[ChainHead, ...]) -> Iterator[Finding]:
@@ -313,12 +313,38 @@ class _Check:
                 )
 
 
-def _readable(rows: Iterable[Any]) -> Iterator[Any]:
-    """Yield rows, and last the error of a row with an invalid value."""
+def _rows(
+    registry: RunRecords, table: Table
+) -> Iterator[tuple[int, Mapping[str, Any] | Exception]]:
+    """Yield number and columns of each row, or why it can't be read; also without some columns."""
+    with registry.session() as session:
+        present = {each["name"] for each in inspect(session.connection()).get_columns(table.name)}
+        query = select(*(column for column in table.c if column.name in present))
+        numbers = list(session.scalars(select(table.c.id).order_by(table.c.id)))
+    for start in range(0, len(numbers), 1000):
+        chunk = numbers[start : start + 1000]
+        try:
+            yield from _read(registry, query.where(table.c.id.in_(chunk)).order_by(table.c.id))
+        except (RecordError, *UNREADABLE):
+            for number in chunk:
+                try:
+                    yield from _read(registry, query.where(table.c.id == number))
+                except (RecordError, *UNREADABLE) as error:
+                    yield number, error
+
+
+def _read(registry: RunRecords, query: Select[Any]) -> list[tuple[int, Mapping[str, Any]]]:
+    with registry.session() as session:
+        return [(row.id, dict(row._mapping)) for row in session.execute(query)]
+
+
+def survived(where: str, findings: Iterable[Finding]) -> Iterator[Finding]:
+    """Yield findings; one more where what is compared can't be read."""
     try:
-        yield from rows
-    except ValueError as error:
-        yield error
+        yield from findings
+    except (RecordError, OSError, *UNREADABLE) as error:
+        what = getattr(error, "found", None) or f"{type(error).__name__}: {error}"
+        yield Finding("database", where, found=Message("it can't be compared: {what}", what))
 
 
 def calibration_changes(registry: Database, calibration_id: int) -> tuple[str, ...]:
@@ -369,19 +395,25 @@ def _row_changes(session: Session, table: str, row: Any) -> Iterator[str]:
     if link.sha256 != link.expected_sha256():
         what = f"entry {link.sequence} doesn't have the hash that it was sealed with"
         yield str(Finding("chain", where, found=what))
-    for finding in _differences(where, row, link):
+    for finding in _differences(where, row._mapping, link):
         yield str(finding)
 
 
-def _differences(where: str, row: Any, link: Link) -> Iterator[Finding]:
+def _differences(where: str, row: Mapping[str, Any], link: Link) -> Iterator[Finding]:
     try:
         entered = json.loads(link.content)
-    except json.JSONDecodeError:
+    except UNREADABLE:
         yield Finding("chain", where, found="its entry in the chain can't be read")
         return
-    present = json.loads(canonical(dict(row._mapping)))
+    present = {}
+    for name, value in row.items():
+        try:
+            present[name] = json.loads(canonical({"": value}))[""]
+        except UNREADABLE as error:
+            yield Finding("changed", where, name, f"a value that can't be read ({error})", "text")
     for name, before, now in changed_fields(entered, present):
-        yield Finding("changed", where, name, repr(now), repr(before))
+        if name in present or name not in row:
+            yield Finding("changed", where, name, repr(now), repr(before))
 
 
 def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
@@ -403,4 +435,6 @@ def folder_changes(path: Path, manifest_sha256: str) -> list[str]:
         folder.verify()
     except RecordError as error:
         return [error.found]
+    except UNREADABLE as error:
+        return [f"its manifest can't be read: {type(error).__name__}: {error}"]
     return []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator
 from dataclasses import replace
@@ -12,8 +13,17 @@ from torquebench.bench.audit.chain import AuditEnd, audit_end, check_audit
 from torquebench.bench.audit.entries import AUDIT_FILE, AUDIT_FOLDER
 from torquebench.errors import RecordError
 from torquebench.message import Message
-from torquebench.records import Finding, IntegrityReport, Registry, RunFolder, check_records
+from torquebench.records import (
+    Finding,
+    IntegrityReport,
+    Registry,
+    RunFolder,
+    RunSummary,
+    check_records,
+)
 from torquebench.records.chain import START, ChainHead
+from torquebench.records.files import UNREADABLE
+from torquebench.records.integrity import survived
 from torquebench.records.registry.database import (
     REGISTRY_FILE,
     REGISTRY_URL,
@@ -32,7 +42,6 @@ from torquebench.records.runs.unfinished import RunState, UnfinishedRun, unenter
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
-    from torquebench.records import RunSummary
 
 __all__ = ["check_data_directory", "run_folders"]
 
@@ -70,7 +79,7 @@ def check_data_directory(
     try:
         with Registry.open(data) as registry:
             return _check(registry, findings, anchors, folders=folders)
-    except (RecordError, ValueError) as error:  # ValueError: a row holds an invalid value
+    except (RecordError, *UNREADABLE) as error:
         found = error.found if isinstance(error, RecordError) else str(error)
         if not any(each.where.endswith(REGISTRY_FILE) for each in findings):
             where = str(data / REGISTRY_FILE)
@@ -110,21 +119,29 @@ def _check(
 ) -> IntegrityReport:
     findings += schema_changes(registry)
     report = check_records(registry, anchors=anchors, folders=folders)
-    runs = registry.runs(limit=None)
+    unreadable: list[str] = []
+    runs = registry.entries(RunSummary, problems=unreadable)
     if any(each.kind == "changed" for each in report.findings):
         # A damaged row no longer matches its index: one defect, reported with the row.
         findings = [each for each in findings if each.remedy != OF_AN_INDEX]
     findings += report.findings
-    findings += _strangers(registry, {run.run_id for run in runs})
-    findings += _without_folder(runs)
-    log = registry.root / AUDIT_FOLDER
-    audit = check_audit(log, _noted(registry, log, runs if folders else ()))
-    findings += [Finding("audit", where, "", what) for where, what in audit.problems]
+    findings += survived("folders", _strangers(registry, {run.run_id for run in runs}))
+    findings += survived("folders", _without_folder(runs))
+    log, lines = registry.root / AUDIT_FOLDER, 0
+    try:
+        audit = check_audit(log, _noted(registry, log, runs if folders else ()))
+        lines = audit.lines
+        findings += [Finding("audit", where, "", what) for where, what in audit.problems]
+    except (RecordError, OSError, *UNREADABLE) as error:
+        findings.append(Finding("audit", str(log), "", f"it can't be compared: {error}"))
+    remarks = []
+    with contextlib.suppress(RecordError, *UNREADABLE):  # a row that can't be read is a finding
+        remarks += [*_rebuilt(registry), *time_remarks(registry)]
     return replace(
         report,
-        findings=tuple(findings),
-        audit_lines=audit.lines,
-        remarks=(*_rebuilt(registry), *time_remarks(registry)),
+        findings=tuple(dict.fromkeys(findings)),
+        audit_lines=lines,
+        remarks=tuple(remarks),
     )
 
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
@@ -18,6 +19,7 @@ from torquebench.cli.drift import drift
 from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
 from torquebench.cli.export import export, find_run
 from torquebench.cli.export_data import export_data
+from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.finish import discard, finish
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -31,7 +33,7 @@ from torquebench.cli.options import (
 from torquebench.cli.records.backup import backup, rebuild, restore
 from torquebench.cli.records.checks import amend, review, use, verify
 from torquebench.cli.recovered import tell_unfinished
-from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say
+from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say, warn
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 
@@ -102,12 +104,32 @@ def list_records(
 
     with Registry.open(folder) as registry:
         wanted = [item for item in Kind if item is not Kind.all and kind in (item, Kind.all)]
+        problems: list[str] = []
         for number, item in enumerate(wanted):
             if number:
                 say("")
-            _LISTS[item](registry, limit)
-        if Kind.runs in wanted:
-            tell_unfinished(list(unfinished_runs(registry)))
+            with _named_problems(problems):
+                _LISTS[item](registry, limit, problems)
+        with _named_problems(problems):
+            if Kind.runs in wanted:
+                tell_unfinished(list(unfinished_runs(registry)))
+    for problem in dict.fromkeys(problems):
+        warn(f"{problem}; see `torquebench records verify`")
+    if problems:
+        raise typer.Exit(CHECK_FAILED)
+
+
+@contextmanager
+def _named_problems(problems: list[str]) -> Iterator[None]:
+    """Note what can't be read, and go on."""
+    from torquebench.records.files import UNREADABLE
+
+    try:
+        yield
+    except RecordError as error:
+        problems.append(error.found)
+    except UNREADABLE as error:
+        problems.append(f"{type(error).__name__}: {error}")
 
 
 def _runs_at_once(folder: Path, limit: int) -> Sequence[RunLine] | None:
@@ -144,8 +166,8 @@ def show_record(
         (_show_model if kind == "model" else _show_calibration)(registry, number)
 
 
-def _list_runs(registry: Registry, limit: int) -> None:
-    _print_runs(registry.runs(limit=limit + 1), limit)
+def _list_runs(registry: Registry, limit: int, problems: list[str]) -> None:
+    _print_runs(registry.runs(limit=limit + 1, problems=problems), limit)
 
 
 def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
@@ -157,9 +179,9 @@ def _print_runs(runs: Sequence[RunLine | RunSummary], limit: int) -> None:
     _print_list(Kind.runs, headings, lines, [LISTED_RUN.of(run) for run in runs], limit)
 
 
-def _list_calibrations(registry: Registry, limit: int) -> None:
+def _list_calibrations(registry: Registry, limit: int, problems: list[str]) -> None:
     lines, records = [], []
-    for entry in registry.calibrations(limit=limit + 1):
+    for entry in registry.calibrations(limit=limit + 1, problems=problems):
         name, span = f"calibration-{entry.calibration_id}", f"{entry.range_nm:g} N·m"
         records.append(LISTED_CALIBRATION.of(entry, name=name))
         what = (entry.transducer_serial, str(entry.points), span, entry.profile_name)
@@ -168,9 +190,9 @@ def _list_calibrations(registry: Registry, limit: int) -> None:
     _print_list(Kind.calibrations, headings, lines, records, limit)
 
 
-def _list_models(registry: Registry, limit: int) -> None:
+def _list_models(registry: Registry, limit: int, problems: list[str]) -> None:
     lines, records = [], []
-    for entry in registry.models(limit=limit + 1):
+    for entry in registry.models(limit=limit + 1, problems=problems):
         name, span = f"model-{entry.model_id}", f"{entry.range_nm:g} N·m"
         records.append(LISTED_MODEL.of(entry, name=name, in_use=entry.active))
         what = (entry.kind, entry.transducer_serial, span, "yes" if entry.active else "")
@@ -179,7 +201,7 @@ def _list_models(registry: Registry, limit: int) -> None:
     _print_list(Kind.models, headings, lines, records, limit)
 
 
-def _list_equipment(registry: Registry, limit: int) -> None:
+def _list_equipment(registry: Registry, limit: int, _problems: list[str]) -> None:
     entries = registry.equipment()
     lines = [
         (

@@ -6,7 +6,7 @@ import os
 import sqlite3
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 from datetime import UTC, datetime
@@ -44,6 +44,7 @@ from torquebench.atomic_write import create_private, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records.chain import START, ChainHead, Link, canonical, seal
+from torquebench.records.files import UNREADABLE
 from torquebench.records.read_only import is_writable, sqlite_reader
 from torquebench.records.registry.entries import Entry, Identity, Registered, completed, links
 from torquebench.records.registry.migrating import upgrade
@@ -412,6 +413,7 @@ class Database:
         newest_first: bool = False,
         limit: int | None = None,
         offset: int = 0,
+        problems: list[str] | None = None,
         **wanted: Any,
     ) -> list[Entry]:
         """Return the entries of a kind, one of `torquebench.records.registry.entries`.
@@ -426,13 +428,48 @@ class Database:
             Whether they are sorted downwards.
         limit, offset : int, optional
             How many, and how many to pass over.
+        problems : list of str, optional
+            Receives the entries that can't be read, which are then left out.
         **wanted
             Values of fields; None for any.
+
+        Raises
+        ------
+        RecordError
+            Where the database fails, or an entry can't be read.
         """
         query = entries_query(kind, *conditions, order=order, newest_first=newest_first, **wanted)
+        query = query.limit(limit).offset(offset or None)
         with self.session() as session:
-            found = session.scalars(query.limit(limit).offset(offset or None))
-            return [self.complete(entry) for entry in found]
+            try:
+                return [self.complete(entry) for entry in session.scalars(query)]
+            except (*UNREADABLE, DBAPIError) as error:
+                if problems is None and isinstance(error, DBAPIError):
+                    raise
+                numbers = session.scalars(query.with_only_columns(kind.__table__.c.id)).all()
+        unreadable: list[str] = []
+        entries = self._readable(kind, numbers, unreadable)
+        if problems is None and unreadable:
+            raise RecordError(unreadable[0], "an entry as it was made", WAY_BACK)
+        if problems is not None:
+            problems += unreadable
+        return entries
+
+    def _readable(
+        self, kind: type[Entry], numbers: Sequence[int], problems: list[str]
+    ) -> list[Entry]:
+        """Return the entries of some numbers one by one, without those that can't be read."""
+        found = []
+        for number in numbers:
+            query = select(kind).where(kind.__table__.c.id == number)
+            try:
+                with self.session() as session:
+                    found += [self.complete(entry) for entry in session.scalars(query)]
+            except (RecordError, *UNREADABLE) as error:
+                problem = getattr(error, "found", error)
+                name = kind.__tablename__
+                problems.append(Message("{name} {number}: {problem}", name, number, problem))
+        return found
 
     def complete(self, entry: Entry) -> Entry:
         """Return an entry apart from its session; see `completed`."""

@@ -986,4 +986,6 @@ def completed(entry: Entry, root: Path = Path()) -> Entry:
             setattr(entry, each.name, Signature.restored(value))
         elif isinstance(value, dict):
             setattr(entry, each.name, revived(value))
+        elif isinstance(value, bytes):
+            raise ValueError(f"{each.name} is a blob")
     return entry

@@ -259,11 +259,19 @@ class Registry(RunRecords):
         )
 
     def calibrations(
-        self, transducer_serial: str | None = None, *, limit: int | None = None
+        self,
+        transducer_serial: str | None = None,
+        *,
+        limit: int | None = None,
+        problems: list[str] | None = None,
     ) -> list[CalibrationEntry]:
-        """Return calibrations, all or of one transducer, the newest first."""
+        """Return calibrations, all or of one transducer, the newest first; see `entries`."""
         return self.entries(
-            CalibrationEntry, newest_first=True, limit=limit, transducer_serial=transducer_serial
+            CalibrationEntry,
+            newest_first=True,
+            limit=limit,
+            problems=problems,
+            transducer_serial=transducer_serial,
         )
 
     def add_model(
@@ -338,6 +346,7 @@ class Registry(RunRecords):
         *,
         calibration_id: int | None = None,
         limit: int | None = None,
+        problems: list[str] | None = None,
     ) -> list[ModelEntry]:
         """Return models, all or those of a transducer or a calibration, the newest first.
 
@@ -348,6 +357,7 @@ class Registry(RunRecords):
                 ModelEntry,
                 newest_first=True,
                 limit=limit,
+                problems=problems,
                 transducer_serial=transducer_serial,
                 calibration_id=calibration_id,
             )

@@ -125,6 +125,7 @@ class RunRecords(Database):
         offset: int = 0,
         kind: str | None = None,
         *conditions: ColumnElement[bool],
+        problems: list[str] | None = None,
     ) -> list[RunSummary]:
         """Return runs, the newest first.
 
@@ -138,6 +139,8 @@ class RunRecords(Database):
             Only runs of this kind.
         *conditions
             In terms of `RunSummary`.
+        problems : list of str, optional
+            Receives the entries that can't be read; see `entries`.
         """
         return self.entries(
             RunSummary,
@@ -146,6 +149,7 @@ class RunRecords(Database):
             newest_first=True,
             limit=limit,
             offset=offset,
+            problems=problems,
             kind=kind,
         )
 

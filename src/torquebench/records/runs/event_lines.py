@@ -12,7 +12,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
-from torquebench.records.files import json_text
+from torquebench.records.files import UNREADABLE, json_text
 
 __all__ = ["CheckedLine", "Damage", "ReadLines", "checked_line", "read_lines", "with_copies"]
 
@@ -181,8 +181,11 @@ def _line(text: bytes, run_id: str) -> CheckedLine | None:
     body, digest = text[:-_TAIL], _END.fullmatch(text[-_TAIL:])
     if digest is None or _digest(run_id, body) != digest[1].decode():
         return None
-    entry = json.loads(body + b"}")
-    return CheckedLine(entry["line"], entry["name"], entry["doc"], text)
+    try:
+        entry = json.loads(body + b"}")
+        return CheckedLine(entry["line"], entry["name"], entry["doc"], text)
+    except UNREADABLE:
+        return None
 
 
 def _digest(run_id: str, body: bytes) -> str:

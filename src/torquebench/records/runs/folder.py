@@ -21,8 +21,10 @@ from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.records.files import (
     EDGE_STREAM,
+    UNREADABLE,
     json_text,
     read_json,
+    read_object,
     revived,
     sha256_of_file,
     with_messages,
@@ -401,7 +403,7 @@ class RunFolder:
                 stated = [(_read_checked_json(self.path / _METADATA) or {})["run_id"]]
             else:
                 files = (_METADATA, MANIFEST)
-                stated = [read_json(self.path / each)["run_id"] for each in files]
+                stated = [str(read_json(self.path / each)["run_id"]) for each in files]
         except (RecordError, KeyError, TypeError):  # damaged, or of 0.1.0
             return self.path.name
         return str(stated[0]) if len(set(stated)) == 1 else self.path.name
@@ -429,7 +431,7 @@ class RunFolder:
         """
         path = self.path / _METADATA
         if self.sealed:
-            content: dict[str, Any] = read_json(path)
+            content = read_object(path)
             content.pop("sha256", None)
             return content
         found = _read_checked_json(path)
@@ -468,14 +470,25 @@ class RunFolder:
     @property
     def manifest(self) -> dict[str, Any]:
         """Status, time of sealing, and hash and size of every file."""
-        content: dict[str, Any] = revived(read_json(self.path / MANIFEST))
+        path = self.path / MANIFEST
+        try:
+            content: dict[str, Any] = revived(read_object(path))
+        except UNREADABLE as error:
+            raise RecordError(
+                Message("{path} can't be read: {problem}", path, error), "a manifest"
+            ) from error
         return content
 
     @property
     def results(self) -> Any:
         """Results of the run; None if it has none."""
         path = self.path / _RESULTS
-        return revived(read_json(path)) if path.exists() else None
+        try:
+            return revived(read_json(path)) if path.exists() else None
+        except UNREADABLE as error:
+            raise RecordError(
+                Message("{path} can't be read: {problem}", path, error), "results as JSON"
+            ) from error
 
     def documents(self, name: str | None = None) -> Iterator[tuple[str, dict[str, Any]]]:
         """Yield the run's documents with their names.
@@ -517,7 +530,7 @@ class RunFolder:
             try:
                 entry = json.loads(line)
                 found, document = entry["name"], entry["doc"]
-            except (ValueError, KeyError, TypeError) as error:
+            except UNREADABLE as error:
                 raise RecordError(
                     Message("{path}, line {number} isn't a document", path, number),
                     'lines of the form {"name": ..., "doc": ...}',
@@ -565,10 +578,11 @@ class RunFolder:
                 raise RecordError(
                     Message("{path} was removed after sealing", self.path / name), "all files"
                 )
-            if sha256_of_file(self.path / name) != entry.get("sha256"):
+            registered = entry.get("sha256") if isinstance(entry, dict) else None
+            if sha256_of_file(self.path / name) != registered:
                 raise RecordError(
                     Message("{source} was changed after sealing", self.path / name),
-                    Message("SHA-256 {sha256}", entry.get("sha256")),
+                    Message("SHA-256 {sha256}", registered),
                     "restore the file from a backup",
                 )
         for name in present:
@@ -687,7 +701,7 @@ def _read_checked_json(path: Path) -> dict[str, Any] | None:
         content = json.loads(path.read_bytes())
         digest = content.pop("sha256")
         text = json_text(content).encode()
-    except (OSError, ValueError, KeyError, AttributeError, TypeError):
+    except (OSError, RecordError, *UNREADABLE):
         return None
     return content if digest == hashlib.sha256(text).hexdigest() else None
 

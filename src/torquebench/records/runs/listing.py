@@ -11,6 +11,7 @@ from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import NamedTuple
 
+from torquebench.records.files import UNREADABLE
 from torquebench.records.read_only import sqlite_reader
 from torquebench.records.registry.schema_version import SCHEMA_VERSION, VERSIONS_TABLE
 
@@ -76,7 +77,7 @@ def maybe_unfinished(file: Path) -> bool:
                 ).fetchone()
                 for kind, table in _RESULTS.items()
             )
-    except sqlite3.Error:
+    except (sqlite3.Error, *UNREADABLE):
         return True
 
 
@@ -115,5 +116,5 @@ def newest_runs(file: Path, limit: int) -> list[RunLine] | None:
                     _NEWEST, (limit,)
                 )
             ]
-    except sqlite3.Error:
+    except (sqlite3.Error, *UNREADABLE):
         return None

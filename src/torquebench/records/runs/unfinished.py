@@ -17,6 +17,7 @@ from typing import Any
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records.chain import ChainHead
+from torquebench.records.files import UNREADABLE
 from torquebench.records.registry.entries import RunSummary
 from torquebench.records.registry.runs import INTERRUPTED, RunRecords
 from torquebench.records.runs.folder import RunFolder
@@ -218,12 +219,15 @@ def can_go_on(folder: RunFolder, now: datetime) -> bool:
     A continuation without a point of its own is left out: the run before it is resumed instead.
     """
     start, last_s = _start_and_last_point(folder)
-    if not start or (last_s is None and folder.metadata.get("resumes")):
+    try:
+        if not start or (last_s is None and folder.metadata.get("resumes")):
+            return False
+        last_s = float(start["time"]) if last_s is None else last_s
+        clause = start.get("profile", {}).get("settings", {}).get("interruption") or {}
+        passed_h = (now.timestamp() - last_s) / HOUR
+        return clause.get("resume") != "never" and passed_h <= clause.get("longest_h", LONGEST_H)
+    except (RecordError, *UNREADABLE):  # `records verify` reports the error
         return False
-    last_s = float(start["time"]) if last_s is None else last_s
-    clause = start.get("profile", {}).get("settings", {}).get("interruption") or {}
-    passed_h = (now.timestamp() - last_s) / HOUR
-    return clause.get("resume") != "never" and passed_h <= clause.get("longest_h", LONGEST_H)
 
 
 def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | None]:
@@ -233,7 +237,7 @@ def _start_and_last_point(folder: RunFolder) -> tuple[dict[str, Any], float | No
         start = next((document for _, document in folder.documents("start")), {})
         for point in folder.points():
             last_s = float(point["time"])
-    except (RecordError, KeyError, OSError):  # `records verify` reports the error
+    except (RecordError, OSError, *UNREADABLE):  # `records verify` reports the error
         return {}, None
     return start, last_s
 
@@ -275,7 +279,7 @@ def latest_unfinished_calibration(registry: RunRecords) -> RunSummary | None:
 def _resumed(run: RunSummary) -> list[str]:
     try:
         return list(RunFolder(run.folder).metadata.get("resumes", ()))
-    except RecordError:
+    except (RecordError, TypeError):
         return []
 
 
