@@ -11,8 +11,9 @@ import json
 import os
 import shutil
 import sqlite3
+import tempfile
 from collections.abc import Callable, Iterator
-from contextlib import closing
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -37,7 +38,7 @@ from torquebench.records.registry.database import REGISTRY_FILE, REGISTRY_URL, W
 from torquebench.records.registry.database_check import damage_of_file
 from torquebench.records.runs.folder import MANIFEST
 from torquebench.station.bench_lock import LOCK_FILE, BenchLock
-from torquebench.station.data_check import run_folders
+from torquebench.station.data_check import check_data_directory, run_folders
 
 __all__ = [
     "ASIDE",
@@ -334,6 +335,8 @@ class Restored:
         Different files that were moved aside and replaced by the backup's.
     kept : list of str
         Newer files than the backup's, which are kept.
+    missing : list of str
+        What the backup's registry names and the backup doesn't have.
     aside : pathlib.Path or None
         Folder of the replaced files.
     """
@@ -341,14 +344,19 @@ class Restored:
     restored: list[str] = field(default_factory=list)
     replaced: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+    missing: list[str] = field(default_factory=list)
     aside: Path | None = None
 
 
-def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
-    """Restore missing files of a data directory, and with `replace` damaged ones.
+def restore(
+    backup: Path, data: Path, *, replace: bool = False, progress: Progress = NO_PROGRESS
+) -> Restored:
+    """Restore missing files of a data directory, and with `replace` damaged ones: all or nothing.
 
-    Existing files aren't overwritten: files that differ from the backup are listed, and with
-    `replace` moved to a separate folder. Newer files are kept.
+    The backup's seals are compared first, and links in it are refused. Everything is copied beside
+    the data and compared again before the first file gets its place, which must be empty: files
+    that differ from the backup are listed, and with `replace` moved to a separate folder. Newer
+    files are kept.
 
     Parameters
     ----------
@@ -358,13 +366,16 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
         It needn't exist.
     replace : bool
         Whether different files are moved aside and restored.
+    progress : Progress
+        Receives the progress of comparing and copying.
 
     Raises
     ------
     InputError
         Where it isn't a backup, something differs, or the bench is open. Nothing is changed then.
     RecordError
-        Where the backup itself is damaged.
+        Where the backup itself is damaged or contains a link, or the disk fails. Nothing is
+        changed then.
     """
     require_file_registry("restoring")
     if not (backup / BACKUP_FILE).is_file():
@@ -372,12 +383,12 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
             Message("{backup} is no backup", backup),
             Message("a folder with {metadata}", BACKUP_FILE),
         )
-    damage = damage_of_file(backup / REGISTRY_FILE)
-    if damage:
-        raise RecordError(
-            Message("the backup's own registry is damaged: {damage}", damage[0]), "", "take another"
-        )
+    _refuse_links(backup)
     done = Restored()
+    progress.start("Comparing the backup with its registry")
+    done.missing = _check_seals(backup)
+    if data.exists():
+        _refuse_links(data, ("runs", "models", "certificates", AUDIT_FOLDER))
     private_folder(data)
     with BenchLock(None, data):
         missing, differing = _compare(backup, data, done)
@@ -390,14 +401,131 @@ def restore(backup: Path, data: Path, *, replace: bool = False) -> Restored:
                 "what is missing or as in the backup; nothing was changed",
                 "--replace puts them aside into a folder of their own and restores them",
             )
-        if differing:
-            done.aside = data / f"{ASIDE}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
-        for name in differing:
-            _put_aside(data, name, done)
-        for name in (*missing, *differing):
-            _bring_back(backup / name, data / name)
+        with _staged(backup, data, [*missing, *differing], progress) as staged:
+            aside = data / f"{ASIDE}{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}"
+            _move_in(staged, data, (*missing, *differing), aside)
+            done.aside = aside if aside.exists() else None
         done.restored, done.replaced = missing, differing
     return done
+
+
+def _refuse_links(folder: Path, names: tuple[str, ...] = ()) -> None:
+    """Refuse a folder with links or devices: their content lies elsewhere.
+
+    Parameters
+    ----------
+    folder : pathlib.Path
+    names : tuple of str
+        Only these in it; by default everything.
+    """
+    for path in (folder / name for name in names) if names else sorted(folder.rglob("*")):
+        if path.is_symlink() or (path.exists() and not (path.is_dir() or path.is_file())):
+            raise RecordError(
+                Message("{path} is a link or a device", path),
+                "files and folders",
+                "put the files themselves there, or take another backup",
+            )
+
+
+def _check_seals(backup: Path) -> list[str]:
+    """Compare everything in a backup with its registry; return what it doesn't have.
+
+    Raises
+    ------
+    RecordError
+        Something was changed.
+    """
+    damage = damage_of_file(backup / REGISTRY_FILE)
+    if damage:
+        raise RecordError(
+            Message("the backup's own registry is damaged: {damage}", damage[0]), "", "take another"
+        )
+    with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
+        copy = Path(scratch) / REGISTRY_FILE  # an older one is upgraded there
+        _copy_database(backup / REGISTRY_FILE, copy)
+        report = check_data_directory(backup, registry=f"sqlite:///{copy}")
+    changed = [
+        finding
+        for finding in report.findings
+        if finding.kind not in ("orphan", "file") or Path(finding.where).exists()
+    ]
+    sealed = [each for each in changed if each.kind != "orphan"]
+    if sealed:
+        raise RecordError(
+            Message(
+                "the backup itself is damaged: {what}",
+                Message.joined([str(each) for each in sealed[:3]], "; "),
+            ),
+            "a backup as it was made; nothing was changed",
+            "take another backup",
+        )
+    return [finding.where for finding in report.findings if finding.kind == "file"]
+
+
+@contextmanager
+def _staged(backup: Path, data: Path, names: list[str], progress: Progress) -> Iterator[Path]:
+    """Yield a folder in the data directory with copies of files and folders of a backup.
+
+    Raises
+    ------
+    RecordError
+        A copy can't be written, or differs from what it was made of.
+    """
+    part = data / ".restored.part"
+    shutil.rmtree(part, ignore_errors=True)  # of an interrupted attempt
+    try:
+        private_folder(part)
+        progress.start("Copying", len(names))
+        for number, name in enumerate(names):
+            progress.reach(number, name)
+            source, copy = backup / name, part / name
+            private_folder(copy.parent)
+            if source.is_file():
+                shutil.copy2(source, copy, follow_symlinks=False)
+                same = _same(source, copy)
+            else:
+                shutil.copytree(source, copy, symlinks=True)
+                files = (path for path in source.rglob("*") if path.is_file())
+                same = all(_same(path, copy / path.relative_to(source)) for path in files)
+            if not same:
+                raise RecordError(
+                    Message("{name} was copied with errors", name),
+                    "the same bytes; nothing was changed",
+                    "check the disk",
+                )
+        yield part
+    except OSError as error:
+        raise RecordError(
+            Message("the backup can't be copied to {data}: {error}", data, error),
+            "room on the disk; nothing was changed",
+            "make room, or choose another --data",
+        ) from error
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+
+
+def _move_in(staged: Path, data: Path, names: tuple[str, ...], aside: Path) -> None:
+    """Give staged files their places, after moving aside what is there; all of them or none."""
+    moved: list[tuple[Path, Path]] = []
+
+    def move(source: Path, target: Path) -> None:
+        private_folder(target.parent)
+        source.rename(target)
+        moved.append((source, target))
+
+    try:
+        for name in names:
+            # A log that is left beside another database would be taken for its own.
+            endings = ("", "-wal", "-shm") if name.endswith(".sqlite") else ("",)
+            for present in (f"{name}{ending}" for ending in endings):
+                if (data / present).exists():
+                    move(data / present, aside / present)
+            move(staged / name, data / name)
+    except OSError:
+        for source, target in reversed(moved):
+            target.rename(source)
+        shutil.rmtree(aside, ignore_errors=True)  # only empty folders are left in it
+        raise
 
 
 def _compare(backup: Path, data: Path, done: Restored) -> tuple[list[str], list[str]]:
@@ -454,22 +582,3 @@ def _same_run(copy: Path, here: Path) -> bool:
     except RecordError:
         return False
     return _manifest_sha256(copy) == _manifest_sha256(here)
-
-
-def _put_aside(data: Path, name: str, done: Restored) -> None:
-    assert done.aside is not None
-    private_folder((done.aside / name).parent)
-    (data / name).replace(done.aside / name)
-    for ending in ("-wal", "-shm") if name.endswith(".sqlite") else ():
-        beside = data / f"{name}{ending}"
-        if beside.exists():
-            beside.replace(done.aside / beside.name)
-
-
-def _bring_back(source: Path, target: Path) -> None:
-    private_folder(target.parent)
-    if source.is_file():
-        _copy_file(source, target)
-        return
-    with atomic_folder(target) as part:
-        shutil.copytree(source, part, dirs_exist_ok=True)

@@ -50,7 +50,11 @@ OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` repairs i
 
 
 def check_data_directory(
-    data: Path, *, anchors: tuple[ChainHead, ...] = (), folders: bool = True
+    data: Path,
+    *,
+    anchors: tuple[ChainHead, ...] = (),
+    folders: bool = True,
+    registry: str | None = None,
 ) -> IntegrityReport:
     """Compare all files of a data directory with their entries.
 
@@ -63,6 +67,8 @@ def check_data_directory(
         Ends of the chain that were noted down earlier.
     folders : bool, default True
         Whether run folders and files are compared too, which reads all of them.
+    registry : str, optional
+        URL of the registry; by default that of the data directory.
 
     Returns
     -------
@@ -70,15 +76,16 @@ def check_data_directory(
         With one finding a defect. If the registry can't be read, its files aren't compared.
     """
     findings: list[Finding] = []
-    if not os.environ.get(REGISTRY_URL):
+    if registry is None and not os.environ.get(REGISTRY_URL):
         lost = lost_registry(data)
         if lost:
             return _unread([Finding("registry", str(data / REGISTRY_FILE), "", lost, "", WAY_BACK)])
         findings += _file_damage(data / REGISTRY_FILE)
     findings += _file_damage(data / PANEL_DATABASE)
     try:
-        with Registry.open(data) as registry:
-            return _check(registry, findings, anchors, folders=folders)
+        opened = Registry.open(data) if registry is None else Registry(registry, data)
+        with opened:
+            return _check(opened, findings, anchors, folders=folders)
     except (RecordError, *UNREADABLE) as error:
         found = error.found if isinstance(error, RecordError) else str(error)
         if not any(each.where.endswith(REGISTRY_FILE) for each in findings):

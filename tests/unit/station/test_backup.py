@@ -1,10 +1,14 @@
 """A backup is a whole second copy, made at any moment; the way back overwrites nothing."""
 
+import hashlib
+import json
 import shutil
 import signal
+import sqlite3
 import subprocess
 import sys
 from collections.abc import Callable
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -241,3 +245,116 @@ def test_other_folders_are_refused(places: tuple[Path, Path], tmp_path: Path) ->
         back_up(other, backup)
     with pytest.raises(InputError, match="is no backup"):
         restore(tmp_path / "photos", data)
+
+
+def tree(folder: Path) -> dict[str, bytes | str]:
+    """Return every file, folder and link."""
+    return {
+        path.relative_to(folder).as_posix(): (
+            f"-> {path.readlink()}"
+            if path.is_symlink()
+            else path.read_bytes()
+            if path.is_file()
+            else "folder"
+        )
+        for path in folder.rglob("*")
+        if path.name != "bench.lock" and not path.name.endswith(("-wal", "-shm"))
+    }
+
+
+def forge_manifest(backup: Path) -> None:
+    """Change a run and seal it again: the folder agrees with itself, not with the registry."""
+    folder = backup / "runs" / "run-2"
+    events = folder / "events.jsonl"
+    events.write_bytes(events.read_bytes() + b"\n")
+    manifest = folder / "manifest.json"
+    listed = json.loads(manifest.read_text(encoding="utf-8"))
+    listed["files"]["events.jsonl"]["sha256"] = hashlib.sha256(events.read_bytes()).hexdigest()
+    manifest.write_text(json.dumps(listed), encoding="utf-8")
+
+
+def forge_row(backup: Path) -> None:
+    with closing(sqlite3.connect(backup / REGISTRY_FILE)) as connection:
+        connection.execute("DROP TRIGGER keep_calibrations_update")
+        connection.execute("UPDATE calibrations SET measured_by = 'Eve'")
+        connection.commit()
+
+
+@pytest.mark.parametrize(
+    "forge", [change_run, forge_manifest, change_model, change_audit, forge_row, break_registry]
+)
+def test_nothing_is_copied_from_a_backup_with_a_broken_seal(
+    places: tuple[Path, Path], forge: Callable[[Path], None]
+) -> None:
+    data, backup = places
+    forge(backup)
+    for change, replace in ((change_run, True), (lose_run, False), (lose_everything, False)):
+        if data.exists():
+            change(data)
+        before = tree(data)
+        with pytest.raises(RecordError, match="damaged"):
+            restore(backup, data, replace=replace)
+        assert tree(data) == before
+
+
+@pytest.mark.parametrize("where", ["models/more.json", "runs/run-9", "runs/run-2/more", "a/b/c"])
+@pytest.mark.parametrize("target", ["/etc/passwd", "/etc", "nothing", "../backup"])
+def test_a_backup_with_a_link_is_refused(
+    places: tuple[Path, Path], where: str, target: str
+) -> None:
+    data, backup = places
+    lose_everything(data)
+    link = backup / where
+    link.parent.mkdir(parents=True, exist_ok=True)
+    link.symlink_to(target)
+    with pytest.raises(RecordError, match=f"{where} is a link"):
+        restore(backup, data)
+    assert not data.exists()
+
+
+def test_nothing_is_written_through_a_link_in_the_data(
+    places: tuple[Path, Path], tmp_path: Path
+) -> None:
+    data, backup = places
+    elsewhere = tmp_path / "elsewhere"
+    elsewhere.mkdir()
+    shutil.rmtree(data / "runs")
+    (data / "runs").symlink_to(elsewhere)
+    with pytest.raises(RecordError, match="runs is a link"):
+        restore(backup, data, replace=True)
+    assert list(elsewhere.iterdir()) == []
+
+
+def test_what_cannot_be_restored_wholly_is_not_restored(places: tuple[Path, Path]) -> None:
+    """The last of several files has no place: those before it go back."""
+    data, backup = places
+    lose_run(data)
+    change_audit(data)
+    shutil.rmtree(data / "models")
+    (data / "models").write_text("a file where the folder should be", encoding="utf-8")
+    before = tree(data)
+    with pytest.raises(RecordError, match="nothing was changed"):
+        restore(backup, data, replace=True)
+    assert tree(data) == before
+
+
+def test_what_the_backup_lacks_is_named_and_the_rest_restored(places: tuple[Path, Path]) -> None:
+    data, backup = places
+    shutil.rmtree(backup / "runs" / "run-3")
+    lose_everything(data)
+    done = restore(backup, data)
+    assert done.missing == [str(backup / "runs" / "run-3")]
+    assert (data / "runs" / "run-2" / "manifest.json").exists()
+
+
+def test_the_log_of_a_lost_registry_is_not_taken_for_the_restored_ones(
+    places: tuple[Path, Path],
+) -> None:
+    data, backup = places
+    lose_registry(data)
+    for ending in ("-wal", "-shm"):
+        (data / f"{REGISTRY_FILE}{ending}").write_bytes(b"of another database")
+    done = restore(backup, data)
+    assert done.aside is not None
+    assert (done.aside / f"{REGISTRY_FILE}-wal").read_bytes() == b"of another database"
+    assert check_data_directory(data).intact

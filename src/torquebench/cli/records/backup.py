@@ -62,12 +62,15 @@ def restore(
 ) -> None:
     """Restore missing files from a backup, and with `--replace` damaged ones.
 
-    Nothing is overwritten: without `--replace` the command refuses if files differ; with it, the
-    present files are moved to a separate folder. Data newer than the backup are kept.
+    The backup is compared with its registry first; nothing is restored from a damaged one, or from
+    one with links. Nothing is overwritten: without `--replace` the command refuses if files differ;
+    with it, the present files are moved to a separate folder. Data newer than the backup are kept.
+    Everything is restored, or nothing.
     """
     from torquebench.station.backup import restore as restore_backup
 
-    done = restore_backup(source, data, replace=replace)
+    with TerminalProgress() as progress:
+        done = restore_backup(source, data, replace=replace, progress=progress)
     answer(**RESTORED.of(done))
     say(f"{len(done.restored)} restored, {len(done.replaced)} replaced, {len(done.kept)} kept")
     for title, names in (("restored", done.restored), ("replaced", done.replaced)):
@@ -77,6 +80,8 @@ def restore(
             say(f"{title}  and {len(names) - 20} more")
     for name in done.kept:
         say(f"newer than the backup, kept  {name}")
+    for name in done.missing:
+        warn(f"the backup doesn't have {name}")
     if done.aside is not None:
         say(f"replaced files are in {done.aside}")
     say(
