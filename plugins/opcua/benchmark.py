@@ -52,8 +52,7 @@ async def reconnect(url: str, folder: Path, server: Path, token: str) -> None:
         mode=ua.MessageSecurityMode.SignAndEncrypt,
     )
     async with client:
-        index = await client.get_namespace_index("urn:torquebench:bench:nodes")
-        node = client.get_node(ua.NodeId("output.RawTorque", index))
+        node = client.get_node(ua.NodeId("output.RawTorque", 1))
         await node.read_data_value(raise_on_bad_status=False)
         subscription = await client.create_subscription(100, Heard())
         await subscription.subscribe_data_change(node)

@@ -1,8 +1,8 @@
 """Read a bench as an independent OPC UA stack does, and print what it found as JSON.
 
 Arguments: URL, the server's certificate, folder with client.der and key.pem, application URI, user,
-password, identifier of a result with a file. A process of its own: o6 ends its process after ten
-minutes.
+password, identifier of a result with a file, the server's application URI, a reducer test. A
+process of its own: o6 ends its process after ten minutes.
 """
 
 import hashlib
@@ -18,7 +18,6 @@ import o6
 from o6.ns import machinery, machinery_result, ns0
 
 POLICY = "http://opcfoundation.org/UA/SecurityPolicy#Basic256Sha256"
-BENCH = "nsu=urn:torquebench:bench:nodes;s="
 MACHINES = f"nsu={machinery.uri};i=1001"
 SERVER, NAMESPACES = "i=2253", "i=2255"
 CONDITION_REFRESH = ("i=2782", "i=3875")  # ConditionType and its method
@@ -29,7 +28,7 @@ EVENTS = f"SELECT /EventId, /Message, /Severity, /Retain, /ActiveState/Id, /Acke
 
 
 def node(name: str) -> str:
-    return BENCH + name
+    return f"nsu={sys.argv[8]};s={name}"
 
 
 def word(status: Any) -> str:
@@ -50,6 +49,7 @@ def call(client: Any, on: str, method: str, *given: Any) -> tuple[str, tuple[Any
 def values(client: Any) -> dict[str, Any]:
     found = client.browse(MACHINES, resultMask=ns0.datatypes.BrowseResultMask.ALL)
     raw = read(client, "output.RawTorque")
+    limits = read(client, "output.RawTorque.EURange").value
     return {
         "machines": [str(each.browseName.name) for each in found],
         "serial": str(read(client, "identification.SerialNumber").value),
@@ -61,6 +61,8 @@ def values(client: Any) -> dict[str, Any]:
         },
         "torqueStatus": word(read(client, "output.Torque").status),
         "unit": str(read(client, "output.RawTorque.EngineeringUnits").value.displayName.text),
+        "range": [float(getattr(limits, name)) for name in ("low", "high")],
+        "uris": [str(each) for each in client.read(NAMESPACES)][1:2],
         "write": word(client.write(node("output.RawTorque"), o6.Double(1.0))),
     }
 
@@ -108,6 +110,25 @@ def results(client: Any, result: str) -> dict[str, Any]:
     }
 
 
+def tested(client: Any, run_id: str) -> dict[str, Any]:
+    """Read the values of a reducer test, and its content in the answer of a method."""
+    value = read(client, f"result.{run_id}.backlash")
+    limit = read(client, f"result.{run_id}.backlash.Limit")
+    meta = o6.decodeBinary(
+        bytes(read(client, f"result.{run_id}.ResultMetaData").value.body),
+        machinery_result.datatypes.ResultMetaDataType,
+    )
+    status, _ = call(client, node("results"), node("results.GetResultById"), run_id, o6.Int32(0))
+    return {
+        "byId": status,
+        "backlash": float(value.value),
+        "limit": str(limit.value),
+        "part": str(meta.partId),
+        "evaluation": int(meta.resultEvaluation),
+        "details": str(meta.resultEvaluationDetails.text),
+    }
+
+
 def conditions(client: Any) -> dict[str, Any]:
     """Refresh, acknowledge, and wait for the event of the acknowledged alarm."""
     events: list[dict[str, Any]] = []
@@ -136,7 +157,15 @@ def conditions(client: Any) -> dict[str, Any]:
 
 
 def main(
-    url: str, server: str, folder: str, application: str, user: str, password: str, result: str
+    url: str,
+    server: str,
+    folder: str,
+    application: str,
+    user: str,
+    password: str,
+    result: str,
+    _uri: str,
+    run_id: str,
 ) -> dict[str, Any]:
     client = o6.Client(
         url,
@@ -154,7 +183,8 @@ def main(
     except o6.StatusCodeError as error:
         return {"refused": word(error.code)}
     try:
-        return {**values(client), **results(client, result), **conditions(client)}
+        found = {**values(client), **results(client, result), **conditions(client)}
+        return {**found, "test": tested(client, run_id)}
     finally:
         client.disconnect()
 

@@ -16,21 +16,33 @@ from typing import Any
 
 import pytest
 from asyncua import Client, ua
+from asyncua.crypto import cert_gen
+from cryptography import x509
+from cryptography.hazmat.primitives.asymmetric import rsa
+from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.x509.oid import ExtendedKeyUsageOID
 from plugins.opcua.tests.opcua_panel import APPLICATION, PASSWORD, Served
+from tests.system import command_line
 from tests.unit.reports.calibrated_bench import calibrated_bench
 
 from torquebench.errors import InputError
 from torquebench.panel.service import Actor, BenchService
+from torquebench.records import RunSummary
 from torquebench.reports.certificate import Issue, build_record, issue_certificate
 from torquebench_opcua import Endpoint, OpcUaServer
 
 SCRIPT = Path(__file__).parent / "read_bench.py"
+OWN = 1
+"""Index of the server's own namespace: that of its application URI, by the specification."""
 RESULT = "http://opcfoundation.org/UA/Machinery/Result/"
 
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     folder = tmp_path_factory.mktemp("opcua")
+    words = ("test", "hysteresis", "--short", "--serial", "R-11", "--yes", "--data", "data")
+    done = command_line.run(*words, cwd=folder)
+    assert done.returncode in (0, 1), done.stderr
     with BenchService.open(None, folder / "data", fast=True) as service:
         code = service.people.setup_code
         assert code is not None
@@ -70,12 +82,20 @@ def _certificate_file(served: Served, ending: str) -> tuple[str, bytes]:
     return f"{entry.number}/{name}", served.service.records.certificate_file(entry.number, name)[0]
 
 
+def _tested(served: Served) -> RunSummary:
+    (run,) = served.service.records.runs(kind="test-").runs
+    return run
+
+
 def read_by_a_foreign_stack(served: Served, folder: Path, result: str) -> Any:
     """Read the bench with o6, a client of the C stack open62541."""
     certificate = served.server.store.certificate
     where = [served.server.url, str(certificate), str(folder), APPLICATION]
     done = subprocess.run(
-        [sys.executable, str(SCRIPT), *where, "Admin", PASSWORD, result],
+        [
+            *(sys.executable, str(SCRIPT), *where, "Admin", PASSWORD, result),
+            *(served.server.uri, _tested(served).run_id),
+        ],
         capture_output=True,
         text=True,
         timeout=240,
@@ -103,6 +123,16 @@ def test_a_foreign_stack_reads_acknowledges_and_fetches_files(
     assert said["raw"]["status"] == said["torqueStatus"] == "UncertainSubNormal"
     assert datetime.fromisoformat(said["raw"]["time"]) > started - timedelta(minutes=1)
     assert said["unit"] == "N·m"
+    assert said["range"] == [-2000.0, 2000.0]
+    assert said["uris"] == [served.server.uri]
+    run = served.service.records.run(_tested(served).run_id)
+    row = next(each for each in run.results["quantities"] if each["key"] == "backlash")
+    found = said["test"]
+    assert (found["backlash"], found["limit"]) == (row["value"], row["limit"])
+    assert (found["part"], found["byId"]) == ("R-11", "Good")
+    # a short test passes conditionally at best: it isn't decidable
+    assert found["evaluation"] == 3
+    assert found["details"].startswith("conditional pass: ")
     assert said["write"] == "BadUserAccessDenied"
     assert said["latest"] == {"status": "Good", "error": 0}
     assert said["byId"] == {"status": "Good", "error": 0}
@@ -124,16 +154,14 @@ def test_a_foreign_stack_reads_acknowledges_and_fetches_files(
 
 
 async def _read(client: Client, name: str) -> ua.DataValue:
-    index = await client.get_namespace_index("urn:torquebench:bench:nodes")
-    node = client.get_node(ua.NodeId(name, index))
+    node = client.get_node(ua.NodeId(name, OWN))
     return await node.read_data_value(raise_on_bad_status=False)
 
 
 async def _call(client: Client, method: str, *given: ua.Variant, on: str = "results") -> Any:
-    index = await client.get_namespace_index("urn:torquebench:bench:nodes")
     request = ua.CallMethodRequest(
-        ObjectId=ua.NodeId(on, index),
-        MethodId=ua.NodeId(f"results.{method}", index),
+        ObjectId=ua.NodeId(on, OWN),
+        MethodId=ua.NodeId(f"results.{method}", OWN),
         InputArguments=list(given),
     )
     return (await client.uaclient.call([request]))[0]
@@ -153,6 +181,50 @@ def test_live_values_have_status_and_the_time_of_measurement(served: Served) -> 
                 later = await _read(client, "output.RawTorque")
             state = await _read(client, "state.CurrentState")
             assert state.Value.Value.Text == "NotExecuting"
+
+    asyncio.run(asyncio.wait_for(work(), 240))
+
+
+def test_every_value_says_what_it_is_and_how_large_it_may_be(served: Served) -> None:
+    async def work() -> None:
+        async with served.session() as client:
+            side = served.service.snapshot().sides["input"]
+            for name, limits in (
+                ("Torque", (-side.range_nm, side.range_nm)),
+                ("Uncertainty", (0.0, side.range_nm)),
+                ("Speed", (-side.limit_rpm, side.limit_rpm)),
+                ("Angle", None),
+            ):
+                node = client.get_node(ua.NodeId(f"input.{name}", OWN))
+                description = (await node.read_description()).Text
+                assert description.lower() != name.lower()
+                assert " " in description
+                children = [each.Name for each in await _names_below(node)]
+                assert ("EURange" in children) == (limits is not None)
+                if limits is not None:
+                    found = (await _read(client, f"input.{name}.EURange")).Value.Value
+                    assert (found.Low, found.High) == limits
+
+    asyncio.run(asyncio.wait_for(work(), 240))
+
+
+async def _names_below(node: Any) -> list[ua.QualifiedName]:
+    return [await each.read_browse_name() for each in await node.get_children()]
+
+
+def test_values_of_a_test_are_in_the_result_that_a_method_returns(served: Served) -> None:
+    async def work() -> None:
+        async with served.session() as client:
+            await client.load_data_type_definitions()
+            wanted = ua.Variant(_tested(served).run_id, ua.VariantType.String)
+            timeout = ua.Variant(0, ua.VariantType.Int32)
+            found = await _call(client, "GetResultById", wanted, timeout)
+            content = found.OutputArguments[1].Value.ResultContent
+            values = {each.Value.Key.Name: each.Value.Value.Value for each in content}
+            read = await _read(client, f"result.{wanted.Value}.backlash")
+            assert values["backlash"] == read.Value.Value
+            assert values["backlash.ExpandedUncertainty"] > 0.0
+            assert values["backlash.Verdict"] == "conditionalPass"
 
     asyncio.run(asyncio.wait_for(work(), 240))
 
@@ -219,12 +291,11 @@ def test_results_are_found_by_filter_and_transferred(served: Served) -> None:
 def test_nothing_can_be_written_or_added(served: Served) -> None:
     async def work() -> None:
         async with served.session() as client:
-            index = await client.get_namespace_index("urn:torquebench:bench:nodes")
-            node = client.get_node(ua.NodeId("output.RawTorque", index))
+            node = client.get_node(ua.NodeId("output.RawTorque", OWN))
             with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
                 await node.write_value(1.0)
             with pytest.raises(ua.UaStatusCodeError, match="BadUserAccessDenied"):
-                await client.nodes.objects.add_folder(index, "mine")
+                await client.nodes.objects.add_folder(OWN, "mine")
 
     asyncio.run(asyncio.wait_for(work(), 240))
 
@@ -296,6 +367,31 @@ def test_an_open_channel_is_no_way_in(served: Served) -> None:
     asyncio.run(asyncio.wait_for(work(), 240))
 
 
+def test_a_short_key_is_refused_though_its_certificate_is_trusted(
+    served: Served, tmp_path: Path
+) -> None:
+    """Basic256Sha256 asks for 2048 bits or more."""
+    weak = Served(served.service, served.server, tmp_path)
+    key = rsa.generate_private_key(65537, 1024)
+    names = [x509.UniformResourceIdentifier(APPLICATION), x509.DNSName("localhost")]
+    made = cert_gen.generate_self_signed_app_certificate(
+        key, "weak", {}, names, [ExtendedKeyUsageOID.CLIENT_AUTH]
+    )
+    (tmp_path / "key.pem").write_bytes(cert_gen.dump_private_key_as_pem(key))
+    (tmp_path / "client.der").write_bytes(made.public_bytes(Encoding.DER))
+    trusted = served.server.store.trusted / "weak.der"
+    trusted.write_bytes(made.public_bytes(Encoding.DER))
+
+    async def work() -> None:
+        client = await weak.client("Admin", PASSWORD)
+        with pytest.raises(ua.UaError, match="BadCertificatePolicyCheckFailed"):
+            async with client:
+                pytest.fail("it got in")
+
+    asyncio.run(asyncio.wait_for(work(), 240))
+    trusted.unlink()
+
+
 def test_an_account_that_is_closed_loses_its_session(served: Served, admin: Actor) -> None:
     served.service.people.add_user(admin, "Leaving", "operator", PASSWORD)
     inner = served.server._server.iserver
@@ -343,7 +439,7 @@ def _kept(served: Served) -> Counter[str]:
     asyncio.run_coroutine_threadsafe(server._close_tasks(), loop).result()  # else every 10 s
     gc.collect()
     # timers apart: asyncio drops cancelled ones now and then
-    parts = ("asyncua", "_asyncio", "asyncio.selector", "logging", "cryptography", "torquebench.op")
+    parts = ("asyncua", "_asyncio", "asyncio.selector", "logging", "cryptography", "torquebench_op")
     names = (f"{type(each).__module__}.{type(each).__qualname__}" for each in gc.get_objects())
     return Counter(name for name in names if name.startswith(parts))
 

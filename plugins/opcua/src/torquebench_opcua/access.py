@@ -7,6 +7,7 @@ methods, which the service authorises.
 from __future__ import annotations
 
 import contextlib
+import ipaddress
 import logging
 import socket
 from collections.abc import Callable
@@ -24,24 +25,30 @@ from asyncua.server.internal_server import InternalServer
 from asyncua.server.internal_session import InternalSession
 from cryptography import x509
 from cryptography.hazmat.primitives import hashes
-from cryptography.hazmat.primitives.serialization import Encoding
+from cryptography.hazmat.primitives.asymmetric.rsa import RSAPublicKey
+from cryptography.hazmat.primitives.serialization import Encoding, load_pem_private_key
 from cryptography.x509.oid import ExtendedKeyUsageOID
 
 from torquebench.atomic_write import atomic_write, private_folder, require_private
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
-from torquebench.panel.service import BenchService
-from torquebench.panel.service.access.actors import Actor
-from torquebench.panel.service.problems import NotSignedInError
+from torquebench.panel.beside import ServedBench
+from torquebench.panel.service import Actor
 
-__all__ = ["Gate", "GuardedServer", "Store", "caller"]
+__all__ = ["Gate", "GuardedServer", "SignedIn", "Store", "caller"]
 
-APPLICATION_URI = "urn:torquebench:bench"
+COMMON_URI = "urn:torquebench:bench"
+"""Up to 0.2.0 every bench was this application."""
+STRONG = "an RSA key of 2048 to 4096 bits"
 VALID_DAYS = 5 * 365
 MOST_REJECTED = 100
 _ITEM_LOGGER = logging.getLogger("asyncua.server.monitored_item_service")
 """Parent of those of single subscriptions; as a mere name without logger it would keep them."""
 _caller: ContextVar[Actor | None] = ContextVar("caller", default=None)
+
+
+def _say_nothing(_text: str) -> None:
+    """Ignore a note."""
 
 
 class Store:
@@ -59,8 +66,23 @@ class Store:
         self.trusted = self.folder / "trusted"
         self.rejected = self.folder / "rejected"
 
-    def prepare(self, host: str) -> None:
-        """Create missing files, and refuse files that others can read or that have expired."""
+    def prepare(self, host: str, bench: str, note: Callable[[str], None] = _say_nothing) -> str:
+        """Create missing files, and return the application's URI, which is the certificate's.
+
+        Parameters
+        ----------
+        host : str
+            Where the server listens.
+        bench : str
+            The bench's name as a serial number.
+        note : callable
+            Told where clients have to trust a new certificate.
+
+        Raises
+        ------
+        InputError
+            Key or certificate can't be used: open to others, expired, weak, without an URI.
+        """
         for folder in (self.folder, self.trusted, self.rejected):
             private_folder(folder)
         if not self.key.is_file():
@@ -68,73 +90,125 @@ class Store:
             key = cert_gen.dump_private_key_as_pem(cert_gen.generate_private_key())
             atomic_write(self.key, key, private=True)
         require_private(self.key)
+        if self.certificate.is_file() and COMMON_URI in _uris(self._own()):
+            self.certificate.unlink()
+            note("new certificate, with an identity of this bench: clients have to trust it once")
         if not self.certificate.is_file():
-            self._sign(host)
-        made = x509.load_der_x509_certificate(self.certificate.read_bytes())
-        if made.not_valid_after_utc < datetime.now(UTC):
+            self._sign(host, bench)
+        return self._checked(self._own())
+
+    def _own(self) -> x509.Certificate:
+        return _certificate(self.certificate.read_bytes())
+
+    def _checked(self, own: x509.Certificate) -> str:
+        remedy = "delete it, start again, and let clients trust the new one"
+        if own.not_valid_after_utc < datetime.now(UTC):
             raise InputError(
                 Message(
                     "{certificate} was valid until {not_valid_after_utc:%Y-%m-%d}",
                     self.certificate,
-                    made.not_valid_after_utc,
+                    own.not_valid_after_utc,
                 ),
                 "a valid certificate",
-                "delete it, start again, and let clients trust the new one",
+                remedy,
             )
+        if not strong(own):
+            raise InputError(
+                Message("{certificate} has a weak key", self.certificate), STRONG, remedy
+            )
+        if not _uris(own):
+            raise InputError(
+                Message("{certificate} names no application", self.certificate),
+                "a certificate with the application's URI among its alternative names",
+                remedy,
+            )
+        return _uris(own)[0]
 
-    def _sign(self, host: str) -> None:
-        from cryptography.hazmat.primitives.serialization import load_pem_private_key
-
+    def _sign(self, host: str, bench: str) -> None:
         key: Any = load_pem_private_key(self.key.read_bytes(), None)
-        names = dict.fromkeys((host, socket.gethostname(), "localhost"))
-        alternative: list[x509.GeneralName] = [x509.UniformResourceIdentifier(APPLICATION_URI)]
-        alternative += [x509.DNSName(each) for each in names]
+        machine = socket.gethostname()
+        # of one machine and name there may be several benches, each with a key of its own
+        number = x509.SubjectKeyIdentifier.from_public_key(key.public_key()).digest.hex()[:8]
+        names = [
+            x509.UniformResourceIdentifier(f"urn:{machine}:torquebench:{bench}:{number}"),
+            *map(_name_of, (host, machine, "localhost")),
+            *map(x509.IPAddress, _addresses(host, machine)),
+        ]
         made = cert_gen.generate_self_signed_app_certificate(
             key,
-            "torquebench",
+            f"torquebench {bench}"[:64],
             {},
-            alternative,
+            list(dict.fromkeys(filter(None, names))),
             extended=[ExtendedKeyUsageOID.SERVER_AUTH],
             days=VALID_DAYS,
         )
         atomic_write(self.certificate, made.public_bytes(Encoding.DER))
 
     def trusts(self, certificate: bytes | None) -> bool:
-        """Whether a client's certificate (DER) is trusted and valid now."""
+        """Whether a client's certificate (DER) is trusted, valid now and strong enough."""
         if not certificate:
             return False
         try:
-            found = x509.load_der_x509_certificate(certificate)
+            shown = x509.load_der_x509_certificate(certificate)
         except ValueError:
             return False
-        now = datetime.now(UTC)
-        if (
-            not found.not_valid_before_utc - timedelta(minutes=5)
-            <= now
-            <= found.not_valid_after_utc
-        ):
+        early = shown.not_valid_before_utc - timedelta(minutes=5)
+        if not (early <= datetime.now(UTC) <= shown.not_valid_after_utc and strong(shown)):
             return False
         for path in sorted(self.trusted.iterdir()):
             with contextlib.suppress(OSError, ValueError):
-                if _certificate(path.read_bytes()) == found:
+                if _certificate(path.read_bytes()) == shown:
                     return True
         return False
 
     def reject(self, certificate: bytes) -> None:
         """Store an untrusted certificate, so that an administrator can decide about it."""
         with contextlib.suppress(ValueError, OSError, TorquebenchError):
-            found = x509.load_der_x509_certificate(certificate)
-            name = found.fingerprint(hashes.SHA1()).hex()
-            kept = sorted(self.rejected.iterdir(), key=lambda each: each.stat().st_mtime)
+            shown = x509.load_der_x509_certificate(certificate)
+            name = shown.fingerprint(hashes.SHA1()).hex()
+            kept = sorted(self.rejected.iterdir(), key=lambda path: path.stat().st_mtime)
             for path in kept[: max(0, len(kept) - MOST_REJECTED + 1)]:
                 path.unlink()
             atomic_write(self.rejected / f"{name}.der", certificate, private=True)
+
+
+def strong(certificate: x509.Certificate) -> bool:
+    """Whether a certificate's key is one that Basic256Sha256 allows: RSA, 2048 to 4096 bits."""
+    key = certificate.public_key()
+    return isinstance(key, RSAPublicKey) and 2048 <= key.key_size <= 4096
 
 
 def _certificate(content: bytes) -> x509.Certificate:
     if content.startswith(b"-----"):
         return x509.load_pem_x509_certificate(content)
     return x509.load_der_x509_certificate(content)
+
+
+def _uris(certificate: x509.Certificate) -> list[str]:
+    try:
+        names = certificate.extensions.get_extension_for_class(x509.SubjectAlternativeName)
+    except x509.ExtensionNotFound:
+        return []
+    return names.value.get_values_for_type(x509.UniformResourceIdentifier)
+
+
+def _name_of(host: str) -> x509.GeneralName | None:
+    """Return a host as a certificate names it, None where it is every address."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return x509.DNSName(host)
+    return None if address.is_unspecified else x509.IPAddress(address)
+
+
+def _addresses(host: str, machine: str) -> list[ipaddress.IPv4Address | ipaddress.IPv6Address]:
+    """Return the addresses at which clients reach a server that listens to all or to loopback."""
+    found = [ipaddress.ip_address("127.0.0.1")]
+    with contextlib.suppress(OSError):
+        if _name_of(host) is None:
+            for *_, address in socket.getaddrinfo(machine, None, type=socket.SOCK_STREAM):
+                found.append(ipaddress.ip_address(str(address[0]).partition("%")[0]))
+    return found
 
 
 @dataclass
@@ -147,8 +221,8 @@ class SignedIn(User):
 class Gate:
     """Checks certificate, name and password of a new session."""
 
-    def __init__(self, service: BenchService, store: Store) -> None:
-        self._service = service
+    def __init__(self, bench: ServedBench, store: Store) -> None:
+        self._bench = bench
         self._store = store
 
     def get_user(
@@ -166,23 +240,16 @@ class Gate:
             return None
         secret = password.decode("utf-8", "replace") if isinstance(password, bytes) else password
         try:
-            actor = self._actor(username, secret)
+            actor = self._bench.identify(username, secret, "opc.tcp")
         except TorquebenchError:
             return None
         return SignedIn(UserRole.User, actor.label, actor)
 
-    def _actor(self, name: str, secret: str) -> Actor:
-        """Return a client by its name and token, or a person by name and password."""
-        client = self._service.clients.find(secret)
-        if client is None:
-            return self._service.people.identify(name, secret, "opc.tcp")
-        if client.name != name:
-            raise NotSignedInError("a token of another client", "its own name")
-        return client
-
     async def validate(self, certificate: x509.Certificate, _description: Any) -> None:
-        """Refuse a session of a client whose certificate isn't trusted."""
+        """Refuse a session of a client whose certificate is weak or isn't trusted."""
         content = certificate.public_bytes(Encoding.DER)
+        if not strong(certificate):
+            raise ServiceError(ua.StatusCodes.BadCertificatePolicyCheckFailed)
         if not self._store.trusts(content):
             self._store.reject(content)
             raise ServiceError(ua.StatusCodes.BadCertificateUntrusted)

@@ -1,4 +1,4 @@
-"""Values of the service as values of the address space; pure."""
+"""Live values of the bench as values of the address space; pure."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from typing import Literal
 
-from torquebench.panel.service.live.alarms import AlarmView
-from torquebench.panel.service.live.hub import Connection, LatestValue
-from torquebench.panel.service.live.snapshot import BenchSnapshot, BenchState
+from torquebench.panel.service import AlarmView, BenchSnapshot, BenchState, Connection, LatestValue
 from torquebench.units import unit_of_name
 
 __all__ = [
-    "UNITS",
+    "EFFICIENCY",
+    "SIGNALS",
     "LiveValue",
     "MachineState",
+    "Signal",
+    "common_code",
     "live_values",
     "machine_state",
     "severity",
@@ -23,44 +24,83 @@ __all__ = [
 
 MachineState = Literal["NotAvailable", "OutOfService", "NotExecuting", "Executing"]
 """States of a machinery item by OPC 40001-1."""
-
-_COMMON_CODES = {"N·m": "NU", "rpm": "RPM", "°": "DD", "°C": "CEL", "%": "P1"}
-_SIDE_SIGNALS = {
-    "Torque": "torque_nm",
-    "Uncertainty": "expanded_uncertainty_nm",
-    "RawTorque": "raw_nm",
-    "ReferenceTorque": "reference_nm",
-    "Speed": "speed_rpm",
-    "Angle": "angle_deg",
-    "Temperature": "temperature_c",
-}
-"""Live values of a side: fields of its snapshot, with their units."""
-_COMPENSATED = ("Torque", "Uncertainty")
-UNITS = {
-    name: (unit_of_name(signal), _COMMON_CODES[unit_of_name(signal)])
-    for name, signal in {**_SIDE_SIGNALS, "Efficiency": "efficiency_percent"}.items()
-}
-"""Live values with their unit, and its common code of UNECE Recommendation 20."""
 _STATES: Mapping[BenchState, MachineState] = {
     "stopped": "OutOfService",
     "idle": "NotExecuting",
     "running": "Executing",
     "paused": "Executing",
 }
+_COMMON_CODES = {
+    "N·m": "NU",
+    "rpm": "RPM",
+    "°": "DD",
+    "°C": "CEL",
+    "K": "KEL",
+    "%": "P1",
+    "arcmin": "D61",
+    "arcsec": "D62",
+    "s": "SEC",
+    "W": "WTT",
+}
+
+
+def common_code(unit: str) -> int:
+    """Return a unit's common code of UNECE Recommendation 20 as a number; -1 if there is none.
+
+    OPC 10000-8, 5.6.3.3: the characters of the code are the number's bytes.
+
+    Examples
+    --------
+    >>> common_code("N·m"), common_code("N·m/arcmin")
+    (20053, -1)
+    """
+    code = _COMMON_CODES.get(unit, "")
+    return int.from_bytes(code.encode(), "big") if code else -1
+
+
+@dataclass(frozen=True)
+class Signal:
+    """A live value: its browse name, its field of the snapshot and what it is.
+
+    `largest` names the field of a side that is its largest value, if there is one.
+    """
+
+    name: str
+    field: str
+    description: str
+    largest: str = ""
+    smallest_is_zero: bool = False
+    compensated: bool = False
+
+    @property
+    def unit(self) -> str:
+        """Unit, by the ending of the field's name."""
+        return unit_of_name(self.field)
+
+    @property
+    def part(self) -> str:
+        """Name of the field without its unit."""
+        return self.field.rpartition("_")[0]
+
+
+SIGNALS = (
+    Signal("Torque", "torque_nm", "torque, compensated while a compensation is in use", "range_nm",
+           compensated=True),
+    Signal("Uncertainty", "expanded_uncertainty_nm", "expanded uncertainty of the torque, k = 2",
+           "range_nm", smallest_is_zero=True, compensated=True),
+    Signal("RawTorque", "raw_nm", "torque without compensation", "range_nm"),
+    Signal("ReferenceTorque", "reference_nm", "torque of the mounted standard", "range_nm"),
+    Signal("Speed", "speed_rpm", "speed of the shaft", "limit_rpm"),
+    Signal("Angle", "angle_deg", "angle of the shaft, over all revolutions"),
+    Signal("Temperature", "temperature_c", "temperature of the transducer"),
+)  # fmt: skip
+"""Live values of each side."""
+EFFICIENCY = Signal("Efficiency", "efficiency_percent", "power out over power in")
 
 
 @dataclass(frozen=True)
 class LiveValue:
-    """One live value.
-
-    Attributes
-    ----------
-    value : float or None
-    status : str
-        Name of an OPC UA status code.
-    source_time : datetime.datetime or None
-        When the value was measured, UTC.
-    """
+    """A value, the name of its OPC UA status code, and when it was measured (UTC)."""
 
     value: float | None
     status: str
@@ -76,20 +116,20 @@ def live_values(
     latched everything is uncertain, and so is a torque without a valid compensation.
     """
     moment = now or datetime.now(UTC)
-    found: dict[tuple[str, str], LiveValue] = {}
-    for side, shown in bench.sides.items():
-        compensated = shown.compensation is not None and shown.compensation.valid
-        for name, signal in _SIDE_SIGNALS.items():
-            value: LatestValue = getattr(shown, signal.rpartition("_")[0])
-            doubtful = name in _COMPENSATED and not compensated
-            found[side, name] = _live(value, bench, moment, doubtful=doubtful)
-    found["", "Efficiency"] = _live(bench.efficiency, bench, moment, doubtful=False)
-    return found
+    values: dict[tuple[str, str], LiveValue] = {}
+    for name, side in bench.sides.items():
+        valid = side.compensation is not None and side.compensation.valid
+        for signal in SIGNALS:
+            doubtful = signal.compensated and not valid
+            value = getattr(side, signal.part)
+            values[name, signal.name] = _live(value, bench, moment, doubtful=doubtful)
+    values["", EFFICIENCY.name] = _live(bench.efficiency, bench, moment, doubtful=False)
+    return values
 
 
 def _live(value: LatestValue, bench: BenchSnapshot, now: datetime, *, doubtful: bool) -> LiveValue:
     if value.value is None:
-        status = "BadSensorFailure" if value.fault else _nothing(bench.connection)
+        status = "BadSensorFailure" if value.fault else _without_value(bench.connection)
         return LiveValue(None, status, None)
     measured = now - timedelta(seconds=value.age_s)
     if bench.connection == "lost":
@@ -107,7 +147,7 @@ def _live(value: LatestValue, bench: BenchSnapshot, now: datetime, *, doubtful: 
     return LiveValue(value.value, status, measured)
 
 
-def _nothing(connection: Connection) -> str:
+def _without_value(connection: Connection) -> str:
     return "BadNoCommunication" if connection == "lost" else "BadNoData"
 
 

@@ -16,13 +16,19 @@ from asyncua import Node, Server, ua
 from asyncua.common.structures104 import create_encoding, new_enum, new_struct_field
 
 from torquebench import __version__
-from torquebench.panel.service.live.alarms import AlarmView
-from torquebench_opcua.mapping import UNITS, LiveValue, MachineState
+from torquebench.panel.service import AlarmView, BenchSnapshot, SideSnapshot
+from torquebench_opcua.mapping import (
+    EFFICIENCY,
+    SIGNALS,
+    LiveValue,
+    MachineState,
+    Signal,
+    common_code,
+)
 from torquebench_opcua.results import EVALUATIONS, ResultRecord
 
 __all__ = ["AddressSpace", "Method", "Methods", "argument", "at", "typed_object"]
 
-BENCH = "urn:torquebench:bench"
 DI = "http://opcfoundation.org/UA/DI/"
 MACHINERY = "http://opcfoundation.org/UA/Machinery/"
 RESULT = "http://opcfoundation.org/UA/Machinery/Result/"
@@ -37,13 +43,17 @@ _BASE_DATA = 24
 _INT32, _UINT32, _BOOLEAN, _INT64, _TEXT, _NODE_ID, _BYTES = 6, 7, 1, 8, 21, 17, 15
 
 _ABOUT = {
-    "Simulated": (False, ua.VariantType.Boolean),
-    "Mounted": ("", ua.VariantType.String),
-    "JobId": ("", ua.VariantType.String),
-    "CommandedBy": ("", ua.VariantType.String),
-    "ActiveAlarms": (0, ua.VariantType.UInt32),
+    "Simulated": (False, ua.VariantType.Boolean, "whether every value is simulated"),
+    "Mounted": ("", ua.VariantType.String, "what is mounted between the flanges"),
+    "JobId": ("", ua.VariantType.String, "job under way; empty without one"),
+    "CommandedBy": ("", ua.VariantType.String, "who commands the bench; empty: nobody"),
+    "ActiveAlarms": (0, ua.VariantType.UInt32, "number of active alarms and warnings"),
 }
-"""Variables of the bench with their first values."""
+"""Variables of the bench with their first values and descriptions."""
+_UNITS = "http://www.opcfoundation.org/UA/units/un/cefact"
+_ANALOG_UNIT, _ANALOG_UNIT_RANGE = 17497, 17570
+VALUES_OF = 20
+"""Tests whose values are variables; all results have them in their content."""
 
 Method = Callable[..., Awaitable[Any]]
 
@@ -75,62 +85,74 @@ class AddressSpace:
     results: Node | None = None
     management: Node | None = None
     types: dict[str, Any] = field(default_factory=dict)
-    shown: dict[str, Node] = field(default_factory=dict)
+    shown: dict[str, tuple[ResultRecord, Node]] = field(default_factory=dict)
+    valued: dict[str, list[Node]] = field(default_factory=dict)
     alarms: dict[ua.NodeId, Node] = field(default_factory=dict)
 
     @classmethod
     async def build(
-        cls, server: Server, bench_name: str, serial: str, sides: tuple[str, ...], methods: Methods
+        cls, server: Server, uri: str, serial: str, bench: BenchSnapshot, methods: Methods
     ) -> AddressSpace:
-        """Build everything."""
-        spaces = {uri: await server.register_namespace(uri) for uri in (DI, MACHINERY, RESULT)}
-        index = await server.register_namespace(f"{BENCH}:nodes")
+        """Build everything; the bench's own nodes are in the namespace of the application."""
+        spaces = {each: await server.register_namespace(each) for each in (DI, MACHINERY, RESULT)}
+        index = await server.get_namespace_index(uri)
         machinery = spaces[MACHINERY]
         machines = await server.nodes.objects.add_folder(*at(1001, machinery, "Machines"))
-        bench = await machines.add_object(*at("bench", index, bench_name))
-        await bench.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
-        await server.nodes.server.add_reference(bench, ua.ObjectIds.HasNotifier)
-        await _identification(server, bench, spaces, index, serial)
-        state, state_id = await _state_machine(server, bench, machinery, index)
-        space = cls(server, bench, index, spaces[RESULT], state, state_id)
-        await space._live_values(sides)
+        node = await machines.add_object(*at("bench", index, bench.bench_name))
+        await node.set_event_notifier([ua.EventNotifier.SubscribeToEvents])
+        await server.nodes.server.add_reference(node, ua.ObjectIds.HasNotifier)
+        await _identification(server, node, spaces, index, uri, serial)
+        state, state_id = await _state_machine(server, node, machinery, index)
+        space = cls(server, node, index, spaces[RESULT], state, state_id)
+        await space._live_values(bench)
         await space._result_types()
         await space._result_management(methods)
         return space
 
     # -- live values ------------------------------------------------------------------------
 
-    async def _live_values(self, sides: tuple[str, ...]) -> None:
-        for side in sides:
-            folder = await self.bench.add_object(*at(side, self.index, side.capitalize()))
-            for name in UNITS:
-                if name != "Efficiency":
-                    self.live[side, name] = await self._measured(folder, f"{side}.{name}", name)
-        self.live["", "Efficiency"] = await self._measured(self.bench, "Efficiency", "Efficiency")
-        for name, (start, kind) in _ABOUT.items():
-            self.about[name] = await self.bench.add_variable(
-                *at(name, self.index, name), start, kind
-            )
-
-    async def _measured(self, parent: Node, identifier: str, name: str) -> Node:
-        unit, code = UNITS[name]
-        node = await parent.add_variable(
-            *at(identifier, self.index, name), 0.0, ua.VariantType.Double
+    async def _live_values(self, bench: BenchSnapshot) -> None:
+        for name, side in bench.sides.items():
+            folder = await self.bench.add_object(*at(name, self.index, name.capitalize()))
+            await _describe(folder, f"the {name} module, transducer {side.transducer_serial}")
+            for signal in SIGNALS:
+                self.live[name, signal.name] = await self._measured(
+                    folder, f"{name}.{signal.name}", signal, _range_of(signal, side)
+                )
+        self.live["", EFFICIENCY.name] = await self._measured(
+            self.bench, EFFICIENCY.name, EFFICIENCY, (0.0, 100.0)
         )
-        number = 0
-        for letter in code:  # OPC 10000-8: the common code's characters as one number
-            number = number * 256 + ord(letter)
+        for about, (start, kind, description) in _ABOUT.items():
+            self.about[about] = await self.bench.add_variable(
+                *at(about, self.index, about), start, kind
+            )
+            await _describe(self.about[about], description)
+
+    async def _measured(
+        self, parent: Node, identifier: str, signal: Signal, limits: tuple[float, float] | None
+    ) -> Node:
+        node = await parent.add_variable(
+            *at(identifier, self.index, signal.name), 0.0, ua.VariantType.Double
+        )
+        await _describe(node, signal.description)
+        await self._unit(node, identifier, signal.unit)
+        if limits is not None:
+            await node.add_property(
+                *at(f"{identifier}.EURange", self.index, "EURange", 0), ua.Range(*limits)
+            )
+        await _retype(node, _ANALOG_UNIT if limits is None else _ANALOG_UNIT_RANGE)
+        return node
+
+    async def _unit(self, node: Node, identifier: str, unit: str) -> None:
         information = ua.EUInformation(
-            NamespaceUri="http://www.opcfoundation.org/UA/units/un/cefact",
-            UnitId=number,
+            NamespaceUri=_UNITS,
+            UnitId=common_code(unit),
             DisplayName=ua.LocalizedText(unit),
             Description=ua.LocalizedText(unit),
         )
         await node.add_property(
             *at(f"{identifier}.EngineeringUnits", self.index, "EngineeringUnits", 0), information
         )
-        await _retype(node, 17497)  # AnalogUnitType
-        return node
 
     async def write_live(self, values: dict[tuple[str, str], LiveValue]) -> None:
         """Write live values with status and source time."""
@@ -151,7 +173,7 @@ class AddressSpace:
 
     async def write_about(self, values: dict[str, Any]) -> None:
         """Write what is shown of the bench beside its measured values, by the names."""
-        for name, (_, kind) in _ABOUT.items():
+        for name, (_, kind, _description) in _ABOUT.items():
             await self.about[name].write_value(ua.Variant(values[name], kind))
 
     async def write_state(self, state: MachineState) -> None:
@@ -320,7 +342,20 @@ class AddressSpace:
         """Return a result as the specification's structure."""
         data = self.types["ResultDataType"]()
         data.ResultMetaData = self.result_meta(record)
-        data.ResultContent = []
+        data.ResultContent = [
+            ua.Variant(
+                ua.KeyValuePair(ua.QualifiedName(name, self.index), ua.Variant(value)),
+                ua.VariantType.ExtensionObject,
+            )
+            for each in record.quantities
+            for name, value in (
+                (each.key, each.value),
+                (f"{each.key}.ExpandedUncertainty", each.expanded_uncertainty),
+                (f"{each.key}.Limit", each.limit),
+                (f"{each.key}.Verdict", each.verdict),
+            )
+            if value not in (None, "")
+        ]
         return data
 
     def result_meta(self, record: ResultRecord) -> Any:
@@ -334,35 +369,78 @@ class AddressSpace:
 
     async def show_results(self, records: tuple[ResultRecord, ...]) -> list[ResultRecord]:
         """Show these results as variables; return those that are new, the oldest first."""
-        assert self.results is not None
         wanted = {each.result_id: each for each in records}
-        for gone in [each for each in self.shown if each not in wanted]:
-            await self.server.delete_nodes([self.shown.pop(gone)], recursive=True)
         new = [each for each in reversed(records) if each.result_id not in self.shown]
-        for record in new:
-            self.shown[record.result_id] = await self.results.add_variable(
-                *at(f"result.{record.result_id}", self.index, record.result_id),
-                self.result_data(record),
-                ua.VariantType.ExtensionObject,
-                ua.NodeId(3008, self.result_index),
-            )
-            await _retype(self.shown[record.result_id], ua.NodeId(2001, self.result_index))
-            await self.shown[record.result_id].add_variable(
-                *at(
-                    f"result.{record.result_id}.ResultMetaData",
-                    self.index,
-                    "ResultMetaData",
-                    self.result_index,
-                ),
-                self.result_meta(record),
-                ua.VariantType.ExtensionObject,
-                ua.NodeId(3007, self.result_index),
-            )
+        for result_id, (shown, node) in list(self.shown.items()):
+            if wanted.get(result_id) != shown:  # gone, or a report was written since
+                await self.server.delete_nodes([node], recursive=True)
+                del self.shown[result_id]
+                self.valued.pop(result_id, None)
+        for record in reversed(records):
+            if record.result_id not in self.shown:
+                self.shown[record.result_id] = (record, await self._show_result(record))
+        await self._show_values([each for each in records if each.quantities][:VALUES_OF])
         return new
+
+    async def _show_result(self, record: ResultRecord) -> Node:
+        assert self.results is not None
+        identifier = f"result.{record.result_id}"
+        node = await self.results.add_variable(
+            *at(identifier, self.index, record.result_id),
+            self.result_data(record),
+            ua.VariantType.ExtensionObject,
+            ua.NodeId(3008, self.result_index),
+        )
+        await _retype(node, ua.NodeId(2001, self.result_index))
+        await _describe(node, f"{record.kind}: {record.details}".rstrip(": "))
+        await node.add_variable(
+            *at(f"{identifier}.ResultMetaData", self.index, "ResultMetaData", self.result_index),
+            self.result_meta(record),
+            ua.VariantType.ExtensionObject,
+            ua.NodeId(3007, self.result_index),
+        )
+        return node
+
+    async def _show_values(self, tests: Sequence[ResultRecord]) -> None:
+        """Show the values of these tests as variables of their results, and of no others."""
+        wanted = {each.result_id for each in tests}
+        for result_id in [each for each in self.valued if each not in wanted]:
+            await self.server.delete_nodes(self.valued.pop(result_id), recursive=True)
+        for record in tests:
+            if record.result_id not in self.valued:
+                self.valued[record.result_id] = await self._show_quantities(record)
+
+    async def _show_quantities(self, record: ResultRecord) -> list[Node]:
+        nodes = []
+        for each in record.quantities:
+            identifier = f"result.{record.result_id}.{each.key}"
+            node = await self.shown[record.result_id][1].add_variable(
+                *at(identifier, self.index, each.key), each.value, ua.VariantType.Double
+            )
+            await _describe(node, each.title)
+            await self._unit(node, identifier, each.unit)
+            await _retype(node, _ANALOG_UNIT)
+            for name, value in (
+                ("ExpandedUncertainty", each.expanded_uncertainty),
+                ("Limit", each.limit),
+                ("Verdict", each.verdict),
+            ):
+                if value is not None:
+                    await node.add_property(*at(f"{identifier}.{name}", self.index, name), value)
+            nodes.append(node)
+        return nodes
+
+
+def _range_of(signal: Signal, side: SideSnapshot) -> tuple[float, float] | None:
+    """Return the lowest and the largest value of a signal, None if there are none."""
+    if not signal.largest:
+        return None
+    largest = float(getattr(side, signal.largest))
+    return (0.0 if signal.smallest_is_zero else -largest), largest
 
 
 async def _identification(
-    server: Server, bench: Node, spaces: dict[str, int], index: int, serial: str
+    server: Server, bench: Node, spaces: dict[str, int], index: int, uri: str, serial: str
 ) -> None:
     machinery, di = spaces[MACHINERY], spaces[DI]
     folder = server.get_node(ua.NodeId(ua.ObjectIds.FolderType))
@@ -377,7 +455,7 @@ async def _identification(
         ("Manufacturer", ua.LocalizedText("torquebench"), text),
         ("Model", ua.LocalizedText("torque test bench"), text),
         ("SerialNumber", serial, ua.VariantType.String),
-        ("ProductInstanceUri", f"{BENCH}:{serial}", ua.VariantType.String),
+        ("ProductInstanceUri", uri, ua.VariantType.String),
         ("SoftwareRevision", __version__, ua.VariantType.String),
     ):
         await node.add_property(*at(f"identification.{name}", index, name, di), value, kind)
@@ -426,6 +504,12 @@ async def _retype(node: Node, kind: int | ua.NodeId) -> None:
     old = await node.read_type_definition()
     await node.delete_reference(old, ua.ObjectIds.HasTypeDefinition, bidirectional=False)
     await node.add_reference(wanted, ua.ObjectIds.HasTypeDefinition, bidirectional=False)
+
+
+async def _describe(node: Node, text: str) -> None:
+    """Give a node a description: the library's own repeats its name."""
+    value = ua.Variant(ua.LocalizedText(text, "en"), ua.VariantType.LocalizedText)
+    await node.write_attribute(ua.AttributeIds.Description, ua.DataValue(value))
 
 
 def _field(

@@ -1,32 +1,55 @@
-"""Results by OPC 40001-101 from the service's records; pure except for reading them."""
+"""Results by OPC 40001-101: finished runs and files of certificates, with verdict and values."""
 
 from __future__ import annotations
 
 import fnmatch
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import PurePath
 from typing import Any
 
-from torquebench.errors import InputError
+from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
-from torquebench.panel.service.records.queries import MEDIA, RecordQueries
+from torquebench.panel.service import MEDIA, RecordQueries
 from torquebench.records import CertificateEntry, RunSummary
 from torquebench.uncertainty import Verdict
 
 __all__ = [
     "Condition",
+    "Outcome",
+    "Quantity",
+    "ResultReader",
     "ResultRecord",
     "condition",
     "field_value",
     "ordered",
+    "outcome_of",
     "result_file",
-    "result_records",
 ]
 
 MOST_RESULTS = 200
 EVALUATIONS = ("Undefined", "OK", "NotOK", "NotDecidable")
+_OF_VERDICT = {
+    Verdict.NONE: "Undefined",
+    Verdict.PASS: "OK",
+    Verdict.CONDITIONAL_PASS: "NotDecidable",
+    Verdict.CONDITIONAL_FAIL: "NotDecidable",
+    Verdict.FAIL: "NotOK",
+}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value of a reducer test; `verdict` and `limit` are empty without a limit."""
+
+    key: str
+    title: str
+    value: float
+    expanded_uncertainty: float | None
+    unit: str
+    limit: str
+    verdict: str
 
 
 @dataclass(frozen=True)
@@ -39,7 +62,7 @@ class ResultRecord:
         A run's identifier, or ``NUMBER/FILE`` of a certificate.
     created : datetime.datetime
     part_id : str
-        Serial number of the calibrated equipment, if known.
+        Serial number of the tested specimen or the calibrated transducer, if known.
     kind : str
         Kind of the run, or "certificate".
     simulated : bool
@@ -49,6 +72,8 @@ class ResultRecord:
         The evaluation's statement, in words.
     file_format : str
         Media type of the file, empty where there is none.
+    quantities : tuple of Quantity
+        Of a reducer test.
     """
 
     result_id: str
@@ -59,6 +84,7 @@ class ResultRecord:
     evaluation: str = "Undefined"
     details: str = ""
     file_format: str = ""
+    quantities: tuple[Quantity, ...] = ()
 
     @property
     def field_values(self) -> dict[str, Any]:
@@ -76,56 +102,127 @@ class ResultRecord:
         }
 
 
-def result_records(records: RecordQueries, limit: int = MOST_RESULTS) -> tuple[ResultRecord, ...]:
-    """Return the newest results, the newest first."""
-    calibrations = records.calibrations(limit=limit)
-    serials = {entry.run_id: entry.transducer_serial for entry in calibrations}
-    numbers = {entry.calibration_id: entry.transducer_serial for entry in calibrations}
-    found = [
-        _of_run(records, run, serials.get(run.run_id, ""))
-        for run in records.runs(limit=limit).runs
-        if run.finished is not None
+@dataclass(frozen=True)
+class Outcome:
+    """What doesn't change any more of a finished run."""
+
+    part_id: str = ""
+    evaluation: str = "Undefined"
+    details: str = ""
+    quantities: tuple[Quantity, ...] = ()
+
+
+def outcome_of(results: Any) -> Outcome:
+    """Return the outcome in the ``results.json`` of a reducer test.
+
+    Examples
+    --------
+    >>> outcome_of({"serial": "S-1", "quantities": [{"key": "backlash", "title": "backlash",
+    ...     "value": 0.6, "unit": "arcmin", "limit": "≤ 1 arcmin", "verdict": "pass"}]}).evaluation
+    'OK'
+    """
+    if not isinstance(results, Mapping):
+        return Outcome()
+    quantities = tuple(
+        Quantity(
+            str(row["key"]),
+            str(row["title"]),
+            float(row["value"]),
+            row.get("expanded_uncertainty"),
+            str(row.get("unit") or ""),
+            str(row.get("limit") or ""),
+            str(row.get("verdict") or ""),
+        )
+        for row in results.get("quantities") or ()
+        if row.get("value") is not None
+    )
+    verdict = Verdict.worst(each.verdict for each in quantities)
+    limited = [each for each in quantities if each.limit and each.verdict == verdict]
+    details = "; ".join(
+        f"{each.title} {each.value:.4g} {each.unit} ({each.limit})" for each in limited[:5]
+    )
+    severe = [
+        str(each.get("message")) for each in results.get("findings") or () if each.get("severe")
     ]
-    for entry in records.certificates()[:limit]:
-        found += _of_certificate(entry, numbers.get(entry.calibration_id, ""))
-    return tuple(sorted(found, key=lambda each: each.created, reverse=True)[:limit])
+    if severe:
+        evaluation, details = "NotDecidable", "; ".join(severe)
+    else:
+        evaluation = _OF_VERDICT[verdict]
+        details = f"{verdict.label}: {details}" if verdict else ""
+    return Outcome(str(results.get("serial") or ""), evaluation, details, quantities)
 
 
-def _of_run(records: RecordQueries, run: RunSummary, serial: str) -> ResultRecord:
+class ResultReader:
+    """Reads the newest results; of a run whose outcome is known only what may change."""
+
+    def __init__(self) -> None:
+        self._outcomes: dict[str, Outcome] = {}
+
+    def newest(self, records: RecordQueries, limit: int = MOST_RESULTS) -> tuple[ResultRecord, ...]:
+        """Return the newest results, the newest first."""
+        calibrations = records.calibrations(limit=limit)
+        serials = {entry.run_id: entry.transducer_serial for entry in calibrations}
+        numbers = {entry.calibration_id: entry.transducer_serial for entry in calibrations}
+        runs = [run for run in records.runs(limit=limit).runs if run.finished is not None]
+        known = {run.run_id: self._outcome(records, run) for run in runs}
+        self._outcomes = known
+        results = [
+            _of_run(records, run, known[run.run_id], serials.get(run.run_id, "")) for run in runs
+        ]
+        for entry in records.certificates()[:limit]:
+            results += _of_certificate(entry, numbers.get(entry.calibration_id, ""))
+        return tuple(sorted(results, key=lambda each: each.created, reverse=True)[:limit])
+
+    def _outcome(self, records: RecordQueries, run: RunSummary) -> Outcome:
+        outcome = self._outcomes.get(run.run_id)
+        if outcome is not None:
+            return outcome
+        try:
+            if run.kind.startswith("test-"):
+                return outcome_of(records.run(run.run_id, check=False).results)
+            if run.kind.startswith("check-"):
+                for check in records.checks(run.run_id):
+                    verdict = Verdict(check.verdict)
+                    worst = f"{verdict.label}: {check.worst_percent_fs:.3g} % of full scale"
+                    limit = f"(≤ {check.tolerance_percent_fs:g} %)"
+                    return Outcome(
+                        check.transducer_serial, _OF_VERDICT[verdict], f"{worst} {limit}"
+                    )
+        except (TorquebenchError, OSError, KeyError, TypeError, ValueError):
+            return Outcome(evaluation="NotDecidable", details="its results can't be read")
+        return Outcome()
+
+
+def _of_run(records: RecordQueries, run: RunSummary, outcome: Outcome, serial: str) -> ResultRecord:
     assert run.finished is not None
-    file_format = MEDIA[".pdf"] if records.has_report(run.run_id) else ""
     done = run.status == "completed"
     return ResultRecord(
         run.run_id,
         _utc(run.finished),
-        serial,
+        outcome.part_id or serial,
         run.kind,
         run.simulated,
-        "Undefined" if done else "NotDecidable",
-        run.reason or run.status,
-        file_format,
+        outcome.evaluation if done else "NotDecidable",
+        (outcome.details if done else "") or run.reason or run.status,
+        MEDIA[".pdf"] if records.has_report(run.run_id) else "",
+        outcome.quantities if done else (),
     )
 
 
-_VERDICTS = {Verdict.PASS: "OK", Verdict.FAIL: "NotOK", Verdict.NONE: "Undefined"}
-
-
-def _of_certificate(entry: CertificateEntry, serial: str) -> list[ResultRecord]:
+def _of_certificate(entry: CertificateEntry, serial: str) -> Iterable[ResultRecord]:
     verdict = Verdict(entry.summary.get("verdict") or "")
-    return [
-        ResultRecord(
-            f"{entry.number}/{name}",
-            _utc(entry.issued),
-            serial,
-            "certificate",
-            bool(entry.summary.get("simulated", False)),
-            _VERDICTS.get(verdict, "NotDecidable"),
-            verdict.value or f"authorised by {entry.authorised_by}",
-            MEDIA[PurePath(name).suffix],
-        )
-        for name in entry.files
-        if PurePath(name).suffix in (".pdf", ".xml")
-    ]
+    for name in entry.files:
+        if PurePath(name).suffix in (".pdf", ".xml"):
+            yield ResultRecord(
+                f"{entry.number}/{name}",
+                _utc(entry.issued),
+                serial,
+                "certificate",
+                bool(entry.summary.get("simulated", False)),
+                _OF_VERDICT[verdict],
+                verdict.value or f"authorised by {entry.authorised_by}",
+                MEDIA[PurePath(name).suffix],
+            )
 
 
 def _utc(moment: datetime) -> datetime:
@@ -148,6 +245,8 @@ def result_file(records: RecordQueries, result_id: str) -> tuple[bytes, str]:
         return content, name
     return records.report_file(result_id), f"{result_id}.pdf"
 
+
+# -- filters ------------------------------------------------------------------------------------
 
 Condition = Callable[[ResultRecord], Any]
 """Value of a filter's element or operand for a result."""
@@ -209,10 +308,10 @@ def ordered(
     InputError
         When a field isn't known.
     """
-    found = [each for each in records if wanted is None or wanted(each)]
+    matching = [each for each in records if wanted is None or wanted(each)]
     for name in reversed(by):
-        found.sort(key=lambda each: field_value(name)(each))
-    return found[:most] if most else found
+        matching.sort(key=field_value(name))
+    return matching[:most] if most else matching
 
 
 def field_value(name: str) -> Condition:

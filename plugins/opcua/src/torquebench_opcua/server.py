@@ -7,6 +7,7 @@ import contextlib
 import logging
 import threading
 import uuid
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime
 from typing import Any, Self
@@ -17,23 +18,22 @@ from asyncua.common.event_objects import AlarmCondition, BaseEvent
 from torquebench.atomic_write import private_folder
 from torquebench.errors import InputError, TorquebenchError
 from torquebench.message import Message
-from torquebench.panel.service import BenchService
-from torquebench.panel.service.access.actors import Actor, Role, require
-from torquebench.panel.service.live.alarms import AlarmView
-from torquebench_opcua.access import APPLICATION_URI, Gate, GuardedServer, SignedIn, Store, caller
-from torquebench_opcua.endpoint import Endpoint
+from torquebench.panel.beside import ServedBench
+from torquebench.panel.service import Actor, AlarmView
+from torquebench_opcua.access import Gate, GuardedServer, SignedIn, Store, caller
 from torquebench_opcua.files import Transfers
 from torquebench_opcua.mapping import live_values, machine_state, severity
 from torquebench_opcua.nodes import AddressSpace, Methods
 from torquebench_opcua.results import (
     Condition,
+    ResultReader,
     ResultRecord,
     condition,
     field_value,
     ordered,
     result_file,
-    result_records,
 )
+from torquebench_opcua.service import Endpoint
 
 __all__ = ["OpcUaServer"]
 
@@ -50,10 +50,12 @@ class OpcUaServer:
 
     Parameters
     ----------
-    service : BenchService
+    bench : ServedBench
         Stays open.
     endpoint : Endpoint
         Port 0 takes a free one.
+    note : callable
+        Told what clients have to know.
 
     Raises
     ------
@@ -61,13 +63,17 @@ class OpcUaServer:
         The port is taken, or the server's certificate can't be used.
     """
 
-    def __init__(self, service: BenchService, endpoint: Endpoint) -> None:
-        self._service = service
+    def __init__(
+        self, bench: ServedBench, endpoint: Endpoint, note: Callable[[str], None] | None = None
+    ) -> None:
+        self._bench = bench
         self._endpoint = endpoint
-        data_dir = service.station.data_dir
-        private_folder(data_dir)
-        self.store = Store(data_dir)
-        self._gate = Gate(service, self.store)
+        self._note = note or (lambda _text: None)
+        private_folder(bench.data_dir)
+        self.store = Store(bench.data_dir)
+        self._gate = Gate(bench, self.store)
+        self._serial = _serial(bench.description.name)
+        self._reader = ResultReader()
         self._ended: asyncio.Event | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
         self._ready = threading.Event()
@@ -75,11 +81,11 @@ class OpcUaServer:
         self._handles = 0
         self._records: tuple[ResultRecord, ...] = ()
         self._alarms: dict[str, tuple[AlarmView, bytes]] = {}
-        self.url = ""
+        self.url = self.uri = ""
         self._thread = threading.Thread(target=self._run, name="torquebench-opcua", daemon=True)
 
     def __enter__(self) -> Self:
-        self.store.prepare(self._endpoint.host)
+        self.uri = self.store.prepare(self._endpoint.host, self._serial, self._note)
         logging.getLogger("asyncua").setLevel(logging.CRITICAL)
         self._thread.start()
         if not self._ready.wait(START_S) or self._failed is not None:
@@ -118,8 +124,8 @@ class OpcUaServer:
         inner.allow_remote_admin = False
         server = Server(iserver=inner)
         await server.init()
-        await server.set_application_uri(APPLICATION_URI)
-        server.set_server_name("torquebench")
+        await server.set_application_uri(self.uri)
+        server.set_server_name(f"torquebench {self._bench.description.name}")
         server.application_type = ua.ApplicationType.Server
         server.set_endpoint(self._endpoint.url(self._endpoint.port))
         server.set_security_policy([ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt])
@@ -127,14 +133,12 @@ class OpcUaServer:
         await server.load_certificate(str(self.store.certificate))
         await server.load_private_key(str(self.store.key))
         server.set_certificate_validator(self._gate.validate)
-        description = self._service.station.description
-        sides = tuple(self._service.snapshot().sides)
         self._server = server
         methods = Methods(
             self._latest, self._by_id, self._filtered, self._release, self._acknowledged, self._file
         )
         self._space = await AddressSpace.build(
-            server, description.name, _serial(description.name), sides, methods
+            server, self.uri, self._serial, self._bench.snapshot(), methods
         )
         self._transfers = Transfers(server, self._space.index)
         inner.isession.add_method_callback(_ACKNOWLEDGE, self._acknowledge)
@@ -169,14 +173,14 @@ class OpcUaServer:
             user = session.user
             if isinstance(user, SignedIn) and user.actor is not None:
                 actor = user.actor
-                if await asyncio.to_thread(self._service.present, actor) is None:
+                if await asyncio.to_thread(self._bench.present, actor) is None:
                     user.actor = None
                     await session.close_session(True)
 
     # -- publishing -------------------------------------------------------------------------
 
     async def _show_live(self) -> None:
-        bench = self._service.snapshot()
+        bench = self._bench.snapshot()
         await self._space.write_live(live_values(bench))
         await self._space.write_state(machine_state(bench))
         about = {
@@ -189,7 +193,7 @@ class OpcUaServer:
         await self._space.write_about(about)
 
     async def _show_slow(self, *, first: bool = False) -> None:
-        self._records = await asyncio.to_thread(result_records, self._service.records)
+        self._records = await asyncio.to_thread(self._reader.newest, self._bench.records)
         for record in await self._space.show_results(self._records):
             if not first:
                 await self._tell_result(record)
@@ -208,7 +212,7 @@ class OpcUaServer:
 
     async def _show_alarms(self) -> None:
         """Report conditions whose state has changed."""
-        seen = {each.alarm_id: each for each in self._service.alarms()}
+        seen = {each.alarm_id: each for each in self._bench.alarms()}
         for alarm_id, alarm in reversed(seen.items()):
             known = self._alarms.get(alarm_id)
             if known is not None and known[0] == alarm:
@@ -266,19 +270,12 @@ class OpcUaServer:
 
     # -- methods ----------------------------------------------------------------------------
 
-    def _actor(self, role: Role = "operator") -> Actor:
-        """Return the caller with its permissions.
-
-        Raises
-        ------
-        TorquebenchError
-            There is no caller, or its role isn't sufficient.
-        """
+    def _actor(self) -> Actor:
+        """Return the caller, who may do what an operator does."""
         known = caller()
-        actor = None if known is None else self._service.present(known)
+        actor = None if known is None else self._bench.present(known, "operator")
         if actor is None:
             raise InputError("nobody is signed in", "an account of this bench")
-        require(actor, role)
         return actor
 
     async def _acknowledge(self, parent: ua.NodeId, event_id: Any, comment: Any = None) -> Any:
@@ -297,15 +294,13 @@ class OpcUaServer:
             return ua.StatusCode(ua.StatusCodes.BadConditionBranchAlreadyAcked)
         try:
             cleared = await asyncio.to_thread(
-                self._service.acknowledge, actor, frozenset({found.alarm_id})
+                self._bench.acknowledge, actor, frozenset({found.alarm_id})
             )
         except TorquebenchError:
             return ua.StatusCode(ua.StatusCodes.BadInvalidState)
         words = getattr(getattr(comment, "Value", None), "Text", None)
         if words:
-            self._service.note(
-                actor, "commented an alarm", number=found.number, comment=words[:200]
-            )
+            self._bench.note(actor, "commented an alarm", number=found.number, comment=words[:200])
         await self._show_alarms()
         return [] if cleared is not None else ua.StatusCode(ua.StatusCodes.BadNothingToDo)
 
@@ -357,7 +352,7 @@ class OpcUaServer:
         errors = [0 if each in known else NO_SUCH_RESULT for each in names]
         taken = [each for each in names if each in known]
         if taken:
-            self._service.note(actor, "took results over", results=", ".join(taken)[:2000])
+            self._bench.note(actor, "took results over", results=", ".join(taken)[:2000])
         return [
             ua.Variant(errors if any(errors) else [], ua.VariantType.Int32, is_array=True),
             ua.Variant(NO_SUCH_RESULT if any(errors) else 0, ua.VariantType.Int32),
@@ -369,7 +364,7 @@ class OpcUaServer:
         try:
             self._actor()
             content, name = await asyncio.to_thread(
-                result_file, self._service.records, str(result_id)
+                result_file, self._bench.records, str(result_id)
             )
         except TorquebenchError:
             return ua.StatusCode(ua.StatusCodes.BadNotFound)

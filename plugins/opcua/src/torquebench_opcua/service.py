@@ -1,25 +1,66 @@
-"""The option `--opcua` of `torquebench panel`."""
+"""The option `--opcua` of `torquebench panel`, and the address that it names."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from urllib.parse import urlparse
 
-from torquebench.panel.beside import PanelService
-from torquebench_opcua.endpoint import Endpoint
+from torquebench.errors import InputError
+from torquebench.message import Message
+from torquebench.panel.beside import PanelService, ServedBench
 
-if TYPE_CHECKING:
-    from torquebench.panel.service import BenchService
+__all__ = ["SERVICE", "Endpoint"]
 
-__all__ = ["SERVICE"]
+DEFAULT_PORT = 4840
+
+
+@dataclass(frozen=True)
+class Endpoint:
+    """An address such as ``opc.tcp://bench-4:4840``."""
+
+    host: str
+    port: int
+
+    @classmethod
+    def parse(cls, url: str) -> Endpoint:
+        """Return the endpoint of a URL.
+
+        Raises
+        ------
+        InputError
+            When it isn't one.
+
+        Examples
+        --------
+        >>> Endpoint.parse("opc.tcp://127.0.0.1:4840").port
+        4840
+        """
+        try:
+            parts = urlparse(url)
+            port = DEFAULT_PORT if parts.port is None else parts.port
+        except ValueError:
+            parts, port = urlparse(""), -1
+        if parts.scheme != "opc.tcp" or not parts.hostname or parts.path.strip("/"):
+            raise InputError(
+                Message("OPC UA address {url!r}", url),
+                "opc.tcp://HOST:PORT",
+                "as in opc.tcp://127.0.0.1:4840",
+            )
+        return cls(parts.hostname, port)
+
+    def url(self, port: int) -> str:
+        """Return the URL with the port that was taken."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"opc.tcp://{host}:{port}"
 
 
 @contextmanager
-def _serve(bench: BenchService, endpoint: Endpoint, _note: Callable[[str], None]) -> Iterator[str]:
+def _serve(bench: ServedBench, endpoint: Endpoint, note: Callable[[str], None]) -> Iterator[str]:
     from torquebench_opcua.server import OpcUaServer
 
-    with OpcUaServer(bench, endpoint) as server:
+    with OpcUaServer(bench, endpoint, lambda text: note(f"OPC UA: {text}")) as server:
         yield f"OPC UA: {server.url}"
 
 

@@ -10,9 +10,14 @@ from datetime import UTC, date, datetime
 from torquebench import __version__
 from torquebench.bench.roles import SIDES
 from torquebench.errors import TorquebenchError
-from torquebench.panel.service import AlarmView, BenchService, BenchSnapshot, SideSnapshot
-from torquebench.panel.service.jobs.values import JobView
-from torquebench.panel.service.live.hub import LatestValue
+from torquebench.panel.beside import ServedBench
+from torquebench.panel.service import (
+    AlarmView,
+    BenchSnapshot,
+    JobView,
+    LatestValue,
+    SideSnapshot,
+)
 from torquebench.units import MS_PER_S, unit_of_name
 from torquebench_sparkplug.payload import DataType, Quality, Value
 from torquebench_sparkplug.settings import Deadband
@@ -223,13 +228,13 @@ def milliseconds(moment: datetime | date) -> int:
     return milliseconds(start) + 86_399_999
 
 
-def read_bench(service: BenchService) -> Readings | None:
+def read_bench(bench: ServedBench) -> Readings | None:
     """Read all metrics except the publisher's own counters; None while the bench is reopened."""
     try:
-        snapshot = service.snapshot()
-        alarms = service.alarms(active=True)
-        current = service.jobs.current
-        last = next((job for job in service.jobs.recent() if not job.open), None)
+        snapshot = bench.snapshot()
+        alarms = bench.alarms(active=True)
+        current = bench.jobs.current
+        last = next((job for job in bench.jobs.recent() if not job.open), None)
     except (TorquebenchError, OSError):  # the simulator is asked while the bench is reopened
         return None
     now = round(time.time() * MS_PER_S)

@@ -18,7 +18,8 @@ from typing import Self
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.panel.service import Actor, BenchService
+from torquebench.panel.beside import ServedBench
+from torquebench.panel.service import Actor
 from torquebench.units import MS_PER_S
 from torquebench_sparkplug.history import History
 from torquebench_sparkplug.link import (
@@ -129,18 +130,17 @@ class Publisher:
 
     @classmethod
     def of(
-        cls, service: BenchService, settings: SparkplugSettings, tell: Callable[[str], None]
+        cls, bench: ServedBench, settings: SparkplugSettings, tell: Callable[[str], None]
     ) -> Self:
         """Return the publisher of an open bench; its messages are in the panel's log, too."""
 
         def note(text: str) -> None:
             tell(text)
             with contextlib.suppress(RecordError):
-                service.note(ACTOR, text)
+                bench.note(ACTOR, text)
 
-        station = service.station
-        named = settings.named(station.description.name)
-        return cls(named, station.data_dir, lambda: read_bench(service), note)
+        named = settings.named(bench.description.name)
+        return cls(named, bench.data_dir, lambda: read_bench(bench), note)
 
     def __enter__(self) -> Self:
         self._thread.start()

@@ -7,10 +7,9 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from torquebench.panel.beside import PanelService
+from torquebench.panel.beside import PanelService, ServedBench
 
 if TYPE_CHECKING:
-    from torquebench.panel.service import BenchService
     from torquebench_sparkplug.settings import SparkplugSettings
 
 __all__ = ["SERVICE"]
@@ -24,7 +23,7 @@ def _settings(value: str) -> SparkplugSettings:
 
 @contextmanager
 def _serve(
-    bench: BenchService, settings: SparkplugSettings, note: Callable[[str], None]
+    bench: ServedBench, settings: SparkplugSettings, note: Callable[[str], None]
 ) -> Iterator[None]:
     from torquebench_sparkplug.publisher import Publisher
 

@@ -33,6 +33,7 @@ from .access.lease import (
 from .live.hub import (
     SIGNALS as SIGNALS,
     STALE_AFTER_S as STALE_AFTER_S,
+    Connection as Connection,
     LatestValue as LatestValue,
     LiveHub as LiveHub,
     LiveTrend as LiveTrend,
@@ -90,8 +91,13 @@ from .settings.documents import (
     SettingsItem as SettingsItem,
     read_upload as read_upload,
 )
+from .records.queries import (
+    MEDIA as MEDIA,
+    RecordQueries as RecordQueries,
+)
 from .live.snapshot import (
     BenchSnapshot as BenchSnapshot,
+    BenchState as BenchState,
     CompensationState as CompensationState,
     SideSnapshot as SideSnapshot,
 )

@@ -28,7 +28,7 @@ from torquebench.errors import (
     TorquebenchError,
 )
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, require
+from torquebench.panel.service.access.actors import Actor, Role, allows, require
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.lease import CommandLease
 from torquebench.panel.service.access.people import People
@@ -52,7 +52,7 @@ from torquebench.panel.service.live.snapshot import (
     compensation_state,
     side_snapshots,
 )
-from torquebench.panel.service.problems import PermissionDeniedError
+from torquebench.panel.service.problems import NotSignedInError, PermissionDeniedError
 from torquebench.panel.service.records.queries import RecordQueries
 from torquebench.panel.service.records.table_import import TableImport
 from torquebench.panel.service.settings.store import SettingsStore
@@ -217,6 +217,16 @@ class BenchService:
             station.close()
             raise
         self.live.start()
+
+    @property
+    def description(self) -> BenchDescription:
+        """Description of the open bench."""
+        return self.station.description
+
+    @property
+    def data_dir(self) -> Path:
+        """Data directory."""
+        return self._data_dir
 
     @property
     def reopen_needed(self) -> bool:
@@ -415,15 +425,32 @@ class BenchService:
         named = kept_letterhead(self.station.registry.root).people
         return tuple(dict.fromkeys((*self.people.names(), *named)))
 
-    def present(self, actor: Actor) -> Actor | None:
-        """Return an actor with its present role; None if it lost its access."""
+    def identify(self, name: str, secret: str, address: str) -> Actor:
+        """Return a person by name and password, or a client by its name and token.
+
+        Raises
+        ------
+        NotSignedInError, SignInError, LockedOutError
+            It is neither.
+        """
+        client = self.clients.find(secret)
+        if client is None:
+            return self.people.identify(name, secret, address)
+        if client.name != name:
+            raise NotSignedInError("a token of another client", "its own name")
+        return client
+
+    def present(self, actor: Actor, role: Role | None = None) -> Actor | None:
+        """Return an actor with its present role; None if it lost its access or this role."""
         if actor.kind == "client":
-            return actor if self.clients.lives(actor.session_id) else None
-        try:
-            user = self.people.user(actor.name)
-        except TorquebenchError:
-            return None
-        return Actor(user.name, user.role, actor.session_id) if user.active else None
+            found = actor if self.clients.lives(actor.session_id) else None
+        else:
+            try:
+                user = self.people.user(actor.name)
+            except TorquebenchError:
+                return None
+            found = Actor(user.name, user.role, actor.session_id) if user.active else None
+        return found if found is None or role is None or allows(found.role, role) else None
 
     def _lives(self, actor: Actor) -> bool:
         if actor.kind == "person":

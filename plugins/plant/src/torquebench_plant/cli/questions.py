@@ -29,7 +29,7 @@ OutOption = Annotated[
     Path | None, typer.Option("--out", help="Write the whole table as .csv or .parquet.")
 ]
 TypeArgument = Annotated[str, typer.Argument(help="Type, as the reducer's description names it.")]
-QuantityArgument = Annotated[str, typer.Argument(help="Key of the value, such as backlash_arcmin.")]
+QuantityArgument = Annotated[str, typer.Argument(help="Key of the value, such as backlash.")]
 BenchNumber = Annotated[int | None, typer.Option("--bench", help="Number of one bench.")]
 BatchOption = Annotated[str | None, typer.Option("--batch", help="One batch.")]
 SinceOption = Annotated[

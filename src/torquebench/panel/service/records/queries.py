@@ -31,6 +31,7 @@ from torquebench.panel.service.records.views import (
 from torquebench.records import (
     CalibrationEntry,
     CertificateEntry,
+    CheckEntry,
     ModelEntry,
     Registry,
     RunFolder,
@@ -47,7 +48,7 @@ from torquebench.records.runs.time_check import (
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
-__all__ = ["RecordQueries", "report_path"]
+__all__ = ["MEDIA", "RecordQueries", "report_path"]
 
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
@@ -381,6 +382,10 @@ class RecordQueries:
     def certificates(self) -> list[CertificateEntry]:
         """Return all certificates, the newest first."""
         return self._registry.certificates()
+
+    def checks(self, run_id: str) -> list[CheckEntry]:
+        """Return the check that a run was, if it was one."""
+        return self._registry.entries(CheckEntry, run_id=run_id)
 
     def has_report(self, run_id: str) -> bool:
         """Whether a report of a run is kept as PDF."""
