@@ -6,7 +6,7 @@ import pytest
 from torquebench.compensation import CompensationTable, compile_table, features, make_model
 from torquebench.errors import InputError
 from torquebench_teds import Section, Sheet, decode, encode, fit_curve
-from torquebench_teds.curve import torque_span
+from torquebench_teds.curve import curve_bits, torque_span
 
 RANGE_NM = 1000.0
 BASIC = {"manufacturer": 31, "model": 1, "version_letter": "A", "version": 2, "serial": 3}
@@ -64,8 +64,39 @@ def test_the_stated_residual_is_that_of_the_memory(table: CompensationTable, seg
     assert len(fit.values["segments"]) == segments
 
 
+@pytest.fixture(scope="module")
+def bent() -> CompensationTable:
+    """A chain whose error changes its slope at zero, as one does that differs by direction."""
+    reading = np.linspace(-RANGE_NM, RANGE_NM, 81)
+    torque = reading + np.abs(reading) ** 1.5 / 5e3
+    model = make_model("spline").fit(features(reading), torque)
+    return compile_table(model, uncertainty=False)
+
+
+def test_the_room_of_a_memory_is_used_where_it_brings_something(bent: CompensationTable) -> None:
+    """0.2.0 took one segment, whatever room there was."""
+    span = (-RANGE_NM, RANGE_NM)
+    one = fit_curve(bent, span, segments=1)
+    for most in (1000, 2000, 4000):
+        fit = fit_curve(bent, span, most_bits=most)
+        assert fit.segments > 1
+        assert curve_bits(fit.segments, fit.power) <= most
+        assert fit.residual_nm < 0.5 * one.residual_nm
+        values = {"domain": "electrical", "segments": []}
+        empty = len(encode(Sheet(BASIC, (bridge(), Section(41, {**values, **DATED})))))
+        full = len(encode(Sheet(BASIC, (bridge(), Section(41, {**fit.values, **DATED})))))
+        assert abs(8 * (full - empty) - (curve_bits(fit.segments, fit.power) - 8)) <= 8
+
+
+def test_a_curve_is_no_larger_than_it_has_to_be(table: CompensationTable) -> None:
+    """A cubic needs one segment, however large the memory is."""
+    assert fit_curve(table, (-RANGE_NM, RANGE_NM), most_bits=20_000).segments == 1
+    smallest = fit_curve(table, (-RANGE_NM, RANGE_NM), most_bits=10)
+    assert (smallest.segments, smallest.power) == (1, 1)
+
+
 def test_too_few_powers_are_stated_as_residual(table: CompensationTable) -> None:
-    straight = fit_curve(table, (-RANGE_NM, RANGE_NM), power=1)
+    straight = fit_curve(table, (-RANGE_NM, RANGE_NM), segments=1, power=1)
     assert straight.residual_nm > 100 * fit_curve(table, (-RANGE_NM, RANGE_NM)).residual_nm
     reading = np.linspace(-RANGE_NM, RANGE_NM, 501)
     line = np.polynomial.Polynomial.fit(reading, table.torque(reading), 1)

@@ -33,8 +33,12 @@ def test_a_compensation_is_written_with_its_residual(folder: Path) -> None:
     assert written.returncode == 0, written.stderr
     assert re.search(r"at most [\d.e+-]+ N·m \([\d.e+-]+ % FS\)", written.stdout)
     answer = checked(command, run(*command, "--segments", "2", "--json", cwd=folder).stdout)
-    one = checked(command, run(*command, "--json", cwd=folder).stdout)
+    one = checked(command, run(*command, "--segments", "1", "--json", cwd=folder).stdout)
     assert answer["curve"]["residual_nm"] < one["curve"]["residual_nm"]
+    small = (*command, "--memory", "DS2431")  # 124 bytes, of which the sheet takes 57
+    chosen = checked(command, run(*small, "--json", cwd=folder).stdout)
+    assert chosen["bytes"] <= 124
+    assert chosen["curve"]["residual_nm"] <= one["curve"]["residual_nm"]
     assert one["curve"]["residual_percent_fs"] == pytest.approx(one["curve"]["residual_nm"] / 20.0)
     shown = run("teds", "show", "curve.hex", cwd=folder)
     assert "template 41: calibration curve" in shown.stdout

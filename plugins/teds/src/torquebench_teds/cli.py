@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -131,8 +132,14 @@ def write(
         ),
     ] = None,
     segments: Annotated[
-        int, typer.Option(min=1, max=255, help="Segments of the calibration curve.")
-    ] = 1,
+        int | None,
+        typer.Option(
+            min=1,
+            max=255,
+            help="Segments of the calibration curve; by default as many as the memory holds and "
+            "bring something.",
+        ),
+    ] = None,
     power: Annotated[
         int | None,
         typer.Option(
@@ -153,7 +160,8 @@ def write(
     encode(wanted)  # a wrong sheet is refused before a model is compiled
     fit = None
     if model is not None:
-        wanted, fit = _with_curve(wanted, model, segments, power)
+        room = _room(memory, checksums)
+        wanted, fit = _with_curve(wanted, model, segments, power, room)
     data = encode(wanted)
     content = write_memory(data, SIZES[memory.value], checksums=checksums)
     if result.suffix.lower() == ".hex":
@@ -190,12 +198,13 @@ def _json(path: Path) -> Any:
 
 
 def _with_curve(
-    sheet: Sheet, model: Path, segments: int, power: int | None
+    sheet: Sheet, model: Path, segments: int | None, power: int | None, room: int
 ) -> tuple[Sheet, CurveFit]:
+    """Return a sheet with a curve that a memory with room for so many bytes holds."""
     import dataclasses
 
     from torquebench.compensation import load_model
-    from torquebench_teds import BRIDGE, CALIBRATION_CURVE, Section, fit_curve, torque_span
+    from torquebench_teds import BRIDGE, CALIBRATION_CURVE, Section, encode, fit_curve, torque_span
 
     bridge = sheet.section(BRIDGE)
     if bridge is None:
@@ -217,18 +226,36 @@ def _with_curve(
         warn(
             f"the model was made with transducer {serial}, the sheet is of {sheet.basic['serial']}"
         )
-    fit = fit_curve(
-        compile_table(stored.model, uncertainty=False), span, segments=segments, power=power
-    )
     old = sheet.section(CALIBRATION_CURVE)
+    others = tuple(each for each in sheet.sections if each is not old)
     dated = {
         "calibration_date": stored.provenance.calibrated_on or None,
         "calibration_initials": "" if old is None else old.values["calibration_initials"],
         "calibration_period_days": 0 if old is None else old.values["calibration_period_days"],
     }
-    curve = Section(CALIBRATION_CURVE, {**fit.values, **dated})
-    others = tuple(each for each in sheet.sections if each is not old)
-    return dataclasses.replace(sheet, sections=(*others, curve)), fit
+
+    def with_curve(values: Mapping[str, Any]) -> Sheet:
+        curve = Section(CALIBRATION_CURVE, {**values, **dated})
+        return dataclasses.replace(sheet, sections=(*others, curve))
+
+    without = encode(with_curve({"domain": "electrical", "segments": []}))
+    fit = fit_curve(
+        compile_table(stored.model, uncertainty=False),
+        span,
+        segments=segments,
+        power=power,
+        most_bits=8 * (room - len(without)),
+    )
+    return with_curve(fit.values), fit
+
+
+def _room(memory: Memory, checksums: bool) -> int:
+    """Return how many bytes of a sheet a memory holds."""
+    from torquebench_teds import SIZES
+    from torquebench_teds.memory import PAGE_BYTES
+
+    size = SIZES[memory.value]
+    return size - size // PAGE_BYTES if checksums else size
 
 
 def _tell_fit(fit: CurveFit) -> None:

@@ -24,8 +24,11 @@ FloatArray = NDArray[np.float64]
 
 LARGEST_POWER = 9
 """Higher powers don't improve coefficients of 32 bits."""
+_SEGMENTS_TRIED = (*range(1, 9), 10, 12, 16, 20, 24, 32, 40, 48, 64)
 _ENOUGH = 0.9
-"""Of all powers the lowest is used whose residual is below the smallest one divided by this."""
+"""The smallest curve is taken whose residual is below the least one divided by this."""
+_NEGLIGIBLE = 1e-6
+"""Share of full scale below which residuals are equal: no chain is known so well."""
 _READINGS = 2001
 
 
@@ -78,12 +81,19 @@ _TERMS: Array = _field(_SEGMENTS, "terms")
 _MOST_SEGMENTS = (1 << _SEGMENTS.width) - 1
 
 
+def curve_bits(segments: int, power: int) -> int:
+    """Return how many bits of a memory a curve takes, without the calibration's date."""
+    term = sum(each.kind.width for each in _TERMS.fields if isinstance(each, Field))
+    return _SEGMENTS.width + segments * (_START.kind.width + _TERMS.width + (power + 1) * term)
+
+
 def fit_curve(
     table: CompensationTable,
     span_nm: tuple[float, float],
     *,
-    segments: int = 1,
+    segments: int | None = None,
     power: int | None = None,
+    most_bits: int | None = None,
 ) -> CurveFit:
     """Fit a calibration curve to a compensation.
 
@@ -95,10 +105,13 @@ def fit_curve(
     table : CompensationTable
     span_nm : tuple of float
         Lowest and highest torque of the sheet's bridge template in N·m.
-    segments : int, default 1
-        Segments of equal width.
+    segments : int, optional
+        Segments of equal width; by default as many as bring something.
     power : int, optional
         Highest power; by default as many as bring something.
+    most_bits : int, optional
+        Bits of the memory that are left for segments, see `curve_bits`; no limit by default. If not
+        even one segment fits, the smallest curve is returned.
 
     Returns
     -------
@@ -120,21 +133,25 @@ def fit_curve(
             ),
             "set min_physical and max_physical, or calibrate over the whole span",
         )
-    if not 1 <= segments <= _MOST_SEGMENTS:
-        raise InputError(
-            Message("{segments} segments", segments),
-            Message("1 to {most}", _MOST_SEGMENTS),
-            "give other --segments",
-        )
-    if power is not None and not 1 <= power <= LARGEST_POWER:
-        raise InputError(
-            Message("power {power}", power),
-            Message("1 to {most}", LARGEST_POWER),
-            "give another --power",
-        )
-    powers = range(1, LARGEST_POWER + 1) if power is None else (power,)
-    fits = [_fitted(table, span_nm, segments, each) for each in powers]
-    enough = min(each.residual_nm for each in fits) / _ENOUGH
+    for name, number, most in (
+        ("segments", segments, _MOST_SEGMENTS),
+        ("power", power, LARGEST_POWER),
+    ):
+        if number is not None and not 1 <= number <= most:
+            raise InputError(
+                Message("{name} {number}", name, number),
+                Message("1 to {most}", most),
+                Message("give another --{name}", name),
+            )
+    sizes = sorted(
+        (curve_bits(many, highest), many, highest)
+        for many in (_SEGMENTS_TRIED if segments is None else (segments,))
+        for highest in (range(1, LARGEST_POWER + 1) if power is None else (power,))
+    )
+    fitting = [each for each in sizes if most_bits is None or each[0] <= most_bits] or sizes[:1]
+    fits = [_fitted(table, span_nm, many, highest) for _, many, highest in fitting]
+    negligible = _NEGLIGIBLE * table.full_scale_nm
+    enough = max(min(each.residual_nm for each in fits), negligible) / _ENOUGH
     return next(each for each in fits if each.residual_nm <= enough)
 
 
