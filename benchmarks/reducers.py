@@ -30,7 +30,8 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.finishing import finish_calibration, registers_calibration
+from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.reducers.results import ReducerTestOutcome

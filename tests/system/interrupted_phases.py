@@ -25,12 +25,16 @@ from benchmarks.fault_judging import Outcome
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
 from torquebench.calibration import verify as judge
-from torquebench.campaign import finishing, modules
+from torquebench.campaign import finishing
 from torquebench.campaign.checking import check_module
-from torquebench.campaign.finishing import finish_calibration, finish_run, registers_calibration
+from torquebench.campaign.finishing import finish_calibration, finish_run
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration, measure_verification
-from torquebench.campaign.registering import register_verification, registered_patiently
+from torquebench.campaign.registering import (
+    register_verification,
+    registered_patiently,
+    registers_calibration,
+)
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.records import (
@@ -58,7 +62,7 @@ PHASES: dict[str, tuple[Any, str, int]] = {
     "sealed": (Registry, "finish_run", 1),
     "zeros": (entering, "_zeroings", 1),
     "fit": (finishing, "fit_models", 1),
-    "model file": (modules, "store_model", 1),
+    "model file": (finishing, "store_model", 1),
     "register": (Registry, "add_calibration", 1),
     "register model": (Registry, "add_model", 1),
     "put into use": (Registry, "activate", 1),

@@ -17,7 +17,6 @@ from torquebench.campaign.finishing import (
     FinishedCalibration,
     calibration_fit,
     finish_calibration,
-    registers_calibration,
 )
 from torquebench.campaign.fitting import FittedModel, ModelChoice
 from torquebench.campaign.measuring import (
@@ -27,7 +26,11 @@ from torquebench.campaign.measuring import (
     measure_verification,
 )
 from torquebench.campaign.modules import dense_sweep, evaluate_module
-from torquebench.campaign.registering import register_verification, registered_patiently
+from torquebench.campaign.registering import (
+    register_verification,
+    registered_patiently,
+    registers_calibration,
+)
 from torquebench.campaign.results import DemoResult, ModuleResult
 from torquebench.chain import Readings
 from torquebench.compensation import RECOMMENDED

@@ -11,7 +11,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
-from typing import Any
 
 from torquebench.calibration import Profile, verify
 from torquebench.campaign.bench_chains import recorded_effects, used_chain
@@ -31,11 +30,9 @@ from torquebench.campaign.registering import (
     read_measured,
     register_calibration,
     register_verification,
+    registered_choices,
     registered_patiently,
-    run_data,
-    run_profile,
 )
-from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
@@ -59,10 +56,6 @@ __all__ = [
     "finish_calibration",
     "finish_run",
     "measured_calibration",
-    "read_measured",
-    "registers_calibration",
-    "run_data",
-    "run_profile",
 ]
 
 
@@ -103,19 +96,6 @@ class Finished:
     run_id: str
     sentence: str
     calibration: FinishedCalibration | None = None
-
-
-def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> dict[str, Any]:
-    """Return the metadata of a calibration's run that finishing needs.
-
-    Parameters
-    ----------
-    models : sequence of ModelChoice
-        Models that are fitted to it.
-    active : str or None
-        Which of them is put into use.
-    """
-    return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
 
 
 def calibration_fit(
@@ -319,16 +299,11 @@ def measured_calibration(
     calibrated again since.
     """
     measured, profile = read_measured(folder)
-    wanted = folder.metadata.get(REGISTERS) or {
-        "models": [{"name": RECOMMENDED}],
-        "active": RECOMMENDED,
-    }
-    active = wanted["active"]
+    choices, active = registered_choices(folder.metadata)
     serial = measured.result.data.transducer_serial
     newest = registry.calibrations(serial, limit=1)
     if newest and newest[0].performed > datetime.fromisoformat(folder.manifest["sealed"]):
         active = None
-    choices = [ModelChoice(**each) for each in wanted["models"]]
     return finish_calibration(registry, measured, profile, choices, active, progress)
 
 

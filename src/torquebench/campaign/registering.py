@@ -22,13 +22,16 @@ from torquebench.calibration import (
     VerificationResult,
     propose_due_date,
 )
+from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import Measured, operator_name
+from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import (
     MANIFEST,
+    REGISTERS,
     CalibrationEntry,
     ModelEntry,
     Registry,
@@ -45,7 +48,9 @@ __all__ = [
     "read_measured",
     "register_calibration",
     "register_verification",
+    "registered_choices",
     "registered_patiently",
+    "registers_calibration",
     "run_data",
     "run_profile",
 ]
@@ -81,6 +86,25 @@ class RegisteredCalibration:
 
     calibration: CalibrationEntry
     models: Mapping[str, ModelEntry]
+
+
+def registers_calibration(models: Sequence[ModelChoice], active: str | None) -> dict[str, Any]:
+    """Return the metadata of a calibration's run that finishing and resuming need.
+
+    Parameters
+    ----------
+    models : sequence of ModelChoice
+        Models that are fitted to it.
+    active : str or None
+        Which of them is put into use.
+    """
+    return {REGISTERS: {"models": [each.specification for each in models], "active": active}}
+
+
+def registered_choices(metadata: Mapping[str, Any]) -> tuple[list[ModelChoice], str | None]:
+    """Return the models that a calibration's run was begun with, and which is put into use."""
+    wanted = metadata.get(REGISTERS) or {"models": [{"name": RECOMMENDED}], "active": RECOMMENDED}
+    return [ModelChoice(**each) for each in wanted["models"]], wanted["active"]
 
 
 def register_calibration(

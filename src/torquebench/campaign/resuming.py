@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any, Unpack
 
+from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
+from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import Measured, RunOptions, measure_calibration
+from torquebench.campaign.registering import registered_choices, registers_calibration
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.procedures import StaircaseResult
@@ -50,8 +53,8 @@ class InterruptedCalibration:
         As the record has it, options included.
     known : dict
         The start document: range, serials, counter, standard.
-    bench : dict
-        The bench description that it was measured on.
+    metadata : dict
+        Of the interrupted run: bench description, models, mounting.
     steps : tuple of Step
         Of the whole calibration, or of the coarse series of an adaptive one.
     points : tuple of (Step, Row)
@@ -67,11 +70,22 @@ class InterruptedCalibration:
     side: Side
     profile: Profile
     known: dict[str, Any]
-    bench: dict[str, Any]
+    metadata: dict[str, Any]
     steps: tuple[Step, ...]
     points: tuple[tuple[Step, Row], ...]
     interrupted: datetime
     lost_at_end: int = 0
+
+    @property
+    def bench(self) -> dict[str, Any]:
+        """The bench's description at the time of the run."""
+        found: dict[str, Any] = self.metadata["bench"]
+        return found
+
+    @property
+    def choices(self) -> tuple[list[ModelChoice], str | None]:
+        """The models that it was begun with, and which of them is put into use."""
+        return registered_choices(self.metadata)
 
     @property
     def series(self) -> int:
@@ -254,7 +268,7 @@ def _read(registry: Registry, run: RunSummary) -> InterruptedCalibration:
         side="input" if start["side"] == "input" else "output",
         profile=profile,
         known=start,
-        bench=folder.metadata["bench"],
+        metadata=folder.metadata,
         steps=tuple(steps),
         points=(*earlier, *points),
         interrupted=last,
@@ -293,7 +307,7 @@ def resume_calibration(
     _check_clause(interrupted, moment)
     _check_bench(station, interrupted)
     gap_s = max((moment - interrupted.interrupted).total_seconds(), 1.0)
-    mounted = MountingRecord.of_run(interrupted.known)
+    mounted = MountingRecord.of_run(interrupted.metadata)
     resumption = Resumption(
         interrupted.remaining,
         _shifted(interrupted.kept, station.clock.now() - gap_s),
@@ -305,6 +319,7 @@ def resume_calibration(
         "points_measured_again": interrupted.repeated,
         "damaged_points": [describe_step(step) for step in interrupted.damaged],
         **({} if mounted is None else mounted.metadata()),
+        **registers_calibration(*interrupted.choices),
         **options.get("metadata", {}),
     }
     return measure_calibration(
@@ -339,7 +354,7 @@ def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
         ("counter", known["counter_identity"], station.drivers.counter.clock_identity),
         ("range in N·m", known["range_nm"], module.range_nm),
         ("standard", known.get("standard_serial"), description.calibrator.serial),
-        ("standard's certificate", *_certificates(interrupted, description)),
+        *_standards(interrupted, description),
     ):
         if there != here:
             raise ModelMismatchError(
@@ -355,9 +370,14 @@ def _check_bench(station: Station, interrupted: InterruptedCalibration) -> None:
             )
 
 
-def _certificates(interrupted: InterruptedCalibration, description: Any) -> tuple[str, str]:
-    recorded = interrupted.bench["calibrator"]["certificate_number"]
-    return str(recorded), str(description.calibrator.certificate_number)
+def _standards(
+    interrupted: InterruptedCalibration, description: BenchDescription
+) -> Iterator[tuple[str, Any, Any]]:
+    """Yield what the run's record states of the standard, then and now: U comes from it."""
+    now = description.calibrator.model_dump(mode="json")
+    for name, recorded in interrupted.bench["calibrator"].items():
+        if name in now and name != "certificate":  # its file may have moved
+            yield f"standard's {name.replace('_', ' ')}", recorded, now[name]
 
 
 def _before(registry: Registry, folder: RunFolder) -> InterruptedCalibration | None:

@@ -114,8 +114,10 @@ def calibrate(
     from torquebench.calibration import check_steps, load_profile
 
     if resume is not None:
+        check_reports(report)
         with recorded(mounting_record(mounting)):
-            resume_run(resume, side.chosen if side else (), _choice(model, parameter), options)
+            choice = _choice(model, parameter)
+            resume_run(resume, side.chosen if side else (), choice, options, report or ())
         return
     if side is None:
         raise InputError("no module to calibrate", "input, output or both", "name it")

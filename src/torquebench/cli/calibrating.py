@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from torquebench.campaign.resuming import InterruptedCalibration
     from torquebench.cli.options import BenchOptions
 
-__all__ = ["report_calibration", "run_calibrations"]
+__all__ = ["report_calibration", "run_calibrations", "write_calibration_reports"]
 
 
 def run_calibrations(
@@ -44,16 +44,22 @@ def run_calibrations(
 ) -> None:
     """Calibrate modules one after the other, or continue with one, and report each."""
     from torquebench.campaign.doubts import CALIBRATOR
-    from torquebench.campaign.finishing import finish_calibration, registers_calibration
+    from torquebench.campaign.finishing import finish_calibration
     from torquebench.campaign.fitting import ModelChoice
     from torquebench.campaign.measuring import measure_calibration
+    from torquebench.campaign.registering import registers_calibration
     from torquebench.campaign.resuming import resume_calibration
     from torquebench.cli.models.compiling import second_process
     from torquebench.compensation import RECOMMENDED
 
     contradicting = False
-    choice = model or ModelChoice(RECOMMENDED)
-    known = registers_calibration([choice], choice.name)
+    active: str | None = RECOMMENDED
+    choices = [ModelChoice(RECOMMENDED)]
+    if interrupted is not None:
+        choices, active = interrupted.choices
+    if model is not None:
+        choices, active = [model], model.name
+    known = registers_calibration(choices, active)
     resumed = interrupted.run_ids[-1] if interrupted else ""
     with (
         second_process(),
@@ -72,17 +78,17 @@ def run_calibrations(
                         station, side, profile, metadata=known, progress=progress, on_pause=ask
                     )
                 finished = finish_calibration(
-                    station.registry, measured, profile, [choice], choice.name, progress
+                    station.registry, measured, profile, choices, active, progress
                 )
             report_calibration(finished)
-            _write_reports(finished, reports, several=len(sides) > 1)
+            write_calibration_reports(finished, reports, several=len(sides) > 1)
             contradicting = contradicting or bool(finished.fitted[0].contradictions)
     if contradicting:
         raise typer.Exit(CHECK_FAILED)
 
 
-def _write_reports(
-    finished: FinishedCalibration, reports: Sequence[Path], *, several: bool
+def write_calibration_reports(
+    finished: FinishedCalibration, reports: Sequence[Path], *, several: bool = False
 ) -> None:
     """Write a calibration's report; with several modules one file each."""
     if not reports:

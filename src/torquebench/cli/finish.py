@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -49,16 +51,17 @@ def finish(
             say("Every run is finished.")
 
 
-def finish_and_report(registry: Registry, run: UnfinishedRun) -> None:
-    """Finish a run and print the result of it."""
+def finish_and_report(registry: Registry, run: UnfinishedRun, reports: Sequence[Path] = ()) -> None:
+    """Finish a run, print the result of it and write its report."""
     from torquebench.campaign.finishing import finish_run
-    from torquebench.cli.calibrating import report_calibration
+    from torquebench.cli.calibrating import report_calibration, write_calibration_reports
     from torquebench.cli.terminal.progress import TerminalProgress
 
     with TerminalProgress() as progress:
         finished = finish_run(registry, run, progress)
     if finished.calibration is not None:
         report_calibration(finished.calibration)
+        write_calibration_reports(finished.calibration, reports)
     say(f"{finished.sentence}. Nothing was measured.")
     answer(finished=[finished.run_id])
 

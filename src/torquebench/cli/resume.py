@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,7 @@ def resume_run(
     sides: tuple[Side, ...],
     model: ModelChoice | None,
     options: BenchOptions,
+    reports: Sequence[Path] = (),
 ) -> None:
     """Recover unfinished runs, read the run back and continue with it.
 
@@ -40,12 +42,14 @@ def resume_run(
         None takes the one that it was begun with.
     options : BenchOptions
         Without a bench description that of the run.
+    reports : sequence of pathlib.Path
+        Where its report is written.
     """
     from torquebench.cli.calibrating import run_calibrations
     from torquebench.cli.terminal.confirming import confirm_start
     from torquebench.procedures.staircase import describe_step
 
-    interrupted = _read(name, options.data)
+    interrupted = _read(name, options.data, reports)
     if interrupted is None:
         return
     if sides and sides != (interrupted.side,):
@@ -71,13 +75,14 @@ def resume_run(
         description,
         (interrupted.side,),
         interrupted.profile,
-        model or _begun_with(interrupted),
+        model,
         options,
         interrupted=interrupted,
+        reports=reports,
     )
 
 
-def _read(name: str, data: Path) -> InterruptedCalibration | None:
+def _read(name: str, data: Path, reports: Sequence[Path]) -> InterruptedCalibration | None:
     """Read a run back; None where only its registration was missing, which is then done."""
     from torquebench.campaign.finishing import find_unfinished
     from torquebench.campaign.resuming import find_interrupted, read_interrupted
@@ -92,18 +97,8 @@ def _read(name: str, data: Path) -> InterruptedCalibration | None:
         run = find_interrupted(registry, name)
         if run.status != "completed" or registry.calibration_of_run(run.run_id) is not None:
             return read_interrupted(registry, run)
-        finish_and_report(registry, find_unfinished(registry, run.run_id))
+        finish_and_report(registry, find_unfinished(registry, run.run_id), reports)
     return None
-
-
-def _begun_with(interrupted: InterruptedCalibration) -> ModelChoice | None:
-    """Return the model that the interrupted run was to activate, where recorded."""
-    from torquebench.campaign.fitting import ModelChoice
-    from torquebench.records import REGISTERS
-
-    wanted = interrupted.known.get(REGISTERS) or {}
-    chosen = [each for each in wanted.get("models", ()) if each["name"] == wanted["active"]]
-    return ModelChoice(**chosen[0]) if chosen else None
 
 
 def _recorded(interrupted: InterruptedCalibration) -> BenchDescription:

@@ -10,9 +10,10 @@ from torquebench.bench.chain_effects import standard_effect
 from torquebench.bench.description import BenchDescription
 from torquebench.calibration import load_profile
 from torquebench.campaign.bench_chains import bench_effects
-from torquebench.campaign.finishing import finish_calibration, registers_calibration
+from torquebench.campaign.finishing import finish_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.registering import registers_calibration
 from torquebench.chain import Reference, load_chain
 from torquebench.records import RunFolder
 from torquebench.reports.certificate.source import Source

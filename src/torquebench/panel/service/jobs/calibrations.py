@@ -23,7 +23,6 @@ from torquebench.campaign.doubts import CALIBRATOR, VERIFICATION_STANDARD, doubt
 from torquebench.campaign.finishing import (
     FinishedCalibration,
     finish_calibration,
-    registers_calibration,
 )
 from torquebench.campaign.fitting import (
     COMPARED_COLUMNS,
@@ -39,6 +38,7 @@ from torquebench.campaign.measuring import (
     measure_calibration,
     rehearse_calibration,
 )
+from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
 from torquebench.campaign.verifying import verify_on_bench
 from torquebench.compensation import RECOMMENDED
@@ -140,10 +140,13 @@ class CalibrateRequest(MountedRequest):
 
 
 class ResumeRequest(MountedRequest):
-    """Resume an interrupted calibration; side and profile are those of its run."""
+    """Resume an interrupted calibration; what decides its result is that of its run.
+
+    `models` fits other models instead; none of them is activated then.
+    """
 
     run_id: RunId
-    models: tuple[ModelName, ...] = Field(default=(RECOMMENDED, "polynomial-2"), max_length=8)
+    models: tuple[ModelName, ...] | None = Field(default=None, max_length=8)
     bench_clear: Flag = False
 
 
@@ -239,17 +242,19 @@ def run_calibration(context: JobContext, request: CalibrateRequest) -> JobResult
 def run_resumption(context: JobContext, request: ResumeRequest) -> JobResult:
     """Resume an interrupted calibration at its interrupted series, then fit and register."""
     station = context.station
-    choices = _choices(request.models)
     interrupted = read_interrupted(station.registry, station.registry.run(request.run_id))
-    known = registers_calibration(choices, None)
+    choices, active = interrupted.choices
+    if request.models is not None:
+        choices, active = _choices(request.models), None
+    known = registers_calibration(choices, active)
     measured = resume_calibration(station, interrupted, metadata=known, progress=context.job)
-    return _fitted(context, measured, interrupted.profile, choices)
+    return _fitted(context, measured, interrupted.profile, choices, active)
 
 
 def check_resumption(place: Workplace, request: ResumeRequest) -> None:
     """Refuse a run that can't be resumed."""
     station = place.station
-    _choices(request.models)
+    _choices(request.models or ())
     read_interrupted(station.registry, station.registry.run(request.run_id))
 
 
@@ -281,6 +286,7 @@ def _fitted(
     measured: Measured[StaircaseResult],
     profile: Profile,
     choices: Sequence[ModelChoice],
+    active: str | None = None,
 ) -> JobResult:
     """Fit models to the measured points and register all results."""
     context.check()
@@ -289,7 +295,7 @@ def _fitted(
         measured,
         profile,
         choices,
-        None,
+        active,
         context.job,
         title="Fitting models",
     )
