@@ -31,12 +31,12 @@ from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.finishing import finish_calibration
-from torquebench.campaign.registering import registers_calibration
 from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.reducers.results import ReducerTestOutcome
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
+from torquebench.campaign.registering import registers_calibration
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.procedures.reducers.first_motion import BreakawaySettings

@@ -284,7 +284,7 @@ def interrupted_bench(
         (("output", "transducer", "serial"), "OTHER", "transducer OTHER"),
         (("counter", "clock"), "oscillator-2", "counter SIM-COUNTER-1/oscillator-2"),
         (("calibrator", "serial"), "OTHER", "standard OTHER"),
-        (("calibrator", "certificate_number"), "NEWER", "certificate NEWER"),
+        (("calibrator", "certificate_number"), "NEWER", "certificate number NEWER"),
     ],
 )
 def test_another_chain_is_refused(
