@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from tests.digital_certificates import NM, certificate, new_list, quantity
 from tests.system.command_line import laboratory, run, widest_line
 
 NOT_SECRET = {"laboratory.toml", "bench.lock"}
@@ -106,3 +107,42 @@ def test_records_are_their_owners_alone(calibrated: Path) -> None:
     for each in ours:
         wanted = 0o700 if each.is_dir() else 0o600
         assert stat.S_IMODE(each.stat().st_mode) == wanted, each
+
+
+def foreign(folder: Path, **changed: str) -> Path:
+    torque, u = (100.0, 500.0, 1000.0), (0.05, 0.1, 0.3)
+    xml = certificate(
+        "3.3.0",
+        [
+            quantity(new_list(torque, NM), "Reference", "basic_referenceValue", "3.3"),
+            quantity(new_list(torque, NM, u), "Indication", "basic_measuredValue", "3.3"),
+        ],
+    )
+    for old, new in changed.items():
+        assert old in xml
+        xml = xml.replace(old, new)
+    path = folder / "standard.xml"
+    path.write_text(xml, encoding="utf-8")
+    return path
+
+
+def test_certificate_of_another_laboratory_is_shown_and_validated(tmp_path: Path) -> None:
+    valid = run("certificate", "--check", foreign(tmp_path), cwd=tmp_path)
+    assert valid.returncode == 0, valid.stderr + valid.stdout
+    for shown in ("K-2026-17", "Labor AG", "T-99", "3.3.0: valid"):
+        assert shown in valid.stdout, valid.stdout
+    assert ["500", "0.1", "0.02"] in [line.split() for line in valid.stdout.splitlines()]
+    assert widest_line(valid.stdout) <= 80
+    broken = run("certificate", "--check", foreign(tmp_path, city="cities"), cwd=tmp_path)
+    assert broken.returncode == 1
+    assert "cities" in broken.stdout + broken.stderr
+    assert [each.name for each in tmp_path.iterdir()] == ["standard.xml"]  # no folder of records
+
+
+def test_fit_counts_u_of_a_digital_certificate(tmp_path: Path) -> None:
+    rows = [f"{x},{x * 1.001 + 0.01}" for x in range(-1000, 1001, 100)]
+    (tmp_path / "t.csv").write_text("standard_nm,reading_nm\n" + "\n".join(rows))
+    done = run("fit", "t.csv", "--reference", foreign(tmp_path), "--out", "m.json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    model = (tmp_path / "m.json").read_text()
+    assert "certificate K-2026-17 of Torque transducer T-99, Labor AG" in model

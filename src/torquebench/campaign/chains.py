@@ -50,7 +50,7 @@ def reference_effect(
     if certified is None:
         return () if data.reference is None else (data.reference,)
     remark_another_standard(data, certified, source, remark)
-    return (Reference("stated with the fit", certified),)
+    return (Reference(certified.record or "stated with the fit", certified),)
 
 
 def remark_another_standard(
@@ -100,7 +100,9 @@ def stated_effects(
         Standard uncertainty of the zero, N·m.
     """
     record = "stated on the command line"
-    effects: list[Effect] = [] if reference is None else [Reference(record, reference)]
+    effects: list[Effect] = (
+        [] if reference is None else [Reference(reference.record or record, reference)]
+    )
     if span_percent_per_10k is not None or zero_percent_per_10k is not None:
         warmth = chain.find(Temperature) or Temperature(record, None, None)
         if zero_percent_per_10k is not None:

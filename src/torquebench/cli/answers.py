@@ -179,7 +179,7 @@ CERTIFICATE = Record(
 CERTIFICATE_CHECKED = Record(
     "A certificate that was checked.",
     "torquebench.reports.certificate:CertificateCheck",
-    "number matches findings schema replaced_by",
+    "number matches findings schema replaced_by foreign",
 )
 FITTED = Record(
     "A model that was fitted to a table; `comparison` with `--compare`.",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import replace
 from enum import StrEnum
+from importlib.util import find_spec
+from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -18,9 +20,10 @@ from torquebench.cli.options import (
     DataOption,
     check_output_folder,
     data_directory,
+    has_registry,
     numbered,
 )
-from torquebench.cli.terminal.console import answer, note, say, say_file, warn
+from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -32,6 +35,7 @@ if TYPE_CHECKING:
         Issue,
         IssuedCertificate,
     )
+    from torquebench.tables import DccQuantity, DigitalCertificate
 
 __all__ = ["certificate", "find_calibration"]
 
@@ -52,7 +56,10 @@ def certificate(
     check: Annotated[
         str | None,
         typer.Option(
-            "--check", metavar="FILE", help="Check a PDF, XML or JSON file, or a QR code's text."
+            "--check",
+            metavar="FILE",
+            help="Check a PDF, XML or JSON file, or a QR code's text; a digital certificate of "
+            "another laboratory (DCC) is shown and compared with its schema.",
         ),
     ] = None,
     language: Annotated[
@@ -103,10 +110,10 @@ def certificate(
         )
     if out is not None:
         check_output_folder(out)
+    if check is not None:
+        _check(data, check)
+        return
     with Registry.open(data_directory(data)) as registry:
-        if check is not None:
-            _check(registry, check)
-            return
         assert run is not None
         calibration = find_calibration(registry, run)
 
@@ -236,10 +243,16 @@ def _issued(issued: IssuedCertificate) -> None:
         )
 
 
-def _check(registry: Registry, given: str) -> None:
+def _check(data: Path, given: str) -> None:
+    from torquebench.records import Registry
     from torquebench.reports.certificate import check_certificate
+    from torquebench.tables import is_dcc
 
-    found = check_certificate(registry, given)
+    if has_registry(data) or not is_dcc(Path(given)):
+        with Registry.open(data_directory(data)) as registry:
+            found = check_certificate(registry, given)
+    else:
+        found = check_certificate(None, given)
     _say_check(found)
     if not found.matches:
         raise typer.Exit(CHECK_FAILED)
@@ -247,16 +260,63 @@ def _check(registry: Registry, given: str) -> None:
 
 def _say_check(found: CertificateCheck) -> None:
     answer(**CERTIFICATE_CHECKED.of(found))
+    if found.foreign is not None:
+        _say_foreign(found.foreign)
     for finding in found.findings:
-        say(f"[red]no match[/red]  {escape(finding)}")
+        mark = "no match" if found.foreign is None else "invalid"
+        say(f"[red]{mark}[/red]  {escape(finding)}")
     if found.matches and found.entry is not None:
         say(
             f"[green]matches[/green]  certificate {escape(found.number)}, issued "
             f"{found.entry.issued:%Y-%m-%d}, authorised by {escape(found.entry.authorised_by)}"
         )
     if found.schema == "valid":
-        say("schema and schematron of DCC 3.3.0: valid")
+        version = "3.3.0" if found.foreign is None else found.foreign.version
+        rules = "schema and schematron" if version == "3.3.0" else "schema"
+        say(f"{rules} of DCC {version}: valid")
     elif found.schema == "not checked":
-        warn("schema not checked: pip install 'torquebench[dcc]'")
+        installed = find_spec("dcclib") is not None
+        version = "" if found.foreign is None else found.foreign.version
+        warn(
+            f"schema not checked: dcclib doesn't know version {version or 'of the schema'}"
+            if installed
+            else "schema not checked: pip install 'torquebench[dcc]'"
+        )
     if found.replaced_by:
         warn(f"certificate {found.number} was replaced by {found.replaced_by}")
+
+
+def _heading(quantity: DccQuantity) -> str:
+    unit = quantity.unit.strip("\\").replace("\\", " ")
+    return escape(f"{quantity.name or 'value'}, {unit}" if unit else quantity.name)
+
+
+def _say_foreign(certificate: DigitalCertificate) -> None:
+    """Print what a certificate of another laboratory states."""
+    table = narrow_table(columns=("|", "|"), headings=False)
+    facts = {
+        "certificate": certificate.number,
+        "laboratory": ", ".join(filter(None, (certificate.laboratory, certificate.country))),
+        "item": " ".join(filter(None, (certificate.item, certificate.serial))),
+        "calibrated": certificate.performed,
+        "issued": certificate.issued,
+        "signature": "there is one; it isn't checked" if certificate.signed else "none",
+    }
+    for name, value in facts.items():
+        table.add_row(name, escape(value or "not stated"))
+    out().print(table)
+    torques = list(certificate.torques())
+    if not torques:
+        for title, quantities in certificate.results:
+            rows = narrow_table(escape(title), columns=[f">|{_heading(q)}" for q in quantities])
+            cells = [quantity.shown() for quantity in quantities]
+            for row in zip_longest(*cells, fillvalue=""):
+                rows.add_row(*row)
+            out().print(rows)
+        say("no torques with expanded uncertainty in it")
+    for title, torque_nm, expanded_nm in torques:
+        rows = narrow_table(escape(title), columns=(">|N·m", ">|U (k = 2), N·m", ">|%"))
+        for value, expanded in zip(torque_nm.tolist(), expanded_nm.tolist(), strict=True):
+            share = "-" if value == 0.0 else f"{100.0 * expanded / abs(value):.3g}"
+            rows.add_row(f"{value:g}", f"{expanded:.3g}", share)
+        out().print(rows)

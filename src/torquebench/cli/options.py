@@ -119,8 +119,8 @@ ReferenceOption = Annotated[
     typer.Option(
         metavar="U|FILE",
         help="U (k = 2) of the reference standard, in the place of what a file states: in % as "
-        "`0.02 of torque` or `0.02 of range`, or the CSV file of its certificate with torque_nm "
-        "and expanded_uncertainty_nm.",
+        "`0.02 of torque` or `0.02 of range`, or the file of its certificate: a digital one (XML) "
+        "or a table with torque_nm and expanded_uncertainty_nm.",
     ),
 ]
 WithoutOption = Annotated[
@@ -222,8 +222,8 @@ class TableOptions:
 
 def tell_columns(understood: Understood, notes: Sequence[str] = (), file: str = "") -> None:
     """Say what was passed over, and how columns with names of others were understood."""
-    for note in notes:
-        warn(note)
+    for note in dict.fromkeys(notes):
+        warn(f"{file}: {note}" if file else note)
     if sentence := understood.sentence():
         say(f"[dim]{escape(f'{file}: ' * bool(file) + sentence)}[/dim]")
     answer(columns=understood.described())

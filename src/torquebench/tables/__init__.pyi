@@ -6,6 +6,13 @@ from .conversion import (
     Conversion as Conversion,
     Sensitivity as Sensitivity,
 )
+from .dcc import (
+    DccQuantity as DccQuantity,
+    DigitalCertificate as DigitalCertificate,
+    is_dcc as is_dcc,
+    parse_dcc as parse_dcc,
+    read_dcc as read_dcc,
+)
 from .formats import (
     check_read as check_read,
     check_written as check_written,

@@ -217,7 +217,7 @@ class _Written:
                 self._cast(each, field) for each, field in zip(cells, self._schema, strict=False)
             ]
         table = pa.table([*cells, *map(_numbers, added)], schema=self._schema)
-        return self._writer.encoded(table) if text else table
+        return self._writer.encoded(table, quoted=block.table.quoted) if text else table
 
     def _begin(self, table: Table, cells: Sequence[Any], text: bool) -> None:
         comma = table.separator != "," and "," in table.shared

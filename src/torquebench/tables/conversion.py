@@ -5,19 +5,37 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
+
 from torquebench.compensation import ReadingScale
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.tables.units import SIGNALS, STANDARD_GRAVITY, Unit, unit_named
 
-__all__ = ["TORQUE_ONLY", "Conversion", "Sensitivity", "arm_m", "gravity_m_s2"]
+__all__ = [
+    "TORQUE_ONLY",
+    "Conversion",
+    "MissingSensitivityError",
+    "Sensitivity",
+    "arm_m",
+    "gravity_m_s2",
+]
 
+FloatArray = NDArray[np.float64]
 TORQUE_ONLY = ("force", "mass", *SIGNALS)
 """Kinds that become a torque by a conversion."""
 _PAIR = re.compile(r"\s*([-+0-9.,eE]+)\s*(\S.*?)\s*(?:at|=|@|bei|→)\s*([-+0-9.,eE]+)\s*(\S.*?)\s*")
 _SLOPE = re.compile(r"\s*([-+0-9.,eE]+)\s*(\S.*?)\s*(?:per|pro)\s*(\S.*?)\s*")
 _EXAMPLES = "'2.0015 mV/V at 500 N·m', or two points: '10 kHz at 0 N·m; 15 kHz at 500 N·m'"
 _GRAVITIES = (9.7, 9.9)
+
+
+class MissingSensitivityError(InputError):
+    """Readings are an electrical signal whose sensitivity isn't stated."""
+
+    signal: Unit | None = None
+    """Unit of the readings."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +108,25 @@ class Sensitivity:
             raise _unclear(text)
         nm_per_unit = (high_nm - low_nm) / (high - low)
         return cls(kind.kind, nm_per_unit, low - low_nm / nm_per_unit, text)
+
+    @classmethod
+    def estimated(cls, unit: Unit, signal: FloatArray, torque_nm: FloatArray) -> Sensitivity | None:
+        """Return the sensitivity that a table shows, stated as two points; None without one.
+
+        Examples
+        --------
+        >>> signal, torque = np.array([0.01, 1.01, 2.01]), np.array([0.0, 250.0, 500.0])
+        >>> Sensitivity.estimated(unit_named("mV/V", "bridge"), signal, torque).text
+        '0.01 mV/V at 0 N·m; 2.01 mV/V at 500 N·m'
+        """
+        if signal.size < 2 or np.ptp(signal) == 0.0 or np.ptp(torque_nm) == 0.0:
+            return None
+        slope, zero_nm = np.polyfit(signal, torque_nm, 1)
+        largest = float(f"{np.max(np.abs(torque_nm)):.3g}")
+        points = ((torque - zero_nm) / slope / unit.factor for torque in (0.0, largest))
+        low, high = (float(f"{point:.5g}") for point in points)
+        text = f"{low:g} {unit.symbol} at 0 N·m; {high:g} {unit.symbol} at {largest:g} N·m"
+        return None if low == high else cls.of_text(text)
 
 
 def _signal(text: str) -> Unit | None:
@@ -177,7 +214,7 @@ class Conversion:
             return unit.factor * weight * self.arm_m, 0.0
         if self.sensitivity is None or self.sensitivity.kind != unit.kind:
             stated = self.sensitivity
-            raise InputError(
+            missing = MissingSensitivityError(
                 Message(
                     "{origin}: column {name} is an electrical signal in {unit}, not a torque",
                     origin,
@@ -195,6 +232,8 @@ class Conversion:
                 "a torque, or the sensitivity of its transducer",
                 Message("give it as --sensitivity {examples}", _EXAMPLES),
             )
+            missing.signal = unit
+            raise missing
         if quantity in ("standard", "nominal"):
             raise InputError(
                 Message(

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -59,6 +59,10 @@ _JOINED = (
     re.compile(r"^(.*\S)\s*[,;:]\s*(.+)$"),
 )
 _LAST_WORD = re.compile(r"^(.*)[\s_]+([^\s_]+)$")
+_OF_STANDARD = ("standard", "nominal")
+"""Quantities that are never a transducer's signal: "std" is a standard deviation there."""
+_NO_NAMES = ("min", "max", "ms", "in", "std", "tr", "rev", "gf", "mg")
+"""Names of columns that aren't meant as the unit that they are, too."""
 _SHARES = ("%", "percent", "pct", "% fs", "%fs", "fs")
 _COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", re.IGNORECASE)
 
@@ -79,6 +83,8 @@ class Assigned:
         Of its values; None of labels and words.
     factor, offset : float
         A value times factor plus offset is in the base unit of the kind; the sign is in both.
+    by_words : bool
+        Whether it was chosen by the words of its name, not by torquebench's own or by the user.
     """
 
     quantity: str
@@ -88,6 +94,7 @@ class Assigned:
     unit: Unit | None = None
     factor: float = 1.0
     offset: float = 0.0
+    by_words: bool = False
 
     @property
     def described(self) -> dict[str, Any]:
@@ -254,7 +261,7 @@ def _forms(name: str) -> Iterator[tuple[str, str]]:
     """Yield what a name may be without its unit, and that unit, the likeliest first.
 
     >>> list(_forms("Speed rad/s"))
-    [('Speed rad', 's'), ('Speed', 'rad/s'), ('Speed rad/s', '')]
+    [('Speed rad', 's'), ('Speed', 'rad/s'), ('', 'Speed rad/s'), ('Speed rad/s', '')]
     """
     bracketed = _BRACKETED.match(name)
     if bracketed is not None:
@@ -265,9 +272,12 @@ def _forms(name: str) -> Iterator[tuple[str, str]]:
         joined = pattern.match(name)
         if joined is not None:
             yield joined[1], joined[2]
-    parts = name.rsplit("_", 2)
-    if len(parts) == 3:  # rad_s2, mv_v
-        yield parts[0], f"{parts[1]}_{parts[2]}"
+    parts = name.split("_")
+    for count in (2, 3):  # rad_s2, volts_per_volt
+        if len(parts) > count:
+            yield "_".join(parts[:-count]), "_".join(parts[-count:])
+    if len(name) > 1 and name.casefold() not in _NO_NAMES:
+        yield "", name
     yield name, ""
 
 
@@ -333,15 +343,22 @@ class _Choice:
                 for fit, column in understand_name(index):
                     if column.quantity not in before:
                         candidates.setdefault(column.quantity, []).append((fit, column))
-            for quantity, fitting in candidates.items():
-                best = max(fit for fit, _ in fitting)
-                self._take(quantity, [column for fit, column in fitting if fit == best], best)
+            for quantity in sorted(candidates, key=self._precedence):
+                taken = {column.index for column in self._found.values()}
+                fitting = [each for each in candidates[quantity] if each[1].index not in taken]
+                if fitting:
+                    best = max(fit for fit, _ in fitting)
+                    self._take(quantity, [column for fit, column in fitting if fit == best], best)
             taken = {column.index for column in self._found.values()}
             free = [index for index in free if index not in taken]
         for quantity in self._required:
             if quantity not in self._found:
                 raise self._missing(quantity)
         return self._found
+
+    def _precedence(self, quantity: str) -> tuple[bool, bool]:
+        """Return a key: a column goes to a needed quantity first, and to a label last."""
+        return quantity not in self._required, self._wanted[quantity] in (LABEL, WORD)
 
     def _take(self, quantity: str, columns: list[Assigned], fit: int) -> None:
         if len(columns) > 1:
@@ -394,23 +411,25 @@ class _Choice:
             if matched:
                 return
             found = meanings(stem)
+            if found is None and unit == name:  # a name that is a unit, such as rpm
+                found = frozenset(kinds_of(unit))
             if found is None:
                 continue
             for quantity, kind in self._wanted.items():
-                fit = 0 if quantity in _OWN_ONLY else matches(found, quantity, kind)
+                if quantity in _OWN_ONLY or quantity in self._found:
+                    continue
+                fit = matches(found, quantity, kind)
                 if not fit:
                     continue
-                if kind in (LABEL, WORD):
-                    column = (
-                        None
-                        if unit and not kinds_of(unit)
-                        else Assigned(quantity, kind, index, name)
-                    )
-                else:
-                    column = self._converted(quantity, index, unit, 1.0) if unit else None
+                column: Assigned | None = None
+                signal = quantity in _OF_STANDARD and set(kinds_of(unit)) & set(SIGNALS)
+                if kind in (LABEL, WORD) and (not unit or kinds_of(unit)):
+                    column = Assigned(quantity, kind, index, name)
+                elif kind not in (LABEL, WORD) and unit and not signal:
+                    column = self._converted(quantity, index, unit, 1.0)
                 if column is not None:
                     matched = True
-                    yield fit, column
+                    yield fit, replace(column, by_words=True)
 
     def _converted(self, quantity: str, index: int, text: str, sign: float) -> Assigned | None:
         """Return a column in a unit that converts to that of its quantity; None if it doesn't.
@@ -517,7 +536,7 @@ class _Choice:
             column = Assigned(quantity, kind, index, name, unit_named("s", "time"), sign)
         if column is None:
             raise self._unknown_unit(text, quantity, name, unit or stated)
-        if unit and stated:
+        if unit and stated and (_BRACKETED.match(name) or units_named(stated, kind)):
             self._check_contradiction(text, column, stated)
         return column
 
@@ -528,9 +547,10 @@ class _Choice:
         if bracketed is not None:
             lone = len(bracketed[2]) == 1 and name.rstrip().endswith(")") and bracketed[2] != "V"
             return "" if lone or not kinds_of(bracketed[2]) else bracketed[2]
-        for _, text in _forms(name):
-            if text and any(units_named(text, each) for each in fitting[:1]):
-                return text
+        for each in fitting:
+            for _, text in _forms(name):
+                if text and units_named(text, each):
+                    return text
         return ""
 
     def _check_contradiction(self, text: str, column: Assigned, stated: str) -> None:
@@ -610,6 +630,9 @@ class _Choice:
             )
         stated = self._stated_unit(name, kind)
         bracketed = _BRACKETED.match(name)
+        if bracketed is None and stated:
+            fitting = (kind, *TORQUE_ONLY) if kind == "torque" else (kind,)
+            stated = next(unit.symbol for each in fitting for unit in units_named(stated, each))
         return Message(
             "name the column and its unit: --column '{name}={stem}[{shown}]'",
             quantity,
@@ -641,10 +664,13 @@ class _Choice:
     def _rank(self, quantity: str, kind: Kind, name: str) -> int:
         units = {each for _, text in _forms(name) if text for each in kinds_of(text)}
         bracketed = _BRACKETED.match(name)
-        if bracketed is not None and units and kind not in units:
+        fitting = {kind}
+        if kind == "torque":
+            fitting.update(SIGNALS if quantity == "reading" else ("force", "mass"))
+        if bracketed is not None and units and not fitting & units:
             return 0
         words = [found for stem, _ in _forms(name) if (found := meanings(stem)) is not None]
-        rank = 1 if kind in units else 0
+        rank = 1 if fitting & units else 0
         for found in words:
             if matches(found, quantity, kind):
                 return 16 + rank

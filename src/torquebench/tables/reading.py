@@ -162,7 +162,7 @@ def open_table(
             remarks,
             notes,
             header["separator"],
-            shared,
+            shared=shared,
         )
 
     def raw() -> Iterator[tuple[Any, float]]:

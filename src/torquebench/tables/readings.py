@@ -27,7 +27,7 @@ from torquebench.chain.readings import MEASURED
 from torquebench.compensation import BRANCH_WORDS, ReadingScale, StoredModel
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
-from torquebench.tables.conversion import Conversion
+from torquebench.tables.conversion import Conversion, MissingSensitivityError, Sensitivity
 from torquebench.tables.formats.text import parse_text
 from torquebench.tables.headers import WORD, Understood, names_header, understand
 from torquebench.tables.isolated import Limits
@@ -36,6 +36,8 @@ from torquebench.tables.remarks import reference_in, reference_remarks
 from torquebench.tables.table import Table
 from torquebench.tables.units import BASE, unit_named
 from torquebench.units import UNIT_OF_ENDING
+
+FloatArray = NDArray[np.float64]
 
 __all__ = [
     "ADDED_COLUMNS",
@@ -78,6 +80,10 @@ _DAY = "measured_on"
 _SCALE = "reading_scale"
 """Comment with the unit of the readings before they were converted, as `ReadingScale.text`."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
+_LARGEST_RATIO = 10.0
+"""Between the largest reading and the largest torque of the standard; beyond it a unit is wrong, or
+a column.
+"""
 _MOST_STEPS = 2000
 """Most points of a loading sequence; larger tables are recordings."""
 _DIRECTIONS = {
@@ -212,6 +218,14 @@ class TableColumns:
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
         From signals, forces and masses to torques.
+
+    Attributes
+    ----------
+    understood : Understood
+    scale : ReadingScale or None
+        Unit of the readings, where it isn't a torque's.
+    notes : list of str
+        What was passed over.
     """
 
     def __init__(
@@ -223,6 +237,7 @@ class TableColumns:
     ) -> None:
         wanted = [_QUANTITIES[column][0] for column in required]
         self.understood: Understood = understand(table, _WANTED, wanted, assigned, conversion)
+        self.notes = list(table.notes)
         self._loading: bool | None = None
         reading = self.understood.columns.get("reading")
         self.scale: ReadingScale | None = None
@@ -240,6 +255,20 @@ class TableColumns:
     def name(self, column: str) -> str:
         """Return the name of a column in its file."""
         return self.understood.name(_QUANTITIES[column][0])
+
+    def usable(self, table: Table, column: str) -> NDArray[np.float64] | None:
+        """Return an optional column as `numbers` does; None with a note where it can't be used.
+
+        That holds for a column that was chosen by the words of its name: who wrote it didn't mean
+        it for torquebench.
+        """
+        try:
+            return self.numbers(table, column)
+        except InputError as problem:
+            if not self.understood.columns[_QUANTITIES[column][0]].by_words:
+                raise
+            self.notes.append(Message("not used: {problem}", problem.found))
+            return None
 
     def numbers(self, table: Table, column: str) -> NDArray[np.float64] | None:
         """Return a column in the unit of its name, shape (n,); None without it."""
@@ -377,8 +406,7 @@ def read_calibration_table(
     side, transducer_serial, counter_identity : str
         The chain, where the file doesn't name it or names it wrongly.
     remark : callable, optional
-        Called with a sentence for each of them that the file names differently, and for each thing
-        that the reader passed over.
+        Called with a sentence for each of them that the file names differently.
     mapping : sequence of str
         ``name=Header[unit]`` of columns that have other names; see `understand`.
     conversion : Conversion, optional
@@ -401,9 +429,6 @@ def read_calibration_table(
         "transducer_serial": transducer_serial,
         "counter_identity": counter_identity,
     }
-    for note in table.notes if remark is not None else ():
-        assert remark is not None
-        remark(Message("{path}: {note}", path, note))
     for name, value in chain.items():
         noted = table.remarks.get(name, value)
         if value and remark is not None and noted != value:
@@ -476,13 +501,17 @@ def calibration_of(
     side, transducer_serial, counter_identity = chain
     if model is not None:
         conversion = model_conversion(model, conversion or Conversion())
-    columns = TableColumns(table, ("reading_nm", "standard_nm"), mapping, conversion)
+    try:
+        columns = TableColumns(table, ("reading_nm", "standard_nm"), mapping, conversion)
+    except MissingSensitivityError as problem:
+        raise _with_estimate(problem, table, mapping, conversion) from None
     if model is not None:
         check_model(model, table, columns)
         range_nm = model.provenance.range_nm
     reading, standard = (columns.numbers(table, key) for key in ("reading_nm", "standard_nm"))
     assert reading is not None
     assert standard is not None
+    _check_sizes(table, columns, reading, standard)
     columns.check_direction(table, standard)
     numbers = columns.series(table)
     branch = columns.branch(table)
@@ -491,7 +520,7 @@ def calibration_of(
         loaded = standard[standard != 0.0]
         if loaded.size <= _MOST_STEPS and np.unique(loaded).size < loaded.size:
             numbers = infer_series(standard)
-    nominal = columns.numbers(table, "nominal_nm")
+    nominal = columns.usable(table, "nominal_nm")
     named = nominal is not None and np.max(np.abs(standard)) <= (1 + RANGE_MARGIN) * np.max(
         np.abs(nominal)
     )
@@ -511,7 +540,7 @@ def calibration_of(
                 Message("check that {columns} is the right column", columns.name(key)),
             )
     noted = table.remarks
-    optional: dict[str, Any] = {name: columns.numbers(table, name) for name in OPTIONAL_COLUMNS}
+    optional: dict[str, Any] = {name: columns.usable(table, name) for name in OPTIONAL_COLUMNS}
     data = CalibrationData(
         reading_nm=reading,
         standard_nm=standard,
@@ -533,6 +562,61 @@ def calibration_of(
     if both_directions:
         _check_both_directions(table, data)
     return CalibrationTable(data, columns)
+
+
+def _check_sizes(
+    table: Table, columns: TableColumns, reading: FloatArray, standard: FloatArray
+) -> None:
+    """Ask where columns that were chosen by their words can't be of one torque."""
+    chosen = columns.understood.columns
+    largest = [float(np.max(np.abs(values))) for values in (reading, standard)]
+    by_words = chosen["reading"].by_words or chosen["standard"].by_words
+    if not by_words or columns.scale is not None or 0.0 in largest:
+        return
+    if max(largest) / min(largest) > _LARGEST_RATIO:
+        raise InputError(
+            Message(
+                "{origin}: readings up to {reading:.4g} N·m ({name}) and a standard up to "
+                "{standard:.4g} N·m ({other})",
+                table.origin,
+                largest[0],
+                chosen["reading"].name,
+                largest[1],
+                chosen["standard"].name,
+            ),
+            "columns and units of one torque",
+            "if they are right, say so: --column 'reading=…' --column 'standard=…'",
+        )
+
+
+def _with_estimate(
+    problem: MissingSensitivityError,
+    table: Table,
+    mapping: Sequence[str],
+    conversion: Conversion | None,
+) -> InputError:
+    """Return the refusal of signals without sensitivity, with the one that their table shows."""
+    signal = problem.signal
+    if signal is None or (conversion is not None and conversion.sensitivity is not None):
+        return problem
+    plain = replace(conversion or Conversion(), sensitivity=Sensitivity(signal.kind, 1.0))
+    try:
+        columns = TableColumns(table, ("reading_nm", "standard_nm"), mapping, plain)
+        reading, standard = (columns.numbers(table, key) for key in ("reading_nm", "standard_nm"))
+        assert reading is not None
+        assert standard is not None
+        shown = Sensitivity.estimated(signal, reading, standard)
+    except InputError:
+        return problem
+    if shown is None:
+        return problem
+    return InputError(
+        problem.found,
+        problem.allowed,
+        Message(
+            "take it from the data sheet, or from this table: --sensitivity '{text}'", shown.text
+        ),
+    )
 
 
 def _noted_scale(table: Table) -> ReadingScale | None:

@@ -55,6 +55,8 @@ class Table:
         What the reader passed over, in a line each.
     separator : str
         Of a text file.
+    quoted : bool
+        Whether a cell may need quotation marks in a text with this separator.
     shared : dict
         What the pieces of one file share: the first cell with each decimal mark, the first moment.
 
@@ -73,6 +75,7 @@ class Table:
     remarks: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     separator: str = ","
+    quoted: bool = True
     shared: dict[str, Any] = field(default_factory=dict)
 
     def __len__(self) -> int:
@@ -235,30 +238,31 @@ class Table:
 
         if cells.null_count:
             return _texts(cells)
-        texts = pc.utf8_trim_whitespace(cells)
-        for mark, other in (",.", ".,"):
-            marked = pc.match_substring(texts, mark)
-            first = pc.index(marked, True).as_py()
-            if first < 0:
-                continue
-            if other in self.shared:
-                return _texts(cells)
-            if mark not in self.shared:
-                self.shared[mark] = f"{texts[first].as_py()!r} in {self.place(first, name)}"
-            if not pc.all(marked).as_py():
-                like = pc.match_substring_regex(
-                    texts.filter(marked), "^[-+]?[0-9]{1,3}[.,][0-9]{3}$"
-                )
-                if pc.all(like).as_py():
-                    return _texts(cells)
-            if mark == ",":
-                texts = pc.replace_substring(texts, ",", ".")
-                break
-        try:
-            values = numbers_of(pc.cast(texts, pa.float64()))
-        except pa.ArrowInvalid:
+        if not {",", "."} & self.shared.keys():
+            self._remember_first(cells, name)
+        comma = "," in self.shared
+        if comma and ("." in self.shared or pc.any(pc.match_substring(cells, ".")).as_py()):
             return _texts(cells)
-        return values if np.isfinite(values).all() else _texts(cells)
+        plain = pc.replace_substring(cells, ",", ".") if comma else cells
+        for prepare in (lambda texts: texts, pc.utf8_trim_whitespace):
+            try:
+                values = numbers_of(pc.cast(prepare(plain), pa.float64()))
+            except pa.ArrowInvalid:
+                continue
+            return values if np.isfinite(values).all() else _texts(cells)
+        return _texts(cells)
+
+    def _remember_first(self, cells: Any, name: str) -> None:
+        """Remember the decimal marks of the first column of texts that has one."""
+        import pyarrow.compute as pc
+
+        for mark in ",.":
+            marked = pc.match_substring(cells, mark)
+            first = pc.index(marked, True).as_py()
+            if first >= 0:
+                self.shared[mark] = f"{cells[first].as_py().strip()!r} in {self.place(first, name)}"
+                if not pc.all(marked).as_py():  # perhaps the mark of thousands
+                    self._check_thousands([text.strip() for text in cells.to_pylist()], name)
 
     def _of_texts(self, cells: list[str], name: str) -> NDArray[np.float64]:
         text = "\n".join(cells)

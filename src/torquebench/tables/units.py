@@ -213,7 +213,7 @@ _OTHERS: dict[str, dict[str, tuple[str, float]]] = {
     "bridge": {
         "mV/V mVV mVperV": ("mV/V", 1.0),
         "μV/V μVV": ("µV/V", 1e-3),
-        "V/V VV VperV": ("V/V", 1e3),
+        "V/V VV VperV volts/volt": ("V/V", 1e3),
     },
     "voltage": {
         "V volt volts": ("V", 1.0),

@@ -25,7 +25,7 @@ _WORDS: Mapping[str, str] = {
         lectura indicación indicado indicada medido medida medición leído leída sensor transductor
         指示 測定 実測 読み 読取 読取り 表示 計測""",
     "standard": """
-        reference ref standard std applied true calibrator master certified deadweight
+        reference ref standard applied true calibrator master certified deadweight
         referenz normal normals bezug bezugs bezugsnormal aufgebracht aufgebrachtes angelegt
         angelegtes eingeleitet eingeleitetes wahr wahres
         标准 参考 标准器 基准 施加 真值 真实
@@ -75,6 +75,9 @@ _WORDS: Mapping[str, str] = {
     "input": "input motor eingang antrieb antriebs 输入 电机 entrée moteur entrada 入力",
     "output": "output ausgang abtrieb abtriebs 输出 sortie salida 出力",
     "zero": "zero null nullpunkt zeroing 零点 zéro cero ゼロ",
+    "uncertainty": """
+        uncertainty unsicherheit messunsicherheit 不确定度 incertitude incertidumbre 不確かさ""",
+    "error": "error deviation abweichung fehler 误差 示值误差 erreur écart desviación 誤差 器差",
     "loop": "loop cycle schleife zyklus 循环 boucle ciclo サイクル",
     "repeat": "repeat repetition wiederholung 重复 répétition repetición 繰返し",
     "run": "run lauf 次数 essai ensayo 試行",
@@ -82,6 +85,7 @@ _WORDS: Mapping[str, str] = {
         value values wert werte 值 valeur valeurs valor valores 値
         mean average avg mittel mittelwert mittlere mittleres 平均 moyen moyenne media
         medio promedio
+        expanded erweiterte 扩展 élargie expandida 拡張
         of the at under test device unit instrument item actual act
         der des die das am im unter
         de la le du l el del en d
@@ -107,6 +111,7 @@ _PHRASES: Mapping[str, str] = {
     "set point": "nominal",
     "set-point": "nominal",
     "par": "torque",
+    "u": "uncertainty",
     "device under test": "reading",
     "unit under test": "reading",
     "reading of the standard": "standard",
@@ -136,6 +141,8 @@ _CONTENT: Mapping[str, tuple[frozenset[str], frozenset[str], frozenset[str]]] = 
         ("output_torque", "torque output", "reading", ""),
         ("input", "input", "angle position reading", ""),
         ("output", "output", "angle position reading", ""),
+        ("expanded_uncertainty", "uncertainty", "torque reading error angle", ""),
+        ("error", "error", "torque reading angle", ""),
         ("loop", "loop", "", ""),
         ("repeat", "repeat", "", ""),
         ("run", "run", "", ""),
@@ -181,7 +188,11 @@ def meanings(stem: str) -> frozenset[str] | None:
         if f" {phrase} " in f" {plain} ":
             found.add(phrases[phrase])
             plain = f" {plain} ".replace(f" {phrase} ", " ").strip()
-    for token in plain.split():
+    tokens = plain.split()
+    if tokens[:1] == ["std"]:  # behind other words it is a standard deviation
+        found.add("standard")
+        tokens = tokens[1:]
+    for token in tokens:
         parts = (token,) if token in words else _parts(token)
         if parts is None:
             return None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
@@ -34,6 +34,8 @@ class CertifiedUncertainty:
         Certified torques, strictly increasing, without 0, N·m.
     expanded_nm : tuple of float
         U (k = 2) at these, N·m.
+    record : str, optional
+        What states it, such as a certificate's number.
 
     Raises
     ------
@@ -54,6 +56,7 @@ class CertifiedUncertainty:
 
     torque_nm: tuple[float, ...]
     expanded_nm: tuple[float, ...]
+    record: str = field(default="", compare=False)
 
     def __post_init__(self) -> None:
         torque, expanded = np.array(self.torque_nm), np.array(self.expanded_nm)

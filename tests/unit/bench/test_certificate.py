@@ -61,10 +61,10 @@ def test_a_file_is_read_side_by_side_in_any_order(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("", "no column"),
+        ("", "is empty"),
         ("side,torque_nm\ninput,1\n", "error_nm"),
-        (HEADER + "left,1,0,0\n", "line 2: side 'left'"),
-        (HEADER + 'input,1,0,0\ninput,"2,5",0,0\n', "line 3: torque_nm = '2,5'"),
+        (HEADER + "left,1,0,0\n", "line 2, column side: 'left'"),
+        (HEADER + "input,1,0,0\ninput,2x5,0,0\n", "line 3, column torque_nm: '2x5'"),
     ],
 )
 def test_a_wrong_file_is_named_with_its_line(tmp_path: Path, content: str, message: str) -> None:

@@ -50,8 +50,11 @@ def test_file_beside_the_description_is_read(tmp_path):
 @pytest.mark.parametrize(
     ("text", "match"),
     [
-        ("angle_deg,error_arcsec\n0,1\n", "no column expanded_uncertainty_arcsec"),
-        ("angle_deg,error_arcsec,expanded_uncertainty_arcsec\n0,x,1\n", "line 2: error_arcsec"),
+        ("angle_deg,error_arcsec\n0,1\n", "no column expanded_uncertainty_deg"),
+        (
+            "angle_deg,error_arcsec,expanded_uncertainty_arcsec\n0,x,1\n",
+            "line 2, column error_arcsec",
+        ),
         (
             "angle_deg,error_arcsec,expanded_uncertainty_arcsec\n" + "0,1,1\n" * 9,
             "don't increase",

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.bench.certificates.table import check_columns, read_rows
+from torquebench.bench.certificates.table import check_columns, read_columns
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
-from torquebench.units import ARCSEC, DEGREE, TURN
+from torquebench.units import TURN
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 __all__ = ["EncoderCertificate", "encoder_certificates", "read_encoder_certificate"]
 
 LEAST_POINTS = 8
-_COLUMNS = ("angle_deg", "error_arcsec", "expanded_uncertainty_arcsec")
+_QUANTITIES = ("angle", "error", "expanded_uncertainty")
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,28 +77,28 @@ class EncoderCertificate:
 
 
 def read_encoder_certificate(path: Path | str) -> EncoderCertificate:
-    """Read the certificate of an encoder from a CSV file.
+    """Read the certificate of an encoder from a table.
 
     Parameters
     ----------
     path : path
         Columns `angle_deg`, `error_arcsec` (indication minus angle) and
-        `expanded_uncertainty_arcsec` (k = 2).
+        `expanded_uncertainty_arcsec` (k = 2), or in another unit of an angle.
 
     Raises
     ------
     InputError
         With file, line and column.
     """
-    rows = read_rows(
+    table, columns = read_columns(
         path,
-        _COLUMNS,
+        dict.fromkeys(_QUANTITIES, "angle"),
+        _QUANTITIES,
         "encoder certificate",
         "correct `certificate` of the encoder in the bench description",
     )
-    points = sorted(tuple(row.number(column) for column in _COLUMNS) for row in rows)
-    angle, error_arcsec, expanded = np.array(points, dtype=np.float64).T
-    return EncoderCertificate(angle * DEGREE, error_arcsec * ARCSEC, expanded * ARCSEC)
+    points = np.array([columns.numbers(table, name) for name in _QUANTITIES])
+    return EncoderCertificate(*points[:, np.argsort(points[0], kind="stable")])
 
 
 def encoder_certificates(

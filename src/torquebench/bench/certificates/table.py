@@ -1,10 +1,10 @@
-"""Certificates as tables: CSV files with named columns, read with clear errors."""
+"""Certificates as tables: columns by quantity, in any format that is read, with clear errors."""
 
 from __future__ import annotations
 
-import csv
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,40 +12,10 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["CertificateRow", "check_columns", "read_rows"]
+if TYPE_CHECKING:
+    from torquebench.tables import Table, Understood
 
-
-@dataclass(frozen=True)
-class CertificateRow:
-    """One line of a certificate.
-
-    Parameters
-    ----------
-    place : str
-        File and line.
-    cells : mapping
-        Texts by column.
-    """
-
-    place: str
-    cells: dict[str, str]
-
-    def number(self, column: str) -> float:
-        """Return the number in a column.
-
-        Raises
-        ------
-        InputError
-            The cell is missing or isn't a number.
-        """
-        try:
-            return float(self.cells[column])
-        except (TypeError, ValueError):
-            raise InputError(
-                Message("{place}: {column} = {cells!r}", self.place, column, self.cells[column]),
-                "a number with a decimal point",
-                "correct the line",
-            ) from None
+__all__ = ["check_columns", "read_columns"]
 
 
 def check_columns(kind: str, least: int, *columns: NDArray[np.float64]) -> None:
@@ -76,19 +46,23 @@ def check_columns(kind: str, least: int, *columns: NDArray[np.float64]) -> None:
         raise InputError(Message("{kind} with a value that isn't a number", kind), "finite values")
 
 
-def read_rows(
-    path: Path | str, columns: tuple[str, ...], kind: str, remedy: str
-) -> list[CertificateRow]:
-    """Read all lines of a certificate.
+def read_columns(
+    path: Path | str,
+    wanted: Mapping[str, str],
+    required: Sequence[str],
+    kind: str,
+    remedy: str,
+) -> tuple[Table, Understood]:
+    """Return the table of a certificate, and its columns by quantity.
 
     Parameters
     ----------
     path : path
-        CSV file with a header.
-    columns : tuple of str
-        Columns that have to be there.
+        Of any format that `read_table` reads.
+    wanted, required
+        As of `understand`.
     kind : str
-        Name of the file in errors.
+        Name of the certificate in errors.
     remedy : str
         Place where the file's name is set.
 
@@ -97,23 +71,12 @@ def read_rows(
     InputError
         The file can't be read, is empty, or has no such columns.
     """
-    file = Path(path)
+    from torquebench.tables import read_table, understand
+
     try:
-        with file.open(encoding="utf-8", newline="") as stream:
-            rows = list(csv.DictReader(stream))
-    except OSError as error:
-        raise InputError(
-            Message("{kind} {file}: {strerror}", kind, file, error.strerror),
-            "a readable CSV file",
-            remedy,
-        ) from error
-    missing = [column for column in columns if not rows or column not in rows[0]]
-    if missing:
-        raise InputError(
-            Message("{kind} {file}: no column {missing}", kind, file, ", ".join(missing)),
-            Message("columns {columns}", ", ".join(columns)),
-            "add the columns with their units in the header",
-        )
-    return [
-        CertificateRow(f"{kind} {file} line {line}", row) for line, row in enumerate(rows, start=2)
-    ]
+        table = read_table(path)
+        return table, understand(table, wanted, required)
+    except InputError as error:
+        found = Message("{kind}: {found}", kind, error.found)
+        own = "" if "--column" in error.remedy else error.remedy
+        raise InputError(found, error.allowed, own or remedy) from error

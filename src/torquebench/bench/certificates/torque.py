@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.bench.certificates.table import check_columns, read_rows
+from torquebench.bench.certificates.table import check_columns, read_columns
 from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["ReferenceCertificate", "read_certificate", "read_uncertainty"]
 
-_COLUMNS = ("side", "torque_nm", "error_nm", "expanded_uncertainty_nm")
+_QUANTITIES = ("torque", "error", "expanded_uncertainty")
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class ReferenceCertificate:
 
 
 def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
-    """Read the certificate of a standard from a CSV file.
+    """Read the certificate of a standard from a table.
 
     Parameters
     ----------
@@ -95,29 +95,33 @@ def read_certificate(path: Path | str) -> dict[Side, ReferenceCertificate]:
     InputError
         With file, line and column.
     """
-    points: dict[str, list[tuple[float, ...]]] = {"input": [], "output": []}
-    remedy = "correct `certificate` in the bench description"
-    for row in read_rows(path, _COLUMNS, "certificate", remedy):
-        side = row.cells["side"]
-        if side not in points:
-            raise InputError(Message("{place}: side {side!r}", row.place, side), "input, output")
-        points[side].append(tuple(row.number(column) for column in _COLUMNS[1:]))
+    table, columns = read_columns(
+        path,
+        {"side": "word", **dict.fromkeys(_QUANTITIES, "torque")},
+        ("side", *_QUANTITIES),
+        "certificate",
+        "correct `certificate` in the bench description",
+    )
+    sides = {str(side): number for number, side in enumerate(SIDES)}
+    side_of = table.meanings(columns.columns["side"].index, sides, "input, output")
+    points = np.array([columns.numbers(table, name) for name in _QUANTITIES])
     found: dict[Side, ReferenceCertificate] = {}
-    for side in SIDES:
-        if points[side]:
-            columns = np.array(sorted(points[side]), dtype=np.float64).T
-            found[side] = ReferenceCertificate(columns[0], columns[1], columns[2])
+    for number, side in enumerate(SIDES):
+        here = points[:, side_of == number]
+        if here.size:
+            found[side] = ReferenceCertificate(*here[:, np.argsort(here[0], kind="stable")])
     return found
 
 
 def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
-    """Read U (k = 2) of one reference transducer over the torque from a CSV file.
+    """Read U (k = 2) of one reference transducer over the torque from its certificate.
 
     Parameters
     ----------
     path : path
-        Columns `torque_nm` and `expanded_uncertainty_nm`; a certificate of a bench's standard, with
-        `side`, may be given too.
+        A digital calibration certificate (XML) of any institute, or a table with `torque_nm` and
+        `expanded_uncertainty_nm`; a certificate of a bench's standard, with `side`, may be given
+        too.
     side : {"input", "output", ""}
         Whose lines are read where the file has both.
 
@@ -126,22 +130,26 @@ def read_uncertainty(path: Path | str, side: str = "") -> CertifiedUncertainty:
     InputError
         With file, line and column.
     """
+    from torquebench.tables import is_dcc, read_dcc
     from torquebench.uncertainty import CertifiedUncertainty
 
-    rows = read_rows(
+    if is_dcc(Path(path)):
+        return read_dcc(Path(path)).uncertainty()
+    quantities = ("torque", "expanded_uncertainty")
+    table, columns = read_columns(
         path,
-        ("torque_nm", "expanded_uncertainty_nm"),
+        {"side": "word", **dict.fromkeys(quantities, "torque")},
+        quantities,
         "certificate",
-        "give the standard's U in %, or the path of its certificate's table",
+        "give the standard's U in %, or the path of its certificate: a table or its DCC (XML)",
     )
-    if side:
-        rows = [row for row in rows if row.cells.get("side", side) == side]
-    points = [
-        [row.number(name) for name in ("torque_nm", "expanded_uncertainty_nm")] for row in rows
-    ]
-    torque, expanded = np.array(sorted(points), dtype=np.float64).reshape(-1, 2).T
+    points = np.array([columns.numbers(table, name) for name in quantities])
+    if side and "side" in columns:
+        here = np.array([text.strip().lower() for text in table.texts(columns.name("side"))])
+        points = points[:, here == side]
+    torque, expanded = points[:, np.argsort(points[0], kind="stable")]
     try:
-        return CertifiedUncertainty.of_table(torque, expanded)
+        return replace(CertifiedUncertainty.of_table(torque, expanded), record=Path(path).name)
     except InputError as error:
         raise InputError(
             Message("certificate {path}: {found}", path, error.found), error.allowed, error.remedy

@@ -86,5 +86,6 @@ class Reference(Effect):
     def from_specification(cls, values: Mapping[str, Any]) -> Self:
         """Return the effect that `specification` described."""
         others = dict(values)
-        points = (tuple(others.pop(name, ())) for name in ("torque_nm", "expanded_uncertainty_nm"))
-        return cls(certified=CertifiedUncertainty(*points), **others)
+        torque, expanded = others.pop("torque_nm", ()), others.pop("expanded_uncertainty_nm", ())
+        certified = CertifiedUncertainty(tuple(torque), tuple(expanded))
+        return cls(certified=certified, **others)

@@ -154,8 +154,8 @@ def static(
         typer.Option(
             metavar="U|FILE",
             help="U (k = 2) of the standard: in % as `0.02 of torque` or `0.02 of range`, or the "
-            "CSV file of its certificate with torque_nm and expanded_uncertainty_nm; that of the "
-            "table's comments by default.",
+            "file of its certificate: a digital one (XML) or a table with torque_nm and "
+            "expanded_uncertainty_nm; that of the table's comments by default.",
         ),
     ] = None,
     profile: Annotated[
@@ -227,7 +227,7 @@ def static(
         conversion=table.conversion(),
         model=None if model is None else load_model(model),
     )
-    tell_columns(found_table.columns.understood)
+    tell_columns(found_table.columns.understood, found_table.columns.notes)
     read = found_table.data
 
     from torquebench.calibration import (

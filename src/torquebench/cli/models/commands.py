@@ -162,7 +162,8 @@ def fit(
         for file in data
     }
     for name, each in read.items():
-        tell_columns(each.columns.understood, file=name if len(read) > 1 else "")
+        shown = name if len(read) > 1 else ""
+        tell_columns(each.columns.understood, each.columns.notes, shown)
     tables = {name: each.data for name, each in read.items()}
     runs = [read_empty_run(file, assigned) for file in empty or ()]
 
@@ -414,7 +415,7 @@ def verify(
     for other in compared.values():
         read_calibration_table(data, model=other, **options)  # refuses another chain
     points = read.data
-    tell_columns(read.columns.understood)
+    tell_columns(read.columns.understood, read.columns.notes)
     if points.sha256() == stored.provenance.training_data_sha256:
         warn("these are the points that the model was fitted to: this is no verification")
     _warn_of_contradictions(stored)

@@ -74,14 +74,18 @@ def read_columns(
     table = read_table(data)
     understood = understand(table, wanted, required, mapping, conversion)
     table = _chosen(table, where)
-    numbers = {name: understood.numbers(table, name) for name in understood.columns}
-    return ReducerColumns(
-        {name: values for name, values in numbers.items() if values is not None},
-        np.asarray(table.rows),
-        table.counted,
-        understood,
-        table.notes,
-    )
+    numbers, notes = {}, list(table.notes)
+    for name, column in understood.columns.items():
+        try:
+            values = understood.numbers(table, name)
+        except InputError as problem:
+            if name in required or not column.by_words:
+                raise
+            notes.append(Message("not used: {problem}", problem.found))
+            continue
+        if values is not None:
+            numbers[name] = values
+    return ReducerColumns(numbers, np.asarray(table.rows), table.counted, understood, tuple(notes))
 
 
 def _chosen(table: Table, where: Sequence[str]) -> Table:

@@ -2,18 +2,22 @@
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import CertificateEntry, Registry
 from torquebench.reports.certificate.record import PAYLOAD_PREFIX
+from torquebench.tables import DigitalCertificate, parse_dcc
 
 __all__ = ["CertificateCheck", "check_certificate", "schema_findings"]
 
 _PAYLOAD = re.compile(rf"{PAYLOAD_PREFIX};([^;\s<>()]+);([0-9a-f]{{64}})")
 _DCC_NAMESPACE = b"https://ptb.de/dcc"
+_PLACE = re.compile(r"/Q\{[^}]*\}")
+_SIGNATURE = "{http://www.w3.org/2000/09/xmldsig#}Signature"
+MOST_BYTES = 64 << 20
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,8 @@ class CertificateCheck:
         Of a digital certificate; empty for other files.
     replaced_by : str
         Number of the certificate that has replaced this one.
+    foreign : DigitalCertificate or None
+        What a digital certificate of another laboratory states.
     """
 
     number: str
@@ -39,6 +45,7 @@ class CertificateCheck:
     findings: tuple[str, ...]
     schema: str = ""
     replaced_by: str = ""
+    foreign: DigitalCertificate | None = None
 
     @property
     def matches(self) -> bool:
@@ -46,15 +53,17 @@ class CertificateCheck:
         return not self.findings
 
 
-def check_certificate(registry: Registry, given: str) -> CertificateCheck:
+def check_certificate(registry: Registry | None, given: str) -> CertificateCheck:
     """Compare a certificate's file, or the text of its QR code, with the registry.
 
     A file must have the very bytes that were issued; a code must have number and hash of an
-    issued record; XML is compared with schema and schematron too.
+    issued record; XML is compared with schema and schematron too. Of a digital certificate of
+    another laboratory the schema alone is checked.
 
     Parameters
     ----------
-    registry : Registry
+    registry : Registry or None
+        Without one only certificates of other laboratories are checked.
     given : str
         Path of a PDF, XML or JSON file, or the text that a scanner reads from the code.
 
@@ -73,21 +82,25 @@ def check_certificate(registry: Registry, given: str) -> CertificateCheck:
                 PAYLOAD_PREFIX,
             ),
         )
-    certificates = registry.certificates()
+    certificates = [] if registry is None else registry.certificates()
     if code is not None:
         return _checked(certificates, code[1], code[2], None)
-    content = path.read_bytes()
+    with path.open("rb") as file:
+        content = file.read(MOST_BYTES + 1)
+    if len(content) > MOST_BYTES:
+        size = Message("{origin}: more than {size} MB", path, MOST_BYTES >> 20)
+        raise InputError(size, "a smaller file")
     digest = hashlib.sha256(content).hexdigest()
     number, record_sha256 = _stated(content, digest, certificates)
-    found = _checked(certificates, number, record_sha256, digest)
-    if _DCC_NAMESPACE not in content:
-        return found
-    faults = schema_findings(content)
+    digital = _DCC_NAMESPACE in content
+    faults = schema_findings(content) if digital else ()
     verdict = "invalid" if faults else "valid"
-    schema = "not checked" if faults is None else verdict
-    return CertificateCheck(
-        found.number, found.entry, (*found.findings, *(faults or ())), schema, found.replaced_by
-    )
+    schema = "not checked" if faults is None else verdict if digital else ""
+    if digital and not number:
+        foreign = parse_dcc(content, str(path))
+        return CertificateCheck(foreign.number, None, faults or (), schema, foreign=foreign)
+    found = _checked(certificates, number, record_sha256, digest)
+    return replace(found, findings=(*found.findings, *(faults or ())), schema=schema)
 
 
 def _stated(content: bytes, digest: str, issued: list[CertificateEntry]) -> tuple[str, str]:
@@ -133,7 +146,8 @@ def schema_findings(content: bytes) -> tuple[str, ...] | None:
     Returns
     -------
     tuple of str or None
-        Empty for a valid one; None where the optional package that bundles both isn't installed.
+        Empty for a valid one; None where the optional package that bundles both isn't installed, or
+        where it doesn't know the version that the certificate states.
     """
     try:
         from dcclib.validation import SchematronValidator, XsdValidator
@@ -145,13 +159,22 @@ def schema_findings(content: bytes) -> tuple[str, ...] | None:
         tree = etree.fromstring(content, etree.XMLParser(resolve_entities=False, no_network=True))
     except etree.XMLSyntaxError as error:
         return (f"no XML: {error}",)
-    schema = XsdValidator.from_version(SchemaVersion.v3_3_0).validate_tree(tree)
+    version = tree.get("schemaVersion", "")
+    name = f"v{version}".replace(".", "_")
+    known = next((each for each in SchemaVersion if each.name == name), None)
+    if known is None:
+        return None
+    for signature in tree.findall(_SIGNATURE):  # schemas before 3.2 don't know it
+        tree.remove(signature)
+    schema = XsdValidator.from_version(known).validate_tree(tree)
     if not schema.is_valid:
         return tuple(f"schema, line {each.line}: {each.message}" for each in schema.errors)
+    if known is not SchemaVersion.latest:  # dcclib has the schematron of that one alone
+        return ()
     report = SchematronValidator.for_dcc().validate_tree(tree)
     # dcclib counts failed assertions only; the schematron also reports forbidden content.
     return tuple(
-        f"schematron, {each.location}: {' '.join(each.text.split())}"
+        f"schematron, {_PLACE.sub('/', each.location)}: {' '.join(each.text.split())}"
         for each in (*report.failed_assertions, *report.successful_reports)
         if each.role == "error"
     )

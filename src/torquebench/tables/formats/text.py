@@ -39,6 +39,8 @@ _SEPARATOR_NAMES = {
     "|": "vertical bar",
     " ": "blank",
 }
+_ENDS = ("eof", "end", "[eof]", "end of file", "end of data")
+"""Last lines of some programs."""
 _SEPARATOR_LINE = re.compile(r'"?sep=(.|\\t)?"?', re.IGNORECASE)
 _COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
@@ -301,7 +303,7 @@ class TextFile:
             self.remarks,
             self.notes,
             self.separator,
-            self.shared,
+            shared=self.shared,
         )
 
     def raw(self) -> Iterator[tuple[tuple[bytes, int], float]]:
@@ -322,7 +324,8 @@ class TextFile:
         """Return the rows of a piece; None if it has none. Any thread may call it."""
         content, before = raw
         table = self._by_arrow(content, before) if len(content) > _SMALL_BYTES else None
-        return table or self._by_lines(content, before)
+        table = table or self._by_lines(content, before)
+        return table and replace(table, quoted=b'"' in content)
 
     def whole(self) -> Table:
         """Return the table.
@@ -382,12 +385,14 @@ class TextFile:
         whole = width == layout.columns[-1] + 1
         rows, numbers = [], []
         for cells, number, _ in _records(lines, self.separator, self.origin, before):
-            if whole:
-                cells = self._fitting(cells, number)
-            else:
-                cells = [cells[index] if index < len(cells) else "" for index in layout.columns]
-            rows.append(cells)
-            numbers.append(number)
+            fitting: list[str] | None = [
+                cells[index] if index < len(cells) else "" for index in layout.columns
+            ]
+            if whole or cells[0].lower() in _ENDS:
+                fitting = self._fitting(cells, number)
+            if fitting is not None:
+                rows.append(fitting)
+                numbers.append(number)
         if not rows:
             return None
         columns: list[Any] = [list(column) for column in zip(*rows, strict=True)]
@@ -397,9 +402,11 @@ class TextFile:
             table = replace(table, cells=tuple(columns))
         return table
 
-    def _fitting(self, cells: list[str], number: int) -> list[str]:
-        """Return the cells of a row, as many as the header has."""
+    def _fitting(self, cells: list[str], number: int) -> list[str] | None:
+        """Return the cells of a row, as many as the header has; None of a line that ends it."""
         n = len(self.names)
+        if n > 1 and not any(cells[1:]) and cells[0].lower() in _ENDS:
+            return None
         if len(cells) < n or any(cells[n:]):
             remedy = "complete the line, or remove it"
             if self.separator == "," and len(cells) > n:
@@ -558,8 +565,11 @@ class _Writer:
         quoted = any(mark in name for mark in (self._separator, '"', "\n"))
         return '"' + name.replace('"', '""') + '"' if quoted else name
 
-    def encoded(self, batch: Any) -> Any:
-        """Return a batch as lines of text; any thread may call it."""
+    def encoded(self, batch: Any, *, quoted: bool = True) -> Any:
+        """Return a batch as lines of text; any thread may call it.
+
+        Without `quoted` no cell needs quotation marks.
+        """
         import pyarrow as pa
         import pyarrow.compute as pc
         import pyarrow.csv
@@ -573,7 +583,9 @@ class _Writer:
                 )
             elif self._decimal == "," and pa.types.is_floating(kind):
                 column = pc.replace_substring(pc.cast(column, pa.string()), ".", ",")
-            if pa.types.is_string(column.type) or pa.types.is_large_string(column.type):
+            if quoted and (
+                pa.types.is_string(column.type) or pa.types.is_large_string(column.type)
+            ):
                 marks = f'[{re.escape(self._separator)}"\r\n]'
                 plain = plain and not pc.any(pc.match_substring_regex(column, marks)).as_py()
             columns.append(column)
