@@ -28,7 +28,9 @@ class Noise:
     and ``drift_bend`` bends it (exponent of the elapsed fraction of the time); with a ``lag`` above
     0 it settles exponentially instead (time constant as a fraction of the calibration), with an
     ``onset`` above 0 it creeps with the logarithm of the time from there on. ``growth``
-    makes the noise grow with the load: by this factor, plus one, from zero to full scale.
+    makes the noise grow with the load: by this factor, plus one, from zero to full scale; with
+    ``share`` a part in proportion to the load adds to it as a root sum of squares, at full scale by
+    this factor. ``cycles`` above 0 makes the zero swing by ``drift``, so often in a calibration.
     ``resolution`` is the step to which a reading is rounded.
     """
 
@@ -41,6 +43,8 @@ class Noise:
     onset: float = 0.0
     growth: float = 0.0
     resolution: float = 0.0
+    share: float = 0.0
+    cycles: float = 0.0
 
     def draw(self, size: int, rng: np.random.Generator) -> FloatArray:
         """Random part, without drift."""
@@ -68,6 +72,8 @@ class Noise:
     def drifted(self, size: int) -> FloatArray:
         """Drift of ``size`` readings taken at even times."""
         time = np.arange(size) / max(size - 1, 1)
+        if self.cycles > 0.0:
+            return np.asarray(self.drift * np.sin(2.0 * np.pi * self.cycles * time))
         if self.lag > 0.0:
             return np.asarray(self.drift * np.expm1(-time / self.lag) / np.expm1(-1 / self.lag))
         if self.onset > 0.0:
@@ -82,8 +88,9 @@ class Noise:
 
     def relative(self, x: FloatArray) -> FloatArray:
         """Return the noise at loads x over that of all readings, evenly loaded, together."""
-        mean_square = 1.0 + self.growth + self.growth**2 / 3
-        return np.asarray((1.0 + self.growth * np.abs(x)) / np.sqrt(mean_square))
+        mean_square = 1.0 + self.growth + self.growth**2 / 3 + self.share**2 / 3
+        square = (1.0 + self.growth * np.abs(x)) ** 2 + (self.share * x) ** 2
+        return np.asarray(np.sqrt(square / mean_square))
 
 
 NORMAL = Noise()

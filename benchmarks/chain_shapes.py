@@ -8,18 +8,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.special import erf
 
-__all__ = ["SHAPES", "FloatArray", "Shape"]
+__all__ = ["SHAPES", "FloatArray", "Shape", "Term", "draw_sign", "one_sided"]
 
 FloatArray = NDArray[np.float64]
 Shape = Callable[..., FloatArray]
 
 
-def _one_sided(x: FloatArray, side: float) -> FloatArray:
+def one_sided(x: FloatArray, side: float) -> FloatArray:
+    """Return the size of the torque on one side, 0 on the other."""
     return np.where(np.sign(x) == side, np.abs(x), 0.0)
 
 
@@ -28,7 +30,7 @@ def _offset(x: FloatArray, _branch: FloatArray) -> FloatArray:
 
 
 def _power(x: FloatArray, _branch: FloatArray, side: float, exponent: float) -> FloatArray:
-    return side * _one_sided(x, side) ** exponent
+    return side * one_sided(x, side) ** exponent
 
 
 def _whole_power(x: FloatArray, _branch: FloatArray, exponent: float) -> FloatArray:
@@ -36,7 +38,7 @@ def _whole_power(x: FloatArray, _branch: FloatArray, exponent: float) -> FloatAr
 
 
 def _saturation(x: FloatArray, _branch: FloatArray, side: float, knee: float) -> FloatArray:
-    return side * np.log1p(_one_sided(x, side) / knee)
+    return side * np.log1p(one_sided(x, side) / knee)
 
 
 def _kink(
@@ -107,18 +109,18 @@ def _one_sided_loop(
 
 
 def _arctangent(x: FloatArray, _branch: FloatArray, side: float, width: float) -> FloatArray:
-    return side * np.arctan(_one_sided(x, side) / width)
+    return side * np.arctan(one_sided(x, side) / width)
 
 
 def _settling(x: FloatArray, _branch: FloatArray, side: float, knee: float) -> FloatArray:
     """Rational curve: quadratic at first, straight at last."""
-    size = _one_sided(x, side)
+    size = one_sided(x, side)
     return side * size**2 / (size + knee)
 
 
 def _line_contact(x: FloatArray, _branch: FloatArray, side: float) -> FloatArray:
     """Deflection of a line contact over the load: x (1 - ln x), slope and all."""
-    size = _one_sided(x, side)
+    size = one_sided(x, side)
     return side * size * (1.0 - np.log(np.maximum(size, 1e-12)))
 
 
@@ -145,7 +147,7 @@ def _slip(
     x: FloatArray, branch: FloatArray, side: float, level: float, gap: float, width: float
 ) -> FloatArray:
     """Smooth step at a level, lower by a gap on the way back."""
-    size = _one_sided(x, side)
+    size = one_sided(x, side)
     risen = np.clip((size - np.where(branch > 0, level, level - gap)) / width, 0.0, 1.0)
     return side * risen**2 * (3.0 - 2.0 * risen)
 
@@ -157,7 +159,7 @@ def _play_loop(
 
     The play's state on the way up is max(w, x - w), on the way down min(1 - w, x + w), at 0 alike.
     """
-    size = np.minimum(_one_sided(x, side), 1.0)
+    size = np.minimum(one_sided(x, side), 1.0)
     up, down = np.maximum(width, size - width), np.minimum(1.0 - width, size + width)
     loop = (1.0 + growth * size) / (1.0 + growth) * (down - up) / (2.0 * width)
     return np.where(np.sign(x) == side, side * branch * loop, 0.0)
@@ -175,7 +177,7 @@ def _dead_band(
     x: FloatArray, branch: FloatArray, side: float, width: float, gap: float
 ) -> FloatArray:
     """Nothing until a clearance is taken up, straight from there; on the way back a gap lower."""
-    size = np.minimum(_one_sided(x, side), 1.0)
+    size = np.minimum(one_sided(x, side), 1.0)
     edge = width - np.where(branch > 0, 0.0, gap * (1.0 - size))
     return side * np.maximum(size - edge, 0.0)
 
@@ -185,14 +187,14 @@ def _error_step(x: FloatArray, _branch: FloatArray, width: float) -> FloatArray:
 
 
 def _exponential(x: FloatArray, _branch: FloatArray, side: float, rate: float) -> FloatArray:
-    return side * np.expm1(rate * _one_sided(x, side)) / math.expm1(rate)
+    return side * np.expm1(rate * one_sided(x, side)) / math.expm1(rate)
 
 
 def _leaf_stops(
     x: FloatArray, _branch: FloatArray, side: float, first: float, spacing: float
 ) -> FloatArray:
     """Slopes of leaves that come to bear one after another, each over 3 % of the range."""
-    size, starts = _one_sided(x, side)[..., None], first + spacing * np.arange(3)
+    size, starts = one_sided(x, side)[..., None], first + spacing * np.arange(3)
     bearing = np.hypot(0.03, size - starts) + size - np.hypot(0.03, starts)
     return np.asarray(side * np.sum(bearing, axis=-1) / 6.0)
 
@@ -234,3 +236,25 @@ SHAPES: dict[str, Shape] = {
     "leaf-stops": _leaf_stops,
     "saddle": _saddle,
 }
+
+
+@dataclass(frozen=True)
+class Term:
+    """One term of a chain's additional torque: amplitude (fraction of full scale) times shape.
+
+    The first ``fixed`` constants of the shape are structure (a side, a quadrature), never fitted.
+    """
+
+    shape: str
+    amplitude: float
+    constants: tuple[float, ...] = ()
+    fixed: int = 0
+
+    def unit(self, x: FloatArray, branch: FloatArray) -> FloatArray:
+        """Value with amplitude one."""
+        return SHAPES[self.shape](x, branch, *self.constants)
+
+
+def draw_sign(rng: np.random.Generator) -> float:
+    """Return -1 or 1."""
+    return float(rng.choice([-1.0, 1.0]))

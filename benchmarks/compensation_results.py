@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.chain_shapes import FloatArray
-from benchmarks.chains import UNSEEN_FAMILIES
+from benchmarks.chains import ASIDE_FAMILIES
 from benchmarks.compensation_contenders import DEFAULT, MODEL_NAMES
 
 
@@ -116,8 +116,8 @@ def family_rows(
             "coverage of 95 % intervals",
             "best other kind",
         ]
-    groups = {f + (" (not developed on)" if f in UNSEEN_FAMILIES else ""): [f] for f in families}
-    unseen = [family for family in families if family in UNSEEN_FAMILIES]
+    groups = {f + (" (not developed on)" if f in ASIDE_FAMILIES else ""): [f] for f in families}
+    unseen = [family for family in families if family in ASIDE_FAMILIES]
     if unseen:
         groups["all families developed on"] = [f for f in families if f not in unseen]
         groups["all families not developed on"] = unseen
