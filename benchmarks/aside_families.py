@@ -24,7 +24,8 @@ def _soft_contact(x: FloatArray, _branch: FloatArray, side: float, cubic: float)
 def _cubic_root(load: FloatArray, cubic: float) -> FloatArray:
     """Solve d + cubic d³ = load (Cardano, in hyperbolic functions)."""
     scale = 2.0 * np.sqrt(1.0 / (3.0 * cubic))
-    return np.asarray(scale * np.sinh(np.arcsinh(1.5 * load * np.sqrt(3.0 * cubic)) / 3.0))
+    root: FloatArray = scale * np.sinh(np.arcsinh(1.5 * load * np.sqrt(3.0 * cubic)) / 3.0)
+    return root
 
 
 def _stribeck(
