@@ -17,15 +17,14 @@ __all__ = ["ASIDE", "ASIDE_NOISE"]
 def _soft_contact(x: FloatArray, _branch: FloatArray, side: float, cubic: float) -> FloatArray:
     """Deflection d of a soft contact with cubic stiffness, d + cubic d³ = load, 1 at full scale."""
     load = one_sided(x, side)
-    full = _cubic_root(np.ones(1), cubic)[0]
+    full = float(_cubic_root(np.ones(1), cubic)[0])
     return side * _cubic_root(load, cubic) / full
 
 
 def _cubic_root(load: FloatArray, cubic: float) -> FloatArray:
     """Solve d + cubic d³ = load (Cardano, in hyperbolic functions)."""
     scale = 2.0 * np.sqrt(1.0 / (3.0 * cubic))
-    root: FloatArray = scale * np.sinh(np.arcsinh(1.5 * load * np.sqrt(3.0 * cubic)) / 3.0)
-    return root
+    return np.asarray(scale * np.sinh(np.arcsinh(1.5 * load * np.sqrt(3.0 * cubic)) / 3.0))
 
 
 def _stribeck(
