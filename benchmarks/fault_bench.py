@@ -11,7 +11,7 @@ import numpy as np
 
 from benchmarks.fault_procedures import Procedure
 from torquebench.bench.drivers.base import (
-    CounterBlock,
+    Block,
     Drive,
     DriverSet,
     DriveState,
@@ -115,7 +115,7 @@ class _Counter:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._owner.bench, name)
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         self._owner.tick()
         if self._owner.counter_error is not None:
             raise self._owner.counter_error

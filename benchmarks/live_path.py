@@ -18,6 +18,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -28,24 +29,23 @@ from threadpoolctl import threadpool_limits
 from benchmarks.rotating import fitted_chain
 from benchmarks.rotating_chains import make_rotating_chain
 from benchmarks.safety import other_programs
-from torquebench.bench.acceleration import EncoderAcceleration
-from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
+from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.blocks import Block, Viewer
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.channels import Channel
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
-from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.evaluating import BlockEvaluator
+from torquebench.bench.roles import SIDES, Side, angle_channel, torque_channel
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
-from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
 from torquebench.bench.state import CommandState
 from torquebench.chain import Dynamics, Effect, MeasuringChain, Mounting, effect_from
 from torquebench.compensation import RECOMMENDED, CompensationModel, features, make_model
 from torquebench.records import RunFolder
-from torquebench.signals import EdgeBlock, FrequencyCounter
-from torquebench.station.journal import RunJournal
-from torquebench.station.queued_journal import QueuedJournal
+from torquebench.signals import EdgeBlock, FrequencyCounter, Record
+from torquebench.station.journal import QueuedJournal, RunJournal
 
 CHANNELS = 8
 BLOCK_S = 0.01
@@ -132,26 +132,24 @@ def fitted_model() -> CompensationModel:
 class Conditions(NamedTuple):
     """What instruments beside the counter card deliver with a block."""
 
-    speed_rpm: float
-    temperature_c: float
-    angles: AngleSamples
+    celsius: float
+    angle: Record
 
     @classmethod
     def of_block(cls, index: int) -> Conditions:
         """Return those of a shaft that swings."""
         start_s = index * BLOCK_S
         time_s = start_s + np.arange(10, dtype=np.float64) * 1e-3
-        rpm = float(np.mean(600.0 * np.sin(0.5 * time_s)))
         celsius = 23.0 + 5.0 * float(np.sin(0.1 * start_s))
         counts = np.round(360_000 / 60.0 * 1200.0 * (1.0 - np.cos(0.5 * time_s)))
-        return cls(rpm, celsius, AngleSamples(time_s, counts.astype(np.int64), 360_000))
+        return cls(celsius, Record({"time_s": time_s, "angle_counts": counts.astype(np.int64)}))
 
 
 class LivePath:
     """Everything between the counter card and the journal, for eight channels."""
 
     def __init__(self, description: BenchDescription, compensated: int) -> None:
-        drivers = open_drivers(description)
+        drivers = replace(open_drivers(default_bench()), temperature=self)
         commands = CommandState()
         self.supervisor = SafetySupervisor(description, drivers, BenchClock(fast=True), commands)
         transducer = description.output.transducer
@@ -160,53 +158,42 @@ class LivePath:
         for each in self.chains.values():
             each.warm_up()
             each.zero = ZeroTaken(0.0, 23.0, 0.03)
-        self.shafts = {name: EncoderAcceleration() for name in self.chains}
         self.channels: dict[str, Channel] = {}
         for name in NAMES:
             counter = FrequencyCounter("regression", BLOCK_S, TIMEBASE_HZ, edge_jitter_s=JITTER_S)
-            self.channels[name] = Channel(
-                name, "output", False, transducer, counter, BLOCK_S, 0.25, None
-            )
-        self.index = 0
+            self.channels[name] = Channel(name, "output", False, transducer, counter, 0.25, None)
+        self.evaluator = BlockEvaluator(description, drivers)
+        self.index, self.celsius = 0, 23.0
 
-    def push(self, edges: dict[str, EdgeBlock], conditions: Conditions) -> AcquiredBlock:
-        """Turn edges into a checked block."""
-        samples = {name: channel.push(edges[name]) for name, channel in self.channels.items()}
-        start_s = self.index * BLOCK_S
-        rpm, celsius, angles = conditions
-        compensated = {
-            name: chain.push(
-                StreamReadings.joined(
-                    [(samples[name].time_s, samples[name].torque_nm, samples[name].counter_nm)],
-                    [rpm],
-                    [celsius],
-                    [self.shafts[name](angles.time_s, angles.counts, 360_000)],
-                )
-            )
-            for name, chain in self.chains.items()
-        }
-        block = AcquiredBlock(
-            index=self.index,
-            start_s=start_s,
-            stop_s=start_s + BLOCK_S,
-            channels=samples,
-            compensated={
-                "input": compensated["input_torque"],
-                "output": compensated["output_torque"],
-            },
-            angles={"input": angles, "output": angles},
-            speed_rad_s={"input": 0.0, "output": 0.0},
-            temperatures=dict.fromkeys(PROBES, 23.0),
-            edges=edges,
-        )
+    def temperatures(self) -> dict[str, float]:
+        """Return the probes' temperatures, as an instrument does."""
+        return dict.fromkeys(PROBES, self.celsius)
+
+    def push(self, edges: dict[str, EdgeBlock], conditions: Conditions) -> Block:
+        """Turn edges into a checked and compensated block."""
+        start_s, self.celsius = self.index * BLOCK_S, conditions.celsius
+        angles = {angle_channel(side): conditions.angle for side in SIDES}
+        measured = Block(start_s, start_s + BLOCK_S, edges, angles)
+        block = self.evaluator.evaluate(measured, list(self.channels.values()))
         self.index += 1
         self.supervisor.check(block)
-        return block
+        modules: dict[Side, ActiveChain] = {
+            side: self.chains[torque_channel(side)] for side in SIDES
+        }
+        further = list(self.chains.items())[len(SIDES) :]
+        for name, chain in further:  # no bench has more than two modules
+            aside = {**block.records, torque_channel("input"): block.records[name]}
+            self.evaluator.compensate([replace(block, records=aside)], {}, {"input": chain})
+        return self.evaluator.compensate([block], self.channels, modules)
 
 
 def measure(duration_s: float, compensated: int) -> NDArray[np.float64]:
     """Latency of every block in ms, (3, n): of the path, with journal, and its processor time."""
-    path = LivePath(default_bench(), compensated)
+    description = default_bench()  # with two modules of the larger range, which turn faster
+    limits = description.output.limits.model_copy(update={"speed_rpm": 1e4})
+    module = description.output.model_copy(update={"limits": limits})
+    description = description.model_copy(update={"input": module, "output": module})
+    path = LivePath(description, compensated)
     viewer = Viewer(10)
     latencies = []
     with tempfile.TemporaryDirectory() as folder:
@@ -218,7 +205,7 @@ def measure(duration_s: float, compensated: int) -> NDArray[np.float64]:
             begun, begun_s = time.perf_counter(), time.thread_time()
             block = path.push(edges, conditions)
             checked, own_s = time.perf_counter(), time.thread_time() - begun_s
-            journal.write(Stretch((block,), block.compensated))
+            journal.write(block)
             viewer.put(block)
             done = time.perf_counter()
             latencies.append((checked - begun, done - begun, own_s))

@@ -118,8 +118,10 @@ def overload(station: Station, draw: np.random.Generator) -> Callable[[], float]
     bench.drives["output"].command_torque(1600.0, 40_000.0)
 
     def moment() -> float:
-        time_s, torque = bench._truth.window(started_s, started_s + 1.0)[[0, 2]]
-        return wall_of(station, float(time_s[int(np.argmax(np.abs(torque) > LIMIT_NM))]))
+        truth = bench._truth.window(started_s, started_s + 1.0)
+        assert truth is not None
+        beyond = int(np.argmax(np.abs(truth["output"]) > LIMIT_NM))
+        return wall_of(station, float(truth.time_s[beyond]))
 
     return moment
 

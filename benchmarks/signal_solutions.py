@@ -1,4 +1,4 @@
-"""The regression counter and edge finding as one would write them with array libraries."""
+"""The regression counter as one would write it with array libraries."""
 
 import importlib.util
 import os
@@ -10,7 +10,6 @@ from scipy import sparse
 
 __all__ = [
     "available",
-    "bits_with_numpy",
     "with_numpy",
     "with_numpy_and_search",
     "with_polars",
@@ -113,9 +112,3 @@ def with_polars(ticks: Ticks, window: int, timebase_hz: float) -> Frequencies:
     whole = slice(1, -1)
     count, total, moment = (sums[name].to_numpy()[whole] for name in ("count", "total", "moment"))
     return _frequency(count, total, moment, timebase_hz)
-
-
-def bits_with_numpy(packed: NDArray[np.uint8]) -> NDArray[np.intp]:
-    """Rising edges by unpacking every sample."""
-    level = np.unpackbits(packed, bitorder="little").view(np.int8)
-    return np.flatnonzero(np.diff(level) == 1) + 1

@@ -21,19 +21,16 @@ from rich.table import Table
 from benchmarks import signal_solutions as solutions
 from torquebench.signals import (
     CounterMethod,
-    DigitalInput,
     EdgeBlock,
     FrequencyCounter,
     FrequencyScale,
-    count_windows,
 )
 
 TIMEBASE_HZ = 100e6
 WINDOW_TICKS = 100_000
-METHODS: tuple[CounterMethod, ...] = ("gated", "reciprocal", "regression", "triangular")
+METHODS: tuple[CounterMethod, ...] = ("reciprocal", "regression", "triangular")
 # Edges handed to a stream at once: about a minute of a transducer, as when a record is evaluated.
 BLOCK_EDGES = 2**22
-BLOCK_BYTES = 2**22
 JITTER_S = 5e-9
 DAY_EDGES = 4 * 60e3 * 86_400
 """Recorded in a day by four transducers."""
@@ -117,63 +114,28 @@ def measure_counters(console: Console, frequency_hz: float, edges: int, rounds: 
     return [Aim(name, day_s, DAY_LIMIT_S, at_least=False)]
 
 
-def measure_bits(console: Console, size: int, rounds: int) -> None:
-    """Edge finding in packed bits: 100 million samples per second of a 60 kHz wave."""
-    samples = 8 * size
-    half = TIMEBASE_HZ / 60e3 / 2
-    edges = np.floor(np.arange(1, int(samples / half)) * half).astype(np.int64)
-    level = np.zeros(samples, dtype=np.uint8)
-    level[edges] = 1
-    packed = np.packbits(np.bitwise_xor.accumulate(level, out=level), bitorder="little")
-    del level
-    words = packed.view(np.uint64)
-
-    def find() -> None:
-        stream = DigitalInput(TIMEBASE_HZ)
-        for first in range(0, packed.size, BLOCK_BYTES):
-            stream.push_bits(packed[first : first + BLOCK_BYTES])
-
-    part = packed[: size // 16]
-    seconds = least_seconds({"read": lambda: np.sum(words), "find": find}, rounds)
-    plain = least_seconds({"NumPy": lambda: solutions.bits_with_numpy(part)}, 2)["NumPy"]
-    table = Table(title="Edges in packed bits, 100 MS/s of 60 kHz")
-    for heading in ("", "GB/s", "of a plain read"):
-        table.add_column(heading, justify="left" if not heading else "right")
-    for name, rate in (
-        ("plain read (sum)", size / seconds["read"] / 1e9),
-        ("DigitalInput", size / seconds["find"] / 1e9),
-        ("NumPy (unpackbits, diff, flatnonzero)", part.size / plain / 1e9),
-    ):
-        table.add_row(name, f"{rate:.2f}", f"{rate / (size / seconds['read'] / 1e9):.3f}")
-    console.print(table)
-
-
-def noise_ratio(method: CounterMethod, both_edges: bool, windows: int) -> tuple[float, float]:
+def noise_ratio(method: CounterMethod, windows: int) -> tuple[float, float]:
     """Measured noise in ppm, and its ratio to theory, over windows of 1 ms each."""
     generator = np.random.default_rng(7)
     frequency = generator.uniform(59e3, 61e3, windows)
     period = TIMEBASE_HZ / frequency[:, None]
     starts = np.arange(windows) * WINDOW_TICKS
     number = np.arange(int(WINDOW_TICKS / period.max()) - 1)
-    trains = []
-    for duty in (0.0, 0.45) if both_edges else (0.0,):
-        # Well inside the window, so that no edge falls out of it.
-        phase = generator.uniform(0.1, 0.5, (windows, 1)) + duty
-        times = starts[:, None] + (phase + number) * period
-        times += generator.normal(0.0, JITTER_S * TIMEBASE_HZ, times.shape)
-        trains.append(np.floor(times).astype(np.int64).ravel())
-    samples = count_windows(
-        trains[0],
-        starts,
-        starts + WINDOW_TICKS,
+    # Well inside the window, so that no edge falls out of it.
+    phase = generator.uniform(0.1, 0.5, (windows, 1))
+    times = starts[:, None] + (phase + number) * period
+    times += generator.normal(0.0, JITTER_S * TIMEBASE_HZ, times.shape)
+    counter = FrequencyCounter(
         method,
-        timebase_hz=TIMEBASE_HZ,
-        falling_ticks=trains[1] if both_edges else None,
+        WINDOW_TICKS / TIMEBASE_HZ,
+        TIMEBASE_HZ,
         edge_jitter_s=JITTER_S,
         check_train=False,
     )
-    error = (samples.frequency_hz - frequency) / frequency
-    theory = samples.standard_uncertainty_hz / frequency
+    ticks = np.floor(times).astype(np.int64).ravel()
+    counted = counter.push(EdgeBlock(ticks, 0, windows * WINDOW_TICKS, TIMEBASE_HZ))
+    error = (counted["frequency_hz"] - frequency) / frequency
+    theory = counted["frequency_uncertainty_hz"] / frequency
     scatter = float(np.sqrt(np.mean(error**2)))
     return scatter * 1e6, scatter / float(np.sqrt(np.mean(theory**2)))
 
@@ -184,14 +146,8 @@ def measure_noise(console: Console, windows: int) -> list[Aim]:
     for heading in ("", "ppm of the frequency", "ppm of full scale", "of theory"):
         table.add_column(heading, justify="left" if not heading else "right")
     aims = []
-    cases: list[tuple[str, CounterMethod, bool]] = [
-        ("reciprocal", "reciprocal", False),
-        ("triangular", "triangular", False),
-        ("regression", "regression", False),
-        ("regression, both edges", "regression", True),
-    ]
-    for name, method, both in cases:
-        scatter, ratio = noise_ratio(method, both, windows)
+    for name in METHODS:
+        scatter, ratio = noise_ratio(name, windows)
         table.add_row(name, f"{scatter:.2f}", f"{2 * scatter:.2f}", f"{ratio:.3f}")
         aims.append(Aim(f"noise of {name}, of theory", ratio, 1.05, at_least=False))
     console.print(table)
@@ -212,7 +168,7 @@ def measure_live_path(console: Console, blocks: int) -> None:
         begin = time.perf_counter()
         for counter in counters:
             edges = EdgeBlock(part, block * block_ticks, (block + 1) * block_ticks, TIMEBASE_HZ)
-            scale.torque_samples(counter.push(edges))
+            scale.readings(counter.push(edges))
         seconds[block] = time.perf_counter() - begin
     table = Table(title="Edges to torque, 8 channels of 60 kHz, a block of 10 ms, 1 ms windows")
     shown = []
@@ -234,7 +190,6 @@ def main() -> int:
     rounds = 60 if quick else 100
     aims = measure_counters(console, 60e3, edges, rounds)
     aims += measure_counters(console, 240e3, edges, rounds)
-    measure_bits(console, edges * 4, rounds)
     aims += measure_noise(console, 8_000 if quick else 40_000)
     measure_live_path(console, 1_000 if quick else 10_000)
     if "polars" not in "".join(solutions.available()):

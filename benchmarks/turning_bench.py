@@ -192,11 +192,11 @@ def used(station: Station, side: Side, soak: Soak, seed: int) -> list[Stretch]:
             found = devices.recorder.modules[side]
             true_nm = weighted_truth(partial(truth.true_means, side), found.time_s, window_s)
             known = Readings(
-                found.reading_nm,
+                found["reading_nm"],
                 time_s=found.time_s,
-                speed_rpm=found.speed_rpm,
-                angle_rad=found.angle_rad,
-                temperature_c=np.full(found.time_s.size, before),
+                speed_rpm=found["speed_rpm"],
+                angle_rad=found["angle_rad"],
+                temperature_c=np.full(len(found), before),
                 zero_temperature_c=zeroed_c,
             )
             stretches.append(Stretch(known, true_nm))

@@ -5,7 +5,7 @@ import pytest
 from scipy.io import loadmat
 
 from torquebench.signals import steady_value
-from torquebench.signals.outliers import outliers
+from torquebench.signals.steady import outliers
 
 # Plateaus of cell 1 in counts above the first zero, from the data set's description, and the
 # samples of the recording without clock in which they lie.

@@ -48,14 +48,14 @@ def _read_block(counter: CounterCard) -> Any:
 
 
 def _has_pulses(block: Any) -> bool:
-    found = block.frequencies["input_torque"]
-    return bool(np.all(np.abs(found.frequency_hz - 60e3) < 600.0)) and found.time_s.size == 5
+    found = block.records["input_torque"]
+    return bool(np.all(np.abs(found["frequency_hz"] - 60e3) < 600.0)) and len(found) == 5
 
 
 def _has_edges(block: Any) -> bool:
     edges = block.edges["input_torque"]
-    angles = block.angles["output"]
-    return abs(len(edges) - 3000) < 40 and angles.time_s.size == 50
+    angle = block.records["output_angle"]
+    return abs(len(edges) - 3000) < 40 and len(angle) == 50
 
 
 CASES = [
@@ -83,14 +83,14 @@ CASES = [
         "a",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s.torque_nm.shape,
+        lambda s: s.time_s.shape == s["reading_nm"].shape,
     ),
     Case(
         "visa-readout",
         "a",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s.torque_nm.shape,
+        lambda s: s.time_s.shape == s["reading_nm"].shape,
         visa=True,
     ),
     Case(
@@ -98,7 +98,7 @@ CASES = [
         "b",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s.torque_nm.shape,
+        lambda s: s.time_s.shape == s["reading_nm"].shape,
     ),
     Case("scpi-counter", "a", "counter", _read_block, _has_pulses, lossy=True),
     Case("daqmx-counter", "b", "counter", _read_block, _has_edges, lossy=True),

@@ -81,11 +81,11 @@ def test_blocks_follow_each_other_without_a_gap(counter: Any) -> None:
     counter.select(frozenset({"input_torque"}))
     first, second = counter.read_block(0.05), counter.read_block(0.1)
     assert first.stop_s == second.start_s
-    assert set(first.frequencies) == {"input_torque"}
-    samples = second.frequencies["input_torque"]
-    assert samples.time_s.size == 10
-    np.testing.assert_allclose(samples.frequency_hz, 60e3, atol=10.0)
-    assert not samples.fault.any()
+    assert set(first.records) == {"input_torque"}
+    samples = second.records["input_torque"]
+    assert len(samples) == 10
+    np.testing.assert_allclose(samples["frequency_hz"], 60e3, atol=10.0)
+    assert not samples["fault"].any()
 
 
 def test_a_channel_below_nothing_is_silent_and_no_number(device: ReferenceDevice) -> None:
@@ -95,9 +95,9 @@ def test_a_channel_below_nothing_is_silent_and_no_number(device: ReferenceDevice
     }
     opened = open_role(bench(device.port, channels=channels), "counter")
     try:
-        samples = opened.read_block(0.05).frequencies["input_torque"]
-        assert samples.fault.all()
-        assert np.isnan(samples.frequency_hz).all()
+        samples = opened.read_block(0.05).records["input_torque"]
+        assert samples["fault"].all()
+        assert np.isnan(samples["frequency_hz"]).all()
     finally:
         opened.close()
 

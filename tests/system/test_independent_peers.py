@@ -137,7 +137,7 @@ def test_frequency_counters_deliver_every_window_once() -> None:
             assert counter.identity().serial == "SER-1"
             blocks = read_blocks(counter, 4)
             for name, first_hz in (("input_torque", 60e3), ("output_torque", 90e3)):
-                counted = np.concatenate([each.frequencies[name].frequency_hz for each in blocks])
+                counted = np.concatenate([each.records[name]["frequency_hz"] for each in blocks])
                 np.testing.assert_allclose(counted, first_hz + np.arange(20.0), rtol=1e-6)
             assert blocks[-1].stop_s == pytest.approx(0.2)
             counter.select(frozenset({"input_torque"}))
@@ -185,7 +185,7 @@ def test_a_read_out_states_every_sample_once() -> None:
         finally:
             readout.close()
     for side, sign in (("input", 1.0), ("output", -1.0)):
-        torque = np.concatenate([part.torque_nm for part in parts[side]])
+        torque = np.concatenate([part["reading_nm"] for part in parts[side]])
         time_s = np.concatenate([part.time_s for part in parts[side]])
         np.testing.assert_allclose(torque, sign * 12.5)
         assert 0.8 * least - 3 <= torque.size <= most + 3
@@ -207,7 +207,7 @@ def test_a_counter_card_delivers_every_edge_and_angle() -> None:
     np.testing.assert_array_equal(
         edges, np.rint(np.arange(1, edges.size + 1) / 61_234.5 * 1e8).astype(np.int64)
     )
-    counts = np.concatenate([block.angles["input"].counts for block in blocks])
+    counts = np.concatenate([block.records["input_angle"]["angle_counts"] for block in blocks])
     np.testing.assert_array_equal(counts, np.arange(300) * 36)
 
 

@@ -21,13 +21,13 @@ from tests.unit.chain.test_turning_chains import INERTIA, TURNING, WARMTH
 
 import torquebench as tb
 from torquebench.bench import default_bench
-from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
+from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.blocks import CONDITIONS as BLOCK_CONDITIONS
+from torquebench.bench.blocks import Block, Viewer
 from torquebench.bench.chain_effects import chain_effects
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription, CertifiedPoints
 from torquebench.bench.devices import Recorder
-from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Stretch, Viewer
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
@@ -60,6 +60,7 @@ from torquebench.records import RunFolder
 from torquebench.records.export.streams import export_streams
 from torquebench.reports.certificate.record import Reference as StatedReference
 from torquebench.reports.certificate.results import evaluate_results
+from torquebench.signals import Record
 from torquebench.station.journal import RunJournal
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench_opcua import live_values
@@ -165,7 +166,7 @@ def by_apply(file: Path, at: Conditions, folder: Path) -> Told:
     return Told(*(float(cells[name]) for name in names))
 
 
-def live(chain: MeasuringChain, at: Conditions) -> tuple[ActiveChain, AcquiredBlock]:
+def live(chain: MeasuringChain, at: Conditions) -> tuple[ActiveChain, Block]:
     """Bring a stream to the rising branch, and give it the reading in one window."""
     active = ActiveChain(chain, "1", "physics")
     path = RANGE_NM * np.concatenate(
@@ -173,33 +174,39 @@ def live(chain: MeasuringChain, at: Conditions) -> tuple[ActiveChain, AcquiredBl
     )
     path[-1] = READING_NM
     time_s = 0.01 * np.arange(path.size)
-    counter_nm = np.full(path.size, COUNTER_NM)
-
-    def readings(rows: slice) -> StreamReadings:
-        return StreamReadings(
-            time_s[rows], path[rows], counter_nm[rows], at.speed_rpm, at.temperature_c, None,
-            at.acceleration_rad_s2, 0.0, np.full(time_s[rows].size, at.angle_rad), at.window_s,
-        )  # fmt: skip
-
-    active.push(readings(slice(0, -1)))
-    active.zero = ZeroTaken(float(time_s[-1]), at.zero_temperature_c, 0.0)
-    torque = active.push(readings(slice(-1, None)))
-    last = time_s[-1:]
-    samples = ChannelSamples(
-        "output_torque", "output", False, last, np.array([82.5e3]), path[-1:],
-        np.zeros(1, np.uint8), counter_nm[-1:],
+    known = {
+        "speed_rpm": at.speed_rpm, "temperature_c": at.temperature_c,
+        "acceleration_rad_s2": at.acceleration_rad_s2, "acceleration_uncertainty_rad_s2": 0.0,
+        "angle_rad": at.angle_rad, "window_s": at.window_s,
+    }  # fmt: skip
+    whole = Record(
+        {
+            "time_s": time_s, "frequency_hz": 82.5e3, "reading_nm": path,
+            "counter_nm": COUNTER_NM, "fault": np.uint8(0),
+        }
     )  # fmt: skip
-    angles = AngleSamples(last, np.zeros(1, np.int64), 1000)
-    block = AcquiredBlock(
-        0, float(last[0]), float(last[0]) + 0.01,
-        {"output_torque": samples, "input_torque": replace(samples, channel="input_torque")},
-        {"output": angles}, {"output": 0.0}, {"output_transducer": at.temperature_c}, {},
-        compensated={"output": torque},
-    )  # fmt: skip
-    return active, block
+
+    def push(record: Record) -> Torque:
+        angle_rad = np.full(len(record), at.angle_rad)
+        return active.push(record, known | {"angle_rad": angle_rad}, float(record.time_s[-1]))
+
+    push(whole.at(slice(0, -1)))
+    active.zero = ZeroTaken(float(time_s[-2]), at.zero_temperature_c, 0.0)
+    last = whole.at(slice(-1, None))
+    torque, start_s = push(last), float(last.time_s[0])
+    conditions = {
+        "time_s": np.array([start_s + 0.01]), "input_speed_rad_s": 0.0, "output_speed_rad_s": 0.0,
+        "output_transducer_c": at.temperature_c,
+    }  # fmt: skip
+    angle = Record({"time_s": last.time_s, "angle_counts": np.zeros(1, np.int64)})
+    records = {
+        "output_torque": last, "input_torque": last, "output_angle": angle,
+        BLOCK_CONDITIONS: Record(conditions),
+    }  # fmt: skip
+    return active, Block(start_s, start_s + 0.01, {}, records, {"output": torque})
 
 
-def by_watchers(block: AcquiredBlock) -> dict[str, Told]:
+def by_watchers(block: Block) -> dict[str, Told]:
     """The panel with its API, and what OPC UA and Sparkplug make of its values."""
     bench = default_bench()
     hub = LiveHub(bench, BenchClock(fast=True), Viewer(10))
@@ -218,26 +225,23 @@ def by_watchers(block: AcquiredBlock) -> dict[str, Told]:
     return {name: Told(*(each.value for each in pair)) for name, pair in pairs.items()}
 
 
-def by_devices(active: ActiveChain, block: AcquiredBlock) -> dict[str, Told]:
+def by_devices(active: ActiveChain, block: Block) -> dict[str, Told]:
     """The steady value of plans, and the recorder of reducer tests."""
     start_s, stop_s = block.start_s - 0.005, block.stop_s
     window = active.window(start_s, stop_s)
     assert window is not None
-    steady = Told.of(window.torque.mean().steady(0.0, 0.0))
+    steady = Told.of(window[1].mean().steady(0.0, 0.0))
     acquisition: Any = SimpleNamespace(compensation=lambda _: active)
     context: Any = SimpleNamespace(description=default_bench(), acquisition=acquisition)
-    samples = block.channels["output_torque"]
-    recorded = Recorder(context)._columns("output", samples.time_s, samples.torque_nm, window)
+    recorded = Recorder(context)._columns("output", block.records["output_torque"], window)
     u = float(recorded.parts.standard_uncertainty_nm[0])
     return {"steady value": steady, "recorder": Told(float(recorded.torque_nm[0]), 2.0 * u)}
 
 
-def by_exports(block: AcquiredBlock, folder: Path) -> dict[str, Told]:
+def by_exports(block: Block, folder: Path) -> dict[str, Told]:
     """The journal of a run, and the files that it is exported to."""
     with RunFolder.create(folder / "runs", {}, kind="record") as writer:
-        RunJournal(writer, ("output_transducer",)).write(
-            Stretch((block,), {"output": block.compensated["output"]})
-        )
+        RunJournal(writer, ("output_transducer",)).write(block)
     found = {}
     for kind in ("csv", "parquet", "hdf5"):
         path = folder / f"samples.{kind}"

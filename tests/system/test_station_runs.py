@@ -239,7 +239,7 @@ def test_a_bench_that_fails_while_it_opens_leaves_nothing_open(tmp_path: Path) -
         text.replace("counts_per_revolution = 360000\n", "counts_per_revolution = 9e3\n")
     )
     path.write_text(path.read_text().replace("9e3", "9000"))
-    with pytest.raises(BenchError, match="360000 counts per revolution"):
+    with pytest.raises(InputError, match="360000 counts per revolution"):
         Station.open(path, tmp_path / "data")
 
 

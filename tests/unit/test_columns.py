@@ -4,9 +4,11 @@ import re
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pyarrow.parquet as pq
 import pytest
-from tests.unit.station.test_run_journal import PROBES, block, channel, kept, times
+from tests.counting import counted
+from tests.unit.station.test_run_journal import PROBES, block, channel, times
 
 from torquebench.bench.devices.labels import Point
 from torquebench.bench.devices.steady import SETTINGS, STEADY_FIELDS
@@ -19,6 +21,7 @@ from torquebench.panel.text import LANGUAGES, Text
 from torquebench.procedures.turning.empty import EmptyTable
 from torquebench.procedures.turning.stepping import StepTable
 from torquebench.records import RunFolder
+from torquebench.signals import EdgeBlock
 from torquebench.station.journal import RunJournal
 from torquebench.tables.readings import ADDED_COLUMNS, READING_COLUMNS
 from torquebench.translations import translated
@@ -34,6 +37,9 @@ WRITTEN = {
     "its settings": tuple(SETTINGS),
     "a point": tuple(vars(Point())),
     "a recorder": ("start_s", "stop_s", "samples"),
+    "counted windows": tuple(counted(EdgeBlock(np.arange(100) * 1000, 0, 100_000, 1e8), 1e-4)),
+    "readings of windows": ("reading_nm", "counter_nm"),
+    "encoder samples": ("time_s", "angle_counts", "angle_rad"),
     "temperature probes": ("temperatures-ambient_c", "temperatures-input_transducer_c"),
     "edges": ("tick", "timebase_hz"),
     "an exported event": ("unix_time_s",),
@@ -49,7 +55,7 @@ def test_every_written_column_is_known(table: str) -> None:
 
 def test_every_raw_sample_states_unit_and_description(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    RunJournal(writer, PROBES).write(kept(block(0, [channel("input_torque", times(0), 60e3)])))
+    RunJournal(writer, PROBES).write(block(0, {"input_torque": channel(times(0), 60e3)}))
     schema = pq.read_schema(writer.seal().path / "raw.parquet")
     assert len(schema.names) > 20
     for field in schema:

@@ -9,9 +9,11 @@ import pytest
 import typer
 
 from torquebench import __version__
+from torquebench.bench import channels
 from torquebench.bench.clock import LARGEST_DRIFT
 from torquebench.bench.description import SafetyDescription
-from torquebench.bench.safety import following, priority, signals, supervisor
+from torquebench.bench.drivers import base as drivers
+from torquebench.bench.safety import following, priority, supervisor
 from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import app
@@ -164,8 +166,8 @@ FIGURES = {
         f"may have {turns.MOST_WAITING} waiting",
     ),
     "explanation/safety.md": (
-        f"changes by {signals.HELD_SHARE:.0%} of the range".replace("%", " %"),
-        f"within {signals.CLOCKS_APART_S:g} s and two of its periods",
+        f"changes by {channels.MOVED_SHARE:.0%} of its".replace("%", " %"),
+        f"within {drivers.CLOCKS_APART_S:g} s and two of its periods",
         f"for {following.DEVIATING_S:g} s and two blocks",
         f"read every {supervisor.WATCH_PERIOD_S * 1000:.0f} ms in real time",
         f"doesn't answer for {engine.LOOP_TIMEOUT_S:.0f} s",

@@ -8,20 +8,22 @@ safe state) and viewers that keep up receive it.
 from __future__ import annotations
 
 import logging
+import math
 import threading
 import time
 from collections import deque
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from torquebench.bench.active_chain import ActiveChain, ZeroTaken
+from torquebench.bench.blocks import Block, Viewer
 from torquebench.bench.channels import Channel, open_channel
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet
+from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.evaluating import BlockEvaluator, mean_speed
 from torquebench.bench.roles import (
     SIDES,
@@ -32,14 +34,13 @@ from torquebench.bench.roles import (
 )
 from torquebench.bench.safety import AlarmKind, SafetySupervisor
 from torquebench.bench.safety.priority import prefer_this_thread
-from torquebench.bench.samples import AcquiredBlock, Stretch, Viewer
-from torquebench.bench.slices import joined, slices_of
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError, ModelMismatchError, SignalFault, TorquebenchError
 from torquebench.message import Message
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, Record
+from torquebench.units import TURN
 
-__all__ = ["Acquisition", "JournalSink", "LatestTorque"]
+__all__ = ["Acquisition", "JournalSink"]
 
 CATCHING_UP_S = 10.0
 """Longest bench time that is caught up at the start, s."""
@@ -50,23 +51,21 @@ HELD_BLOCKS = 20
 """Largest number of blocks that are compensated and recorded together in fast time."""
 DEMAND_POLL_S = 0.05
 """How often an idle fast bench checks whether it should end, s of wall time."""
+LATE_BLOCKS = 3
+"""From so many blocks on, what the counter has buffered is read in one go."""
+LONGEST_READ_S = 10.0
+"""Largest part of it that one read asks for, s: buffers and memory are limited."""
+LATE_S = 1.0
+"""An acquisition that is later than this is an alarm, s."""
 
 logger = logging.getLogger(__name__)
-
-
-class LatestTorque(NamedTuple):
-    """One window of a torque channel: bench time in s, Hz, N·m (uncompensated)."""
-
-    time_s: float
-    frequency_hz: float
-    torque_nm: float
 
 
 class JournalSink(Protocol):
     """Keeps every block. Raising brings the bench to its safe state."""
 
-    def write(self, stretch: Stretch) -> None:
-        """Keep blocks."""
+    def write(self, block: Block) -> None:
+        """Keep a block, or several joined ones."""
 
 
 class Acquisition:
@@ -97,13 +96,8 @@ class Acquisition:
         self._commands = commands
         self._block_s = description.counter.block_s
         # In fast simulated time nothing can react between blocks.
-        self._slices = (
-            1
-            if clock.fast
-            else slices_of(
-                self._block_s, max(description.safety.fast_check_s, drivers.shortest_read_s)
-            )
-        )
+        slice_s = max(description.safety.fast_check_s, drivers.shortest_read_s)
+        self._slices = 1 if clock.fast else max(1, int(self._block_s / slice_s + 1e-9))
         self._index = 0
         self._lock = threading.RLock()
         self._channels: dict[str, Channel] = {}
@@ -112,11 +106,11 @@ class Acquisition:
         self._mounted: Mounting = drivers.operator.mounted()
         self._reference_sides: frozenset[Side] = frozenset(SIDES)
         self._evaluator = BlockEvaluator(description, drivers)
-        self._latest_block: AcquiredBlock | None = None
+        self._latest_block: Block | None = None
         self._compensations: dict[Side, ActiveChain] = {}
         self._journal: JournalSink | None = None
-        self._held: list[AcquiredBlock] = []
-        self._past: deque[Stretch] = deque()
+        self._held: list[Block] = []
+        self._past: deque[Block] = deque()
         self._remembered_s = 0.0
         self._release_lock = threading.RLock()
         self._viewers: tuple[Viewer, ...] = ()
@@ -130,13 +124,7 @@ class Acquisition:
     # -- life -------------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Acquire a first block on the calling thread, then continue in acquisition's thread.
-
-        Raises
-        ------
-        BenchError
-            An instrument fails, or is another one than described.
-        """
+        """Acquire a first block on the calling thread, then continue in acquisition's thread."""
         self._warm_up()
         self._step()  # also compiles the kernels, before anything can be loaded
         if not self._clock.fast and not self._drivers.simulated_time:
@@ -156,8 +144,8 @@ class Acquisition:
     def _catch_up(self) -> None:
         """Acquire what the counter has buffered since it began, until it delivers in real time.
 
-        Otherwise the supervisor would see everything late, and instruments that state present
-        values would seem ahead of the counter.
+        A counter that doesn't state how far it is ahead delivers at once what it has buffered: then
+        every block comes sooner than the one before.
         """
         behind_s: list[float] = []
         for _ in range(round(CATCHING_UP_S / self._block_s)):
@@ -218,40 +206,44 @@ class Acquisition:
             )
 
     def _paced(self, share: float) -> bool:
-        """Wait until the wall clock reaches simulated time; False when ending.
-
-        Parameters
-        ----------
-        share : float
-            Share of the block that must have passed.
-        """
+        """Wait until the wall clock reaches simulated time; False when ending."""
         if self._clock.fast or not self._drivers.simulated_time:
             return True
         due = self._wall_start + (self._index + share) * self._block_s
         ahead_s = due - time.monotonic()
         if ahead_s > 0.0:
             return not self._stopping.wait(ahead_s)
-        if ahead_s < -1.0:  # bench time doesn't catch up after a pause
+        if ahead_s < -LATE_S:  # simulated time has stood, and goes on from here
             self._wall_start -= ahead_s
+            self._clock.stood(-ahead_s)
         return True
 
     def _step(self) -> float | None:
         """Acquire a block; return how many seconds more the counter has timed, None if unknown."""
-        raw = self._read()
-        behind_s = None if raw.waiting_s is None else time.monotonic() - raw.timed_s
+        measured = self._read()
+        behind_s = None if measured.waiting_s is None else time.monotonic() - measured.timed_s
         with self._lock:
             channels = list(self._channels.values())
-        block = self._evaluator.block(self._index, raw, channels)
+        block = self._evaluator.evaluate(measured, channels)
         self._index += 1
         self._latest_block = block
         self._supervisor.check(block)
         self._hand_on(block)
-        self._clock.advance_to(raw.stop_s, behind_s)
-        return raw.waiting_s
+        self._clock.advance_to(block.stop_s, behind_s)
+        if not self._drivers.simulated_time:
+            self._supervisor.check_lateness(self._clock.late_s, LATE_S)
+        return measured.waiting_s
 
-    def _read(self) -> CounterBlock:
-        """Return the next block, slice by slice through the supervisor's fast check."""
+    def _read(self) -> Block:
+        """Return the next block, slice by slice through the supervisor's fast check.
+
+        What has come late is read in one go: block by block it would stay late.
+        """
         counter, count = self._drivers.counter, self._slices
+        if not self._drivers.simulated_time:
+            late_blocks = int(min(self._clock.late_s, LONGEST_READ_S) / self._block_s)
+            if late_blocks >= LATE_BLOCKS:
+                return counter.read_block(late_blocks * self._block_s)
         if count == 1:
             return counter.read_block(self._block_s)
         parts = []
@@ -260,14 +252,10 @@ class Acquisition:
                 self._paced((number + 1) / count)
             parts.append(counter.read_block(self._block_s / count))
             self._supervisor.check_edges(parts[-1], self._channels)
-        return joined(parts)
+        return Block.join(parts)
 
-    def _hand_on(self, block: AcquiredBlock) -> None:
-        """Compensate and record a block; in fast time several blocks together.
-
-        Fast time only needs results when a sleeper wakes, and many blocks at once cost as much as
-        one.
-        """
+    def _hand_on(self, block: Block) -> None:
+        """Compensate and record a block; in fast time several blocks together."""
         with self._release_lock:
             failure = None
             if self._held and not block.follows(self._held[-1]):
@@ -282,30 +270,40 @@ class Acquisition:
         """Compensate and record the held blocks; return the journal's failure."""
         if not self._held:
             return None
-        stretch = self._evaluator.stretch(self._held, self._compensations)
+        block = self._evaluator.compensate(self._held, self._channels, self._compensations)
+        if self._viewers:
+            for held in self._held:
+                part = block
+                if len(self._held) > 1:
+                    part = block.part(held.start_s, held.stop_s)
+                for viewer in self._viewers:
+                    viewer.put(part)
         self._held.clear()
         if self._remembered_s:
-            self._past.append(stretch if self._description.recording.edges else _bare(stretch))
-            begin_s = stretch.blocks[-1].stop_s - self._remembered_s
-            while self._past[0].blocks[-1].stop_s <= begin_s:
+            # edges need most of the memory
+            kept = block if self._description.recording.edges else replace(block, edges={})
+            self._past.append(kept)
+            begin_s = block.stop_s - self._remembered_s
+            while self._past[0].stop_s <= begin_s:
                 self._past.popleft()
-        failure = self._keep(stretch)
-        if self._viewers:
-            for block in stretch.each():
-                for viewer in self._viewers:
-                    viewer.put(block)
-        return failure
+        return self._keep(block)
 
-    def _keep(self, stretch: Stretch) -> Exception | None:
-        """Write blocks to the journal; return its failure."""
+    def _keep(self, block: Block) -> Exception | None:
+        """Write a block to the journal; return its failure."""
         if self._journal is None:
             return None
         try:
-            self._journal.write(stretch)
+            self._journal.write(block)
         except Exception as error:  # a full disk or a bug: either way nothing is recorded
             self._journal = None
             return error
         return None
+
+    def _release_held(self) -> None:
+        """Compensate and record the held blocks before something changes."""
+        with self._release_lock:
+            failure = self._release()
+        self._raise_alarm(failure)
 
     def _raise_alarm(self, failure: Exception | None) -> None:
         """Stop the bench because the journal failed; called without the lock."""
@@ -329,16 +327,23 @@ class Acquisition:
     def set_journal(self, journal: JournalSink | None, *, before_s: float = 0.0) -> None:
         """Keep blocks here from the next one on; None ends it.
 
-        When this returns, the journal before has every block until now, and gets no further one.
-        With `before_s` the new one first gets the stored blocks of that time before.
+        Parameters
+        ----------
+        journal : JournalSink or None
+        before_s : float
+            Also keep remembered blocks that ended at most so long before the newest one, s.
         """
         with self._release_lock:
             failure = self._release()
             self._journal = journal
             if journal is not None and before_s and self._past:
-                begin_s = self._past[-1].blocks[-1].stop_s - before_s
-                for stretch in _since(self._past, begin_s):
-                    failure = self._keep(stretch) or failure
+                begin_s = self._past[-1].stop_s - before_s
+                for block in tuple(self._past):
+                    if block.stop_s <= begin_s + 1e-9:
+                        continue
+                    if begin_s - block.start_s > self._block_s:  # several blocks of fast time
+                        block = block.part(begin_s, block.stop_s)
+                    failure = self._keep(block) or failure
         self._raise_alarm(failure)
 
     def add_viewer(self, maximum: int = 100) -> Viewer:
@@ -356,10 +361,7 @@ class Acquisition:
     # -- channels ---------------------------------------------------------------------------
 
     def select_for(self, mounting: Mounting) -> None:
-        """Time the channels that this mounting has; idle ones cost nothing.
-
-        The modules' own channels always run: safety depends on them.
-        """
+        """Time the channels that this mounting has; idle ones cost nothing."""
         with self._lock:
             self._mounted = mounting
             self._reference_sides = frozenset(SIDES)
@@ -370,7 +372,7 @@ class Acquisition:
 
     def use_reference(self, side: Side) -> None:
         """Time this side of the mounted standard, and the other one only if its drive is on."""
-        kept = {each for each in self._reference_sides if self._commands.side(each).enabled}
+        kept = {other for other in self._reference_sides if self._commands.side(other).enabled}
         wanted = frozenset({side} | kept)
         if wanted != self._reference_sides:
             with self._lock:
@@ -404,7 +406,7 @@ class Acquisition:
         Raises
         ------
         SignalFault
-            It isn't in use: no standard is mounted, or that side of it is idle.
+            The channel isn't timed with what is mounted.
         """
         channel = self._channels.get(name)
         if channel is None:
@@ -419,18 +421,22 @@ class Acquisition:
             )
         return channel
 
-    def latest(self, name: str) -> LatestTorque:
-        """Newest window of a channel.
+    def reading_nm(self, name: str) -> float:
+        """Return the newest reading of a channel. Raises SignalFault for none or a faulty one."""
+        return float(self.channel(name).latest()["reading_nm"][0])
+
+    def window(self, name: str, start_s: float, stop_s: float) -> Record:
+        """Return a channel's windows whose centres lie in [start, stop), all without a fault.
 
         Raises
         ------
         SignalFault
-            It is faulty, or the channel isn't in use.
+            A faulty window, or a channel that isn't in use or has no windows yet.
         """
-        newest = self.channel(name).latest()
-        return LatestTorque(
-            float(newest.time_s[0]), float(newest.frequency_hz[0]), float(newest.torque_nm[0])
-        )
+        record = self.channel(name).recent.window(start_s, stop_s)
+        if record is None:
+            raise SignalFault(Message("{name}: no sample yet", name), "a running acquisition")
+        return record.raise_on_fault(name)
 
     def zero_hz(self, name: str) -> float:
         """Zero frequency in use of a channel, Hz; the last one of a channel that is idle."""
@@ -440,31 +446,22 @@ class Acquisition:
     def set_zero(self, name: str, frequency_hz: float, standard_uncertainty_nm: float) -> None:
         """Take a frequency for zero torque from the next block on.
 
-        Parameters
-        ----------
-        name : str
-            Of the channel.
-        frequency_hz : float
-        standard_uncertainty_nm : float
-            Of this zero, N·m; NaN if it isn't known.
-
         Raises
         ------
         SignalFault
-            It is too far from the nominal zero to be one.
+            The channel isn't timed, or the zero is implausible.
         """
-        with self._release_lock:
-            failure = self._release()
-        self._raise_alarm(failure)
+        self._release_held()
         with self._lock:
             channel = self.channel(name)
             channel.zero_hz = frequency_hz
             self._zeros[name] = frequency_hz
             if not channel.standard:
                 probe = self._description.module(channel.side).temperature_probe
-                temperature = self.latest_block.temperatures.get(probe, np.nan)
                 self._zeroed[channel.side] = ZeroTaken(
-                    self._clock.now(), temperature, standard_uncertainty_nm
+                    self._clock.now(),
+                    self.latest_block.temperature_c(probe),
+                    standard_uncertainty_nm,
                 )
                 if channel.side in self._compensations:
                     self._compensations[channel.side].zero = self._zeroed[channel.side]
@@ -495,9 +492,9 @@ class Acquisition:
         Raises
         ------
         ModelMismatchError
-            Nothing is compensated there.
+            No model is active on the side.
         InputError
-            A name isn't one of `torquebench.chain.SWITCHES`.
+            The chain has no such correction.
         """
         active = self._compensations.get(side)
         if active is None:
@@ -514,65 +511,55 @@ class Acquisition:
     # -- angle, speed, temperature ----------------------------------------------------------
 
     @property
-    def latest_block(self) -> AcquiredBlock:
-        """The newest block.
-
-        Raises
-        ------
-        SignalFault
-            There is no sample yet.
-        """
+    def latest_block(self) -> Block:
+        """The newest block, without compensation."""
         if self._latest_block is None:
             raise SignalFault("no block of samples yet", "a running acquisition")
         return self._latest_block
 
     def angle_rad(self, side: Side) -> float:
-        """Newest angle of a side, rad, unwrapped."""
-        angles = self.latest_block.angles[side]
-        return float(angles.angle_rad[-1])
+        """Newest angle of a side, rad, unwrapped. Raises SignalFault for a silent encoder."""
+        angle = self.latest_block.angle(side)
+        if angle is None or not len(angle):
+            raise _silent_encoder(side)
+        return float(angle["angle_counts"][-1]) * self._count_rad(side)
 
     def speed_rad_s(self, side: Side) -> float:
-        """Mean speed of a side over the newest block, rad/s.
-
-        Raises
-        ------
-        SignalFault
-            The encoder is silent.
-        """
-        speed = self.latest_block.speed_rad_s.get(side)
-        if speed is None:
+        """Mean speed of a side over the newest block, rad/s; raises like `angle_rad`."""
+        speed = self.latest_block.speed_rad_s(side)
+        if math.isnan(speed):
             raise _silent_encoder(side)
         return speed
 
     def mean_speed_rad_s(self, side: Side, start_s: float, stop_s: float) -> float:
-        """Mean speed of a side over a window of bench time, rad/s; raises like `speed_rad_s`."""
-        time_s, counts = self._evaluator.angles[side].window(start_s, stop_s)
-        if time_s.size < 2:
+        """Mean speed of a side over a window of bench time, rad/s; raises like `angle_rad`."""
+        angle = self._evaluator.angles[side].window(start_s, stop_s)
+        if angle is None or len(angle) < 2:
             raise _silent_encoder(side)
-        return mean_speed(time_s, counts, self.latest_block.angles[side].counts_per_revolution)
+        per_revolution = self._description.module(side).encoder.counts_per_revolution
+        return mean_speed(angle, per_revolution)
 
-    def angles(self, side: Side, start_s: float, stop_s: float) -> AngleSamples:
-        """Return the encoder samples of a side over a window of bench time."""
-        time_s, counts = self._evaluator.angles[side].window(start_s, stop_s)
-        per_revolution = self.latest_block.angles[side].counts_per_revolution
-        return AngleSamples(time_s, counts.astype(np.int64), per_revolution)
+    def angles(self, side: Side, start_s: float, stop_s: float) -> Record:
+        """Return `time_s` and `angle_rad` of a side over a window of bench time."""
+        angle = self._evaluator.angles[side].window(start_s, stop_s)
+        if angle is None:
+            return Record({"time_s": np.zeros(0), "angle_rad": np.zeros(0)})
+        angle_rad = angle["angle_counts"] * self._count_rad(side)
+        return Record({"time_s": angle.time_s, "angle_rad": angle_rad})
+
+    def _count_rad(self, side: Side) -> float:
+        return TURN / self._description.module(side).encoder.counts_per_revolution
 
     def temperature_c(self, probe: str) -> float:
-        """Newest temperature of a probe, °C.
-
-        Raises
-        ------
-        SignalFault
-            The probe doesn't answer.
-        """
-        temperatures = self.latest_block.temperatures
-        if probe not in temperatures:
+        """Newest temperature of a probe, °C. Raises SignalFault for a silent one."""
+        temperature = self.latest_block.temperature_c(probe)
+        if math.isnan(temperature):
             raise SignalFault(
                 Message("no temperature from the probe {probe}", probe),
-                Message("one of {list}", ", ".join(temperatures)),
+                Message("one of {list}", ", ".join(self._description.temperatures)),
                 "check the probe's connection",
             )
-        return temperatures[probe]
+        return temperature
 
 
 def _silent_encoder(side: Side) -> SignalFault:
@@ -581,19 +568,3 @@ def _silent_encoder(side: Side) -> SignalFault:
         "samples in every block",
         "check its connection",
     )
-
-
-def _since(past: Iterable[Stretch], begin_s: float) -> Iterator[Stretch]:
-    """Return the blocks that end after a moment."""
-    for stretch in past:
-        if stretch.blocks[0].stop_s > begin_s + 1e-9:
-            yield stretch
-            continue
-        for block in stretch.each():
-            if block.stop_s > begin_s + 1e-9:
-                yield Stretch((block,), block.compensated)
-
-
-def _bare(stretch: Stretch) -> Stretch:
-    """Return blocks without their edges, which need most of the memory."""
-    return Stretch(tuple(replace(each, edges={}) for each in stretch.blocks), stretch.compensated)

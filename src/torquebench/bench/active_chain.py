@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-import threading
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, isnan
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.acceleration import Acceleration
+from torquebench.bench.blocks import KEPT_S
 from torquebench.bench.roles import Side
 from torquebench.chain import (
     ChainStream,
@@ -30,25 +29,29 @@ from torquebench.chain import (
 )
 from torquebench.errors import InputError, SignalFault
 from torquebench.message import Message
+from torquebench.signals import History, Record
 from torquebench.units import HOUR
 
-__all__ = ["ActiveChain", "StreamPart", "StreamReadings", "TimedTorque", "ZeroTaken"]
+__all__ = ["ActiveChain", "ZeroTaken"]
 
-KEPT_S = 120.0
+FloatArray = NDArray[np.float64]
+LEAST_WINDOW_S = 0.001
+MOST_REFUSED = 2400
+"""Blocks with refused readings that are remembered: two minutes of the usual 50 ms."""
 
 
 @dataclass(frozen=True)
 class ZeroTaken:
     """A zero in use.
 
-    Parameters
+    Attributes
     ----------
     time_s : float
-        When it was taken, s of bench time.
+        Bench time at which it was taken.
     temperature_c : float
-        Temperature of the transducer then, °C; NaN without a probe.
+        Temperature of the transducer then; NaN if unknown.
     standard_uncertainty_nm : float
-        Standard error of the mean that it is, N·m; NaN if it isn't known.
+        Standard error of its mean, N·m.
     """
 
     time_s: float
@@ -56,99 +59,16 @@ class ZeroTaken:
     standard_uncertainty_nm: float
 
 
-@dataclass(frozen=True, eq=False)
-class TimedTorque:
-    """Torques of the stream at the centres of their windows, s of bench time."""
-
-    time_s: NDArray[np.float64]
-    torque: Torque
-
-
-StreamPart = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | None]
-"""Windows of one block: their centres, readings, and the readings' counting uncertainty."""
-
-
-@dataclass(frozen=True, eq=False)
-class StreamReadings:
-    """Windows of consecutive blocks, with the other measured quantities.
-
-    Parameters
-    ----------
-    time_s, reading_nm : float64 array of shape (n,)
-        Centres of the windows, and readings (NaN at a fault), N·m.
-    counter_nm : float64 array of shape (n,) or None
-        Uncertainty of the readings by counting, N·m.
-    speed_rpm, temperature_c : float64 array of shape (n,) or float
-        Over a window's block; NaN where it isn't measured.
-    until_s : float64 array of shape (n,), float or None
-        Centre of the last window of a window's block; of all where not given.
-    acceleration_rad_s2, acceleration_uncertainty_rad_s2 : float64 array of shape (n,) or float
-        Over a window's block; NaN where it isn't measured.
-    angle_rad : float64 array of shape (n,) or None
-        Of the shaft when the torque in the middle of a window acted; None where it isn't known.
-    window_s : float or None
-        Length of the windows.
-    """
-
-    time_s: NDArray[np.float64]
-    reading_nm: NDArray[np.float64]
-    counter_nm: NDArray[np.float64] | None = None
-    speed_rpm: NDArray[np.float64] | float = np.nan
-    temperature_c: NDArray[np.float64] | float = np.nan
-    until_s: NDArray[np.float64] | float | None = None
-    acceleration_rad_s2: NDArray[np.float64] | float = np.nan
-    acceleration_uncertainty_rad_s2: NDArray[np.float64] | float = np.nan
-    angle_rad: NDArray[np.float64] | None = None
-    window_s: float | None = None
-
-    @classmethod
-    def joined(
-        cls,
-        parts: Sequence[StreamPart],
-        speed_rpm: Sequence[float],
-        temperature_c: Sequence[float],
-        accelerations: Sequence[Acceleration],
-    ) -> StreamReadings:
-        """Join blocks, each with its speed, temperature and acceleration."""
-        until_s = [float(time_s[-1]) if time_s.size else np.nan for time_s, _, _ in parts]
-        if len(parts) == 1:
-            return cls(*parts[0], speed_rpm[0], temperature_c[0], until_s[0], *accelerations[0])
-        counts = [time_s.size for time_s, _, _ in parts]
-        acceleration, uncertainty = (
-            np.repeat(each, counts) for each in zip(*accelerations, strict=True)
-        )
-        counted = [counter_nm for _, _, counter_nm in parts if counter_nm is not None]
-        return cls(
-            np.concatenate([time_s for time_s, _, _ in parts]),
-            np.concatenate([reading_nm for _, reading_nm, _ in parts]),
-            np.concatenate(counted) if len(counted) == len(parts) else None,
-            np.repeat(speed_rpm, counts),
-            np.repeat(temperature_c, counts),
-            np.repeat(until_s, counts),
-            acceleration,
-            uncertainty,
-        )
-
-
 class ActiveChain:
-    """Compensates a side's stream once, and keeps the results of the last two minutes.
-
-    Blocks are to be handed over once and in order. For a model with branches of a hysteresis loop,
-    the branch of a reading follows from the readings before it; after the start, a gap or a fault
-    the past is unknown, which the uncertainty contains.
+    """Compensates a side's stream once, and keeps the torques of the last two minutes.
 
     Parameters
     ----------
     chain : MeasuringChain
     model_id, kind : str
-        Number of its model in the registry, and the model's kind.
+        Of the model, as registered.
     calibration_age_h : float, optional
-        Time since the calibration, h.
-
-    Attributes
-    ----------
-    zero : ZeroTaken or None
-        The zero in use; None if none was measured since the bench was opened.
+        Time since its calibration.
     """
 
     def __init__(
@@ -166,8 +86,8 @@ class ActiveChain:
         zero = chain.find(Zero)
         self._zero_scatter_nm = 0.0 if zero is None else zero.zero_nm
         self._stream = chain.stream()
-        self._recent = _Recent()
-        self._fine: tuple[ChainStream, _Recent] | None = None
+        self._recent = _Torques()
+        self._fine: tuple[ChainStream, _Torques] | None = None
         self._last: tuple[Readings, Torque] | None = None
 
     @property
@@ -190,76 +110,75 @@ class ActiveChain:
         """Compile the kernels before the first block needs them; the past stays unknown."""
         self._stream.copy().push(Readings(np.zeros(1), counter_nm=np.zeros(1)))
 
-    def push(self, readings: StreamReadings) -> Torque:
-        """Compensate the next windows; those with a fault or out of range get no number."""
-        known = self._known(readings)
-        torque = self._stream.push(known)
-        if len(torque):
-            self._last = known, torque
-        self._recent.append(self._acted_s(readings.time_s), torque, known)
+    def push(
+        self,
+        record: Record,
+        conditions: dict[str, Any],
+        until_s: FloatArray | float,
+        *,
+        fine: bool = False,
+    ) -> Torque:
+        """Compensate the next windows; those with a fault or out of range get no number.
+
+        Parameters
+        ----------
+        record : Record
+            `time_s`, `reading_nm` and `counter_nm` of the windows.
+        conditions : dict
+            Further quantities of `Readings`, one for all windows or one each.
+        until_s : float or float64[n]
+            End of the block of each window, for the age of the zero.
+        fine : bool
+            Whether they are shorter windows of blocks that are pushed after them.
+        """
+        zero, age_h = self.zero, None
+        if zero is not None and len(record):
+            age_h = np.maximum(until_s - zero.time_s, 0.0) / HOUR
+        readings = Readings(
+            record["reading_nm"],
+            counter_nm=record.get("counter_nm"),
+            time_s=record.time_s,
+            zero_age_h=age_h,
+            zero_temperature_c=None if zero is None else zero.temperature_c,
+            zero_nm=(
+                None if zero is None else hypot(self._zero_scatter_nm, zero.standard_uncertainty_nm)
+            ),
+            calibration_age_h=self._calibration_age_h,
+            of_bench=True,
+            **conditions,
+        )
+        stream, recent = self._stream, self._recent
+        if fine:
+            if self._fine is None:
+                self._fine = stream.copy(), _Torques()
+            stream, recent = self._fine
+        torque = stream.push(readings)
+        if len(torque) and not fine:
+            self._last = readings, torque
+        dynamics = self.chain.dynamics  # torques by a dynamic filter are later than their readings
+        acted_s = record.time_s if dynamics is None else dynamics.acted_s(record.time_s)
+        recent.append(acted_s, torque, readings)
         return torque
-
-    def push_fine(self, readings: StreamReadings) -> None:
-        """Compensate shorter windows of blocks, before `push` takes the blocks themselves."""
-        if self._fine is None:
-            self._fine = self._stream.copy(), _Recent()
-        stream, recent = self._fine
-        known = self._known(readings)
-        recent.append(self._acted_s(readings.time_s), stream.push(known), known)
-
-    def _acted_s(self, time_s: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return the times of torques: those by a dynamic filter are later than their readings."""
-        dynamics = self.chain.dynamics
-        return time_s if dynamics is None else dynamics.acted_s(time_s)
 
     def end_fine(self) -> None:
         """Drop the shorter windows, which are no longer counted."""
         self._fine = None
 
-    def _known(self, readings: StreamReadings) -> Readings:
-        zero = self.zero
-        age_h: NDArray[np.float64] | None = None
-        if zero is not None and readings.time_s.size:
-            until_s = readings.time_s[-1] if readings.until_s is None else readings.until_s
-            age_h = np.maximum(until_s - zero.time_s, 0.0) / HOUR
-        return Readings(
-            readings.reading_nm,
-            counter_nm=readings.counter_nm,
-            time_s=readings.time_s,
-            speed_rpm=readings.speed_rpm,
-            acceleration_rad_s2=readings.acceleration_rad_s2,
-            acceleration_uncertainty_rad_s2=readings.acceleration_uncertainty_rad_s2,
-            angle_rad=readings.angle_rad,
-            window_s=readings.window_s,
-            temperature_c=readings.temperature_c,
-            zero_age_h=age_h,
-            zero_temperature_c=None if zero is None else zero.temperature_c,
-            zero_nm=None if zero is None else self._zero_nm(zero),
-            calibration_age_h=self._calibration_age_h,
-            of_bench=True,
-        )
+    def window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
+        """Return the torques whose windows' centres lie in [start, stop), with these centres, s.
 
-    def _zero_nm(self, zero: ZeroTaken) -> float:
-        """Return the standard uncertainty of a zero: its standard error, and the scatter of zeros.
-
-        The standard error of one zero doesn't contain how the parts were seated, nor from which
-        direction they were unloaded; the chain states this where a calibration has shown it.
+        None where there are none.
         """
-        return hypot(self._zero_scatter_nm, zero.standard_uncertainty_nm)
-
-    def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
-        """Return the torques whose windows' centres lie in [start, stop); None for none."""
         return self._recent.window(start_s, stop_s)
 
-    def fine_window(self, start_s: float, stop_s: float) -> TimedTorque | None:
+    def fine_window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
         """Return the torques of shorter windows in [start, stop); None if there are none."""
         return None if self._fine is None else self._fine[1].window(start_s, stop_s)
 
     def refusal(self, side: Side, start_s: float, stop_s: float) -> InputError | None:
         """Return why there is no torque in [start, stop): the effect that refuses, and its range.
 
-        It is asked with the conditions that the first refused reading had. None where no reading
-        was refused; a fault of the signal has no reading.
+        None where every reading was compensated.
         """
         fine = self._fine
         for recent in (self._recent, *(() if fine is None else fine[1:])):
@@ -273,15 +192,7 @@ class ActiveChain:
         return None
 
     def refuse(self, side: Side, start_s: float, stop_s: float) -> NoReturn:
-        """Raise that there is no torque somewhere in [start, stop), and why.
-
-        Raises
-        ------
-        InputError
-            A reading was refused; it names the effect.
-        SignalFault
-            No reading was refused.
-        """
+        """Raise that there is no torque somewhere in [start, stop), and why."""
         raise self.refusal(side, start_s, stop_s) or SignalFault(
             Message(
                 "no compensated torque of the {side} from {start_s:.2f} to {stop_s:.2f} s",
@@ -310,13 +221,7 @@ class ActiveChain:
         )
 
     def switch_off(self, off: Sequence[str]) -> None:
-        """Switch corrections off from the next window on, and all others on.
-
-        Parameters
-        ----------
-        off : sequence of str
-            Out of `torquebench.chain.SWITCHES`.
-        """
+        """Switch corrections off from the next window on, and all others on."""
         self.chain = self.chain.switched("switched off at the bench", off)
         self._stream.chain = self.chain
         self._fine = None
@@ -334,58 +239,41 @@ class ActiveChain:
         return self._stream.copy().push(known)
 
 
-class _Recent:
-    """Torques of the last two minutes, for one writer and many readers.
-
-    Kept as plain arrays: the garbage collection would walk through thousands of components a second
-    of the stream, and hold up acquisition.
-    """
+class _Torques:
+    """Torques of the last two minutes, for one writer and many readers."""
 
     def __init__(self) -> None:
-        self._blocks: deque[tuple[NDArray[np.float64], NDArray[np.float64]]] = deque()
+        self._recent: History | None = None
         self._components: tuple[Component, ...] = ()
-        self._refused: deque[tuple[float, Readings]] = deque()
-        self._lock = threading.Lock()
+        self._refused: deque[tuple[float, Readings]] = deque(maxlen=MOST_REFUSED)
 
-    def append(self, time_s: NDArray[np.float64], torque: Torque, readings: Readings) -> None:
+    def append(self, time_s: FloatArray, torque: Torque, readings: Readings) -> None:
         if not time_s.size:
             return
-        rows = _rows(torque)
+        if self._recent is None:
+            window_s = readings.window_s or LEAST_WINDOW_S
+            self._recent = History(round(KEPT_S / window_s))
+        self._components = torque.components
+        self._recent.append(_record(time_s, torque))
         refused = _first_refused(time_s, torque, readings)
-        with self._lock:
-            if refused is not None:
-                self._refused.append(refused)
-            while self._refused and self._refused[0][0] < float(time_s[-1]) - KEPT_S:
-                self._refused.popleft()
-            self._components = torque.components
-            self._blocks.append((time_s, rows))
-            oldest_s = float(time_s[-1]) - KEPT_S
-            while self._blocks[0][0][-1] < oldest_s:
-                self._blocks.popleft()
+        if refused is not None:
+            self._refused.append(refused)
 
     def refused(self, start_s: float, stop_s: float) -> Readings | None:
         """Return the first refused reading with its conditions; None where none was refused."""
-        with self._lock:
-            return next((each for at, each in self._refused if start_s <= at < stop_s), None)
+        return next(
+            (readings for at, readings in tuple(self._refused) if start_s <= at < stop_s), None
+        )
 
-    def window(self, start_s: float, stop_s: float) -> TimedTorque | None:
-        with self._lock:
-            blocks = [
-                each for each in self._blocks if each[0][-1] >= start_s and each[0][0] < stop_s
-            ]
-            components = self._components
-        if not blocks:
+    def window(self, start_s: float, stop_s: float) -> tuple[FloatArray, Torque] | None:
+        recent = None if self._recent is None else self._recent.window(start_s, stop_s)
+        if recent is None or not len(recent):
             return None
-        time_s = np.concatenate([each[0] for each in blocks])
-        inside = np.flatnonzero((time_s >= start_s) & (time_s < stop_s))
-        if not inside.size:
-            return None
-        rows = np.concatenate([each[1] for each in blocks], axis=1)[:, inside]
-        return TimedTorque(time_s[inside], _torque(rows, components))
+        return recent.time_s, _torque(recent, self._components)
 
 
 def _first_refused(
-    time_s: NDArray[np.float64], torque: Torque, readings: Readings
+    time_s: FloatArray, torque: Torque, readings: Readings
 ) -> tuple[float, Readings] | None:
     """Return time and conditions of a block's first reading without a torque."""
     if not isnan(torque.value_nm.sum()):
@@ -397,32 +285,39 @@ def _first_refused(
     return float(time_s[row]), rows_of(readings, slice(row, row + 1))
 
 
-def _rows(torque: Torque) -> NDArray[np.float64]:
-    """Return torques, then uncertainty, addition and place of one component after the other."""
-    places = sum(each.place.shape[1] for each in torque.components if each.place is not None)
-    rows = np.zeros((1 + 2 * len(torque.components) + places, torque.value_nm.size))
-    rows[0] = torque.value_nm
-    row = 1
-    for _, _, uncertainty_nm, value_nm, place, _ in torque.components:
-        rows[row] = uncertainty_nm
-        if isinstance(value_nm, np.ndarray) or value_nm:
-            rows[row + 1] = value_nm
-        row += 2
+def _record(time_s: FloatArray, torque: Torque) -> Record:
+    """Return torques as a record, with the components' numbers side by side."""
+    components, count = torque.components, time_s.size
+    uncertainty, added = np.empty((count, len(components))), np.empty((count, len(components)))
+    for number, component in enumerate(components):
+        uncertainty[:, number] = component.uncertainty_nm
+        added[:, number] = component.value_nm
+    places = [component.place for component in components if component.place is not None]
+    columns: dict[str, NDArray[np.float64]] = {
+        "time_s": time_s,
+        "torque_nm": torque.value_nm,
+        "uncertainty_nm": uncertainty,
+        "added_nm": added,
+    }
+    if places:
+        columns["place"] = np.concatenate(places, axis=1)
+    return Record.unchecked(columns, count)
+
+
+def _torque(record: Record, components: tuple[Component, ...]) -> Torque:
+    """Return the torques of a record by components of such torques."""
+    split: list[Component] = []
+    next_place = 0
+    for number, component in enumerate(components):
+        place = component.place
         if place is not None:
-            rows[row : row + place.shape[1]] = place.T
-            row += place.shape[1]
-    return rows
-
-
-def _torque(rows: NDArray[np.float64], components: tuple[Component, ...]) -> Torque:
-    """Return the torques of which these are the rows, by components of such torques."""
-    found: list[Component] = []
-    next_row = 1
-    for each in components:
-        first = next_row + 2
-        next_row = first + (0 if each.place is None else each.place.shape[1])
-        place = None if each.place is None else np.ascontiguousarray(rows[first:next_row].T)
-        found.append(
-            each._replace(uncertainty_nm=rows[first - 2], value_nm=rows[first - 1], place=place)
+            first, next_place = next_place, next_place + place.shape[1]
+            place = np.ascontiguousarray(record["place"][:, first:next_place])
+        split.append(
+            component._replace(
+                uncertainty_nm=np.ascontiguousarray(record["uncertainty_nm"][:, number]),
+                value_nm=np.ascontiguousarray(record["added_nm"][:, number]),
+                place=place,
+            )
         )
-    return Torque(rows[0], tuple(found))
+    return Torque(record["torque_nm"], tuple(split))

@@ -1,54 +1,64 @@
-"""One torque channel from edges to torque, with its recent samples."""
+"""One torque channel: from what its instrument delivers to torque, with its recent values."""
 
 from __future__ import annotations
 
-import itertools
-from collections import deque
-from collections.abc import Sequence
-from math import isnan
+import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from torquebench.bench.blocks import KEPT_S
 from torquebench.bench.certificates.torque import ReferenceCertificate, read_certificate
 from torquebench.bench.description import BenchDescription, TransducerDescription
-from torquebench.bench.drivers.base import DriverSet, ReferenceSamples
+from torquebench.bench.drivers.base import CLOCKS_APART_S, DriverSet
 from torquebench.bench.roles import SIDES, Mounting, Side, reference_channel, torque_channel
-from torquebench.bench.samples import ChannelSamples, FineCount, SampleRing
-from torquebench.bench.slices import joined_edges
 from torquebench.errors import InputError, SignalFault
 from torquebench.message import Message
 from torquebench.signals import (
     EdgeBlock,
     FrequencyCounter,
-    FrequencySamples,
-    FrequencyScale,
+    History,
+    Record,
     SignalFaultKind,
-    TorqueSamples,
 )
 
-__all__ = ["Channel", "certificates", "open_channel"]
+__all__ = ["FAST_WINDOW_S", "FINE_WINDOW_S", "Channel", "certificates", "open_channel"]
 
-KEPT_S = 120.0
-STUCK_SPREAD = 8.0
-"""Largest spread of a stuck frequency, in standard uncertainties of the counter. 25 windows with
-only the counter's own noise spread over 4 of them; a transducer's output is never that quiet.
+FINE_WINDOW_S = 0.002
+"""Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
+FAST_WINDOW_S = 0.001
+"""Windows of steps of torque, s: they resolve the vibration of a shaft, up to 400 Hz."""
+STILL_SPREAD = 8.0
+"""Largest spread of values that stand still, in standard uncertainties of the counter. 25 windows
+with only the counter's own noise spread over 4 of them.
 """
+STILL_SAMPLES = 10
+"""Least number of equal values that stand still."""
+LEARNED_SAMPLES = 30
+"""So many values tell the noise of a signal."""
+NOISY = 10.0
+"""Noise of a signal, in standard uncertainties of its counter, that never stands still by chance:
+25 values spread over less than a standard deviation once in 10⁹ times.
+"""
+CURVATURE_OF_NOISE = 0.6745 * math.sqrt(6.0)
+"""Median of the second differences of white noise, in its standard deviations."""
+MOVED_SHARE = 0.01
+"""A transducer whose partner moves by this share of its range is stuck if it stands still."""
 
 
 class Channel:
-    """Counter, scale, certificate and recent samples of one transducer.
+    """Counter, scale, certificate and recent values of one transducer.
 
     Parameters
     ----------
-    name, side, standard
-        As in `ChannelSamples`.
+    name : str
+        Channel of the counter card, such as ``"output_torque"``.
+    side : {"input", "output"}
+    standard : bool
+        Whether it is the transducer of a mounted standard.
     transducer : TransducerDescription
     counter : FrequencyCounter
-    window_s : float
-        Length of the counter's windows, s.
     stuck_s : float
-        Time after which a frequency without noise is stuck, s.
+        After so long without any noise a frequency is stuck.
     certificate : ReferenceCertificate, optional
         Corrects the torque of a standard.
     """
@@ -60,7 +70,6 @@ class Channel:
         standard: bool,
         transducer: TransducerDescription,
         counter: FrequencyCounter,
-        window_s: float,
         stuck_s: float,
         certificate: ReferenceCertificate | None,
     ) -> None:
@@ -71,17 +80,11 @@ class Channel:
         self.certificate = certificate
         self._counter = counter
         self._scale = transducer.scale()
-        self._stuck_windows = max(2, round(stuck_s / window_s))
-        self._ring = SampleRing(columns=3, capacity=round(KEPT_S / window_s))
-        self._counted: deque[float] = deque(maxlen=self._stuck_windows)
+        window_s = counter.window_ticks / counter.timebase_hz
+        self.recent = History(round(KEPT_S / window_s))
+        """The readings of the last two minutes; faults are among them."""
+        self._stuck = _StuckCheck(stuck_s, MOVED_SHARE * transducer.nominal_torque_nm)
         self._fine: _FineWindows | None = None
-        self.fine: FineCount | None = None
-        """Shorter windows of the last block of edges; None without any."""
-
-    @property
-    def scale(self) -> FrequencyScale:
-        """From frequency to torque, with the zero in use."""
-        return self._scale
 
     @property
     def zero_hz(self) -> float:
@@ -104,120 +107,50 @@ class Channel:
             )
         self._scale = self._scale.with_zero(value)
 
-    def push(self, edges: EdgeBlock) -> ChannelSamples:
-        """Take the next block of edges; return the windows that it completes."""
-        fine = self.fine = self._fine
-        if fine is not None and fine.over(edges):
-            self._fine = None
-        return self.push_frequency(self._counter.push(edges))
+    def push(self, measured: EdgeBlock | Record, partner: Channel | None = None) -> Record:
+        """Take what the instrument delivers next; return its windows with their torque.
 
-    def count_finely(self, window_s: float) -> None:
-        """Count shorter windows in addition, from the next block on.
+        Parameters
+        ----------
+        measured : EdgeBlock or Record
+            Edges to be counted, or a record with `frequency_hz` of an instrument that counts, or
+            with `reading_nm` of one that states torque by the nominal zero.
+        partner : Channel, optional
+            The other transducer that carries this one's torque: while that moves, this one must.
 
-        Asking again prolongs it. An instrument that counts by itself has none.
+        Returns
+        -------
+        Record
+            `time_s`, `frequency_hz`, `reading_nm`, which a certificate corrects, its
+            uncertainty by the counter `counter_nm`, and `fault`.
         """
-        fine = self._fine
-        if fine is None or fine.window_s != window_s:
-            self._fine = _FineWindows(self, self._counter, window_s)
-        else:
-            fine.prolong()
-
-    def fine_window(self, start_s: float, stop_s: float) -> TorqueSamples | None:
-        """Return the short windows in [start, stop), uncorrected by a certificate; None without."""
-        fine = self._fine
-        if fine is None:
-            return None
-        rows = fine.ring.window(start_s, stop_s)
-        return TorqueSamples(
-            time_s=rows[0],
-            fault=rows[2].astype(np.uint8),
-            torque_nm=rows[1],
-            standard_uncertainty_nm=np.full(rows[0].size, np.nan),
-        )
-
-    def push_frequency(self, counted: FrequencySamples) -> ChannelSamples:
-        """Take the next windows of an instrument that counts by itself."""
-        frequency = self._with_stuck(counted)
-        torque = self._scale.torque_samples(frequency)
-        value = torque.torque_nm
+        if isinstance(measured, EdgeBlock):
+            measured = self._counter.push(measured)
+        if "frequency_hz" not in measured:
+            measured = self._as_counted(measured)
+        stuck = self._stuck.push(measured, partner)
+        if stuck is not None:
+            rows = np.array(stuck)
+            values = "frequency_hz", "frequency_uncertainty_hz"
+            measured = measured.marked(rows, SignalFaultKind.STUCK, *values)
+        record = self._scale.readings(measured)
         if self.certificate is not None:
-            value = self.certificate.correct(value)
-        return self._kept(
-            torque.time_s,
-            frequency.frequency_hz,
-            value,
-            torque.fault,
-            torque.standard_uncertainty_nm,
+            record = record.with_columns(reading_nm=self.certificate.correct(record["reading_nm"]))
+        self.recent.append(record)
+        return record
+
+    def _as_counted(self, stated: Record) -> Record:
+        """Return stated torques as the frequencies that would have stated them, for zeroing."""
+        torque = stated["reading_nm"]
+        lost = ~np.isfinite(torque)
+        return Record(
+            {
+                "time_s": stated.time_s,
+                "frequency_hz": self.transducer.scale().frequency(torque),
+                "frequency_uncertainty_hz": np.where(lost, np.nan, 0.0),
+                "fault": np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), np.uint8(0)),
+            }
         )
-
-    def _with_stuck(self, frequency: FrequencySamples) -> FrequencySamples:
-        """Mark windows of a frequency that has lost all noise of its own."""
-        count = frequency.frequency_hz.size
-        if count == 0:
-            return frequency
-        # The frequency as counted: windows marked as faulty before would hide a lasting fault.
-        recent = self._counted
-        recent.extend(frequency.frequency_hz[-self._stuck_windows :].tolist())
-        if len(recent) < self._stuck_windows or isnan(sum(recent)):  # NaN: a faulty window
-            return frequency
-        if max(recent) - min(recent) < STUCK_SPREAD * frequency.standard_uncertainty_hz[-1]:
-            everywhere = np.ones(count, dtype=np.bool_)
-            return frequency.marked(everywhere, SignalFaultKind.STUCK)
-        return frequency
-
-    def take(self, read: ReferenceSamples) -> ChannelSamples:
-        """Take the samples of a standard that states torque itself."""
-        lost = ~np.isfinite(read.torque_nm)
-        fault = np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), np.uint8(0))
-        # The frequency that would have stated this torque, for zeroing.
-        frequency = self.transducer.scale().frequency(read.torque_nm)
-        value = np.full(frequency.shape, np.nan)
-        value[~lost] = self._scale.torque(frequency[~lost])
-        if self.certificate is not None:
-            value = self.certificate.correct(value)
-        return self._kept(read.time_s, frequency, value, fault)
-
-    def _kept(
-        self,
-        time_s: NDArray[np.float64],
-        frequency_hz: NDArray[np.float64],
-        torque_nm: NDArray[np.float64],
-        fault: NDArray[np.uint8],
-        counter_nm: NDArray[np.float64] | None = None,
-    ) -> ChannelSamples:
-        self._ring.append(time_s, frequency_hz, torque_nm, fault)
-        return ChannelSamples(
-            self.name, self.side, self.standard, time_s, frequency_hz, torque_nm, fault, counter_nm
-        )
-
-    def window(self, start_s: float, stop_s: float) -> ChannelSamples:
-        """Return the samples whose windows' centres lie in [start, stop); faults are among them."""
-        rows = self._ring.window(start_s, stop_s)
-        fault = rows[3].astype(np.uint8)
-        return ChannelSamples(self.name, self.side, self.standard, rows[0], rows[1], rows[2], fault)
-
-    def latest(self) -> ChannelSamples:
-        """Return the newest window.
-
-        Raises
-        ------
-        SignalFault
-            It is faulty, or there is no sample yet.
-        """
-        row = self._ring.last()
-        if row is None:
-            raise SignalFault(Message("{name}: no sample yet", self.name), "a running acquisition")
-        newest = ChannelSamples(
-            self.name,
-            self.side,
-            self.standard,
-            row[0:1],
-            row[1:2],
-            row[2:3],
-            row[3:4].astype(np.uint8),
-        )
-        newest.raise_on_fault()
-        return newest
 
     def torque(self, frequency_hz: float) -> float:
         """Torque of one frequency by the present zero, N·m."""
@@ -226,43 +159,124 @@ class Channel:
             value = self.certificate.correct(value)
         return float(value)
 
+    def latest(self) -> Record:
+        """Return the newest window. Raises SignalFault for none or a faulty one."""
+        newest = self.recent.latest()
+        if newest is None:
+            raise SignalFault(Message("{name}: no sample yet", self.name), "a running acquisition")
+        return newest.raise_on_fault(self.name)
+
+    # -- shorter windows ---------------------------------------------------------------------
+
+    def count_finely(self, window_s: float) -> None:
+        """Count shorter windows in addition for the next two minutes."""
+        if self._fine is None or self._fine.window_s != window_s:
+            self._fine = _FineWindows(self._counter, window_s)
+        self._fine.remaining_s = KEPT_S
+
+    @property
+    def fine_window_s(self) -> float | None:
+        """Length of the shorter windows that are counted; None without any."""
+        return None if self._fine is None else self._fine.window_s
+
+    def push_fine(self, edges: EdgeBlock) -> Record:
+        """Count the next edges in shorter windows, which no certificate corrects."""
+        assert self._fine is not None
+        record = self._scale.readings(self._fine.counter.push(edges))
+        self._fine.recent.append(record)
+        self._fine.remaining_s -= edges.duration_s
+        if self._fine.remaining_s < 0.0:
+            self._fine = None
+        return record
+
+    def fine_window(self, start_s: float, stop_s: float) -> Record | None:
+        """Return the shorter windows in [start, stop); None if none were counted."""
+        return None if self._fine is None else self._fine.recent.window(start_s, stop_s)
+
+
+class _StuckCheck:
+    """Tells an output that is stuck from one that is quiet.
+
+    Values stand still while they don't spread beyond the counter's own noise. That is a fault of a
+    signal with clear noise of its own; one that is about as quiet as its counter is stuck when the
+    other transducer of its side moves.
+
+    Parameters
+    ----------
+    stuck_s : float
+        How long values may stand still, s.
+    moved_nm : float
+        Change of the partner's torque that this channel can't miss, N·m.
+    """
+
+    def __init__(self, stuck_s: float, moved_nm: float) -> None:
+        self._stuck_s = stuck_s
+        self._moved_nm = moved_nm
+        self._learned: list[float] | None = []
+        """The first values, until they tell whether the signal has noise of its own."""
+        self._noisy = False
+        self._low = self._high = self._since_s = math.nan
+        """Since when values stand still, s, and between which they lie."""
+        self._count = 0
+
+    def push(self, record: Record, partner: Channel | None) -> list[bool] | None:
+        """Take the next values as delivered; return which of them are stuck, None if none is."""
+        if not len(record):
+            return None
+        long_still = []
+        u = float(record["frequency_uncertainty_hz"][-1])
+        # Values as they were counted: windows marked as stuck would hide a lasting fault.
+        values, times = record["frequency_hz"].tolist(), record.time_s.tolist()
+        for value, time_s in zip(values, times, strict=True):
+            if math.isnan(value):  # another fault
+                self._low = value
+            low, high = min(self._low, value), max(self._high, value)
+            if high - low <= STILL_SPREAD * u:
+                self._low, self._high = low, high
+                self._count += 1
+            else:
+                self._low = self._high = value
+                self._since_s, self._count = time_s, 1
+            still_s = time_s - self._since_s + 1e-9
+            long_still.append(still_s >= self._stuck_s and self._count >= STILL_SAMPLES)
+        if self._learned is not None:
+            self._learn(values, u)
+        stuck = any(long_still) and (self._noisy or self._moves(partner, times[-1]))
+        return long_still if stuck else None
+
+    def _learn(self, values: list[float], u: float) -> None:
+        """Take the first values until they tell the signal's own noise."""
+        assert self._learned is not None
+        self._learned += [value for value in values if not math.isnan(value)]
+        if len(self._learned) < LEARNED_SAMPLES:
+            return
+        steps = np.abs(np.diff(self._learned))
+        resolution = steps[steps > 0.0].min(initial=math.inf)
+        noise = np.median(np.abs(np.diff(self._learned, 2))) / CURVATURE_OF_NOISE
+        self._noisy = bool(noise > NOISY * max(u, resolution / math.sqrt(12.0)))
+        self._learned = None
+
+    def _moves(self, partner: Channel | None, until_s: float) -> bool:
+        """Whether the partner has moved since this one has stood still."""
+        if partner is None:
+            return False
+        apart_s = CLOCKS_APART_S + 2.0 * (until_s - self._since_s) / max(self._count, 1)
+        seen = partner.recent.window(self._since_s + apart_s, until_s - apart_s)
+        if seen is None or not len(seen):
+            return False
+        torque_nm = seen["reading_nm"]
+        moved = np.fmax.reduce(torque_nm) - np.fmin.reduce(torque_nm)
+        return bool(moved > self._moved_nm)
+
 
 class _FineWindows:
-    """Windows shorter than the bench's own, computed while they are requested."""
+    """Windows shorter than the bench's own, counted while somebody needs them."""
 
-    def __init__(self, channel: Channel, like: FrequencyCounter, window_s: float) -> None:
+    def __init__(self, like: FrequencyCounter, window_s: float) -> None:
         self.window_s = window_s
-        self._channel = channel
-        self.ring = SampleRing(columns=2, capacity=round(KEPT_S / window_s))
-        self._counter = FrequencyCounter(like.method, window_s, like.timebase_hz)
-        self._remaining_s = KEPT_S
-
-    def prolong(self) -> None:
-        """Continue for the ring's duration."""
-        self._remaining_s = KEPT_S
-
-    def count(self, edges: Sequence[EdgeBlock]) -> list[TorqueSamples]:
-        """Count the next blocks together, which costs little more than one of them."""
-        counted = self._counter.push(joined_edges(self._channel.name, edges))
-        torque = self._channel.scale.torque_samples(counted)
-        self.ring.append(torque.time_s, torque.torque_nm, torque.fault)
-        half_s = 0.5 * self.window_s
-        ends = [block.stop_tick / block.timebase_hz - half_s * (1.0 - 1e-6) for block in edges]
-        cuts = [0, *torque.time_s.searchsorted(ends, side="right").tolist()]
-        return [
-            TorqueSamples(
-                time_s=torque.time_s[part],
-                fault=torque.fault[part],
-                torque_nm=torque.torque_nm[part],
-                standard_uncertainty_nm=torque.standard_uncertainty_nm[part],
-            )
-            for part in itertools.starmap(slice, itertools.pairwise(cuts))
-        ]
-
-    def over(self, edges: EdgeBlock) -> bool:
-        """Return whether the last request is longer ago than the ring's duration."""
-        self._remaining_s -= (edges.stop_tick - edges.start_tick) / edges.timebase_hz
-        return self._remaining_s < 0.0
+        self.counter = FrequencyCounter(like.method, window_s, like.timebase_hz)
+        self.recent = History(round(KEPT_S / window_s))
+        self.remaining_s = KEPT_S
 
 
 def open_channel(
@@ -286,18 +300,16 @@ def open_channel(
                 )
             certificate = certificates(description, drivers, mounting).get(side)
             transducer = standard.transducer(side)
-            return Channel(
-                name, side, True, transducer, counter, counting.window_s, stuck_s, certificate
-            )
+            return Channel(name, side, True, transducer, counter, stuck_s, certificate)
     own: Side = "input" if name == torque_channel("input") else "output"
     transducer = description.module(own).transducer
-    return Channel(name, own, False, transducer, counter, counting.window_s, stuck_s, None)
+    return Channel(name, own, False, transducer, counter, stuck_s, None)
 
 
 def certificates(
     description: BenchDescription, drivers: DriverSet, mounting: Mounting
 ) -> dict[Side, ReferenceCertificate]:
-    """Certificates of a mounted standard: from the description's file, or from the driver."""
+    """Return the certificates of a mounted standard: from the description's file, or the driver."""
     standard = description.standard(mounting)
     if standard is not None and standard.certificate is not None:
         return read_certificate(standard.certificate)

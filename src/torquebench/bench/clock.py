@@ -76,10 +76,20 @@ class BenchClock:
         The last acquired block ended earlier: acquiring a block takes time, more on a busy
         computer.
         """
+        late_s = self.late_s
+        return self._now_s + (late_s if self._told else min(late_s, LONGEST_BEHIND_S))
+
+    @property
+    def late_s(self) -> float:
+        """How much later the present is than the last acquired block, s; 0 in fast time."""
         if self.fast:
-            return self._now_s
-        present_s = max(time.monotonic() - self._behind_s, self._now_s)
-        return present_s if self._told else min(present_s, self._now_s + LONGEST_BEHIND_S)
+            return 0.0
+        return max(0.0, time.monotonic() - self._behind_s - self._now_s)
+
+    def stood(self, seconds: float) -> None:
+        """Note that simulated time has stood while the wall clock went on."""
+        with self._condition:
+            self._behind_s += seconds
 
     @property
     def sleeping(self) -> bool:

@@ -165,7 +165,7 @@ class PresentState:
 
     def reading_nm(self, side: Side) -> float:
         """Torque that a transducer reads. Raises SignalFault if it is unknown."""
-        return self._acquisition.latest(torque_channel(side)).torque_nm
+        return self._acquisition.reading_nm(torque_channel(side))
 
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""

@@ -16,6 +16,7 @@ __all__ = [
     "RailPosition",
     "Seating",
     "Side",
+    "angle_channel",
     "reference_channel",
     "torque_channel",
 ]
@@ -69,3 +70,8 @@ def reference_channel(side: Side) -> str:
     'input_reference'
     """
     return f"{side}_reference"
+
+
+def angle_channel(side: Side) -> str:
+    """Name of a side's encoder."""
+    return f"{side}_angle"

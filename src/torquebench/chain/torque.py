@@ -152,9 +152,9 @@ class Torque:
                 total += component.value_nm
         return total
 
-    def at(self, rows: ArrayLike) -> Torque:
+    def at(self, rows: ArrayLike | slice) -> Torque:
         """Return some of the torques."""
-        index = np.asarray(rows)
+        index = rows if isinstance(rows, slice) else np.asarray(rows)
 
         def chosen(values: FloatArray | float) -> FloatArray | float:
             return values[index] if isinstance(values, np.ndarray) and values.ndim else values

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,8 +20,8 @@ from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.active_chain import ActiveChain
+    from torquebench.bench.blocks import Block, Viewer
     from torquebench.bench.drivers.base import Side
-    from torquebench.bench.samples import AcquiredBlock, Viewer
     from torquebench.errors import InputError
     from torquebench.station import Station
 
@@ -111,11 +110,11 @@ def _show(station: Station, interval_s: float, count: int | None) -> None:
         station.acquisition.remove_viewer(viewer)
 
 
-def _blocks(viewer: Viewer, interval_s: float) -> list[AcquiredBlock]:
+def _blocks(viewer: Viewer, interval_s: float) -> list[Block]:
     """Collect blocks that cover an interval of bench time."""
     from torquebench.errors import BenchError
 
-    blocks: list[AcquiredBlock] = []
+    blocks: list[Block] = []
     covered_s = 0.0
     while covered_s < interval_s - 1e-9:
         block = viewer.get(timeout_s=5.0)
@@ -177,34 +176,31 @@ class MeasuredInterval:
         )
 
 
-def measured_interval(station: Station, blocks: list[AcquiredBlock]) -> MeasuredInterval:
+def measured_interval(station: Station, blocks: list[Block]) -> MeasuredInterval:
     """Return the means of an interval."""
-    from torquebench.bench.acceleration import UNKNOWN
-
     newest = blocks[-1]
     return MeasuredInterval(
         newest.stop_s,
         _torque("input", blocks, station.acquisition.compensation("input")),
         _torque("output", blocks, station.acquisition.compensation("output")),
-        newest.speed_rad_s.get("input", math.nan) * RPM_PER_RAD_S,
-        newest.accelerations.get("input", UNKNOWN).rad_s2 * RPM_PER_RAD_S,
-        newest.temperatures[station.description.input.temperature_probe],
+        newest.speed_rad_s("input") * RPM_PER_RAD_S,
+        newest.condition("input_acceleration_rad_s2") * RPM_PER_RAD_S,
+        newest.temperature_c(station.description.input.temperature_probe),
     )
 
 
-def _torque(
-    side: Side, blocks: list[AcquiredBlock], active: ActiveChain | None = None
-) -> MeasuredSide:
+def _torque(side: Side, blocks: list[Block], active: ActiveChain | None = None) -> MeasuredSide:
     import numpy as np
 
-    from torquebench.bench.drivers.base import torque_channel
+    from torquebench.bench.blocks import fault_of
+    from torquebench.bench.roles import torque_channel
     from torquebench.chain import joined
 
-    samples = [block.channels[torque_channel(side)] for block in blocks]
-    fault = next((each.fault_kind for each in samples if each.fault.any()), None)
+    records = [block.records[torque_channel(side)] for block in blocks]
+    fault = next((fault_of(record) for record in records if record["fault"].any()), None)
     if fault is not None:
         return MeasuredSide(None, None, fault.name.lower().replace("_", " "))
-    compensated = [block.compensated[side] for block in blocks if side in block.compensated]
+    compensated = [block.torques[side] for block in blocks if side in block.torques]
     if len(compensated) == len(blocks):
         mean = joined(compensated).mean()
         if not np.all(np.isfinite(mean.value_nm)):
@@ -214,7 +210,7 @@ def _torque(
             return MeasuredSide(None, None, "beyond range", _range_of(refusal))
         value, expanded = float(mean.value_nm[0]), float(mean.expanded_uncertainty_nm[0])
         return MeasuredSide(value, expanded, "compensated")
-    torque = np.concatenate([each.torque_nm for each in samples])
+    torque = np.concatenate([record["reading_nm"] for record in records])
     return MeasuredSide(float(np.mean(torque)), None, "raw")
 
 

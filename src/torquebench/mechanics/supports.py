@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.units import TURN
 
 if TYPE_CHECKING:
     from skfem import MeshTet
@@ -186,8 +187,8 @@ def tube_mesh(design: SupportDesign, size_m: float) -> MeshTet:
     from skfem import MeshHex
 
     radii = np.array([design.bore_m, design.cylinder_m]) / 2.0
-    chords = max(_LEAST_CHORDS, round(2.0 * np.pi * radii[1] / size_m))
-    step = 2.0 * np.pi / chords
+    chords = max(_LEAST_CHORDS, round(TURN * radii[1] / size_m))
+    step = TURN / chords
     grid = MeshHex.init_tensor(
         _divided(tuple(radii * np.sqrt(step / np.sin(step))), size_m),
         np.arange(chords + 1.0),

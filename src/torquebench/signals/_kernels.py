@@ -11,7 +11,7 @@ from numba import int64
 
 from torquebench.kernels import inner, kernel
 
-GATED, RECIPROCAL, REGRESSION, TRIANGULAR = 0, 1, 2, 3
+RECIPROCAL, REGRESSION, TRIANGULAR = 1, 2, 3
 # A window with an irregular pulse train, which is inspected outside the hot loop.
 SUSPECT = 255
 # Windows whose integers fit the inner caches until they are converted to frequencies.
@@ -83,7 +83,6 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
     Returns the first edge that isn't later than the one before it (-1 for none), and the edge
     after the last window.
     """
-    fewest = 1 if method == GATED else 2
     low = high = begin
     n = advance = 0
     last_stop = int64(-(2**62))
@@ -101,7 +100,7 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
         n = high - low
         edges[k] = n
         code = 0
-        if n < fewest:
+        if n < 2:
             numerator[k] = 0
             code = 1 if n == 0 else 2
         else:
@@ -117,10 +116,8 @@ def _count_train(ticks, begin, starts, stops, method, check, edges, numerator, f
             elif method == TRIANGULAR:
                 late = _sum(ticks, high - n // 2, high)
                 numerator[k] = late - _sum(ticks, low, low + n // 2)
-            elif method == RECIPROCAL:
-                numerator[k] = ticks[high - 1] - ticks[low]
             else:
-                numerator[k] = stop - start
+                numerator[k] = ticks[high - 1] - ticks[low]
             if check:
                 last = ticks[high - 1]
                 short = high > 1 and 2 * (stop - last) > 3 * (last - ticks[high - 2])
@@ -142,9 +139,8 @@ def _denominators(edges, method, denominator):  # type: ignore[no-untyped-def] #
             half = edges[k] // 2
             denominator[k] = half * (edges[k] - half)
     else:
-        first = 1 if method == RECIPROCAL else 0
         for k in range(edges.size):
-            denominator[k] = edges[k] - first
+            denominator[k] = edges[k] - 1
 
 
 @inner
@@ -156,20 +152,9 @@ def _largest(edges, starts, stops):  # type: ignore[no-untyped-def] # Numba infe
     return largest
 
 
-@inner
-def _pool(sums, edges, fault, more, more_edges, more_fault):  # type: ignore[no-untyped-def] # Numba infers
-    """Add a second train's sums, edges and faults to the first's."""
-    for k in range(edges.size):
-        sums[0, k] += more[0, k]
-        sums[1, k] += more[1, k]
-        edges[k] += more_edges[k]
-        if fault[k] == 0 or (fault[k] == SUSPECT and more_fault[k] != 0):
-            fault[k] = more_fault[k]
-
-
 @inner(error_model="numpy")
 def _convert(  # type: ignore[no-untyped-def] # Numba infers
-    starts, stops, numerator, denominator, edges, fault, trains, method, timebase, edge_noise,
+    starts, stops, numerator, denominator, edges, fault, method, timebase, edge_noise,
     time, frequency, uncertainty,
 ):  # fmt: skip
     """Turn quotients into frequency and standard uncertainty; NaN where there is a fault.
@@ -178,11 +163,10 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
     """
     scale = timebase / 6.0 if method == REGRESSION else timebase
     # Sum of the edges' squared weights: n(n² − 1)/3 here, since the numerator lacks a factor
-    # of 6; n; and 2 for each train. A gate has two roundings whatever the edges' noise.
+    # of 6; n; and 2.
     by_parts = 1.0 / 3.0 if method == REGRESSION else 0.0
     by_edges = 1.0 if method == TRIANGULAR else 0.0
-    constant = 2.0 * trains if method == RECIPROCAL else 0.0
-    gate = timebase * trains / np.sqrt(6.0) if method == GATED else 0.0
+    constant = 2.0 if method == RECIPROCAL else 0.0
     half_tick = 0.5 / timebase
     suspects = 0
     for k in range(fault.size):
@@ -191,7 +175,7 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
         per_span = 1.0 / float(numerator[k])
         value = scale * parts * per_span
         weights = by_parts * parts + by_edges * float(edges[k]) + constant
-        spread = (value * edge_noise * np.sqrt(weights) + gate) * per_span
+        spread = value * edge_noise * np.sqrt(weights) * per_span
         frequency[k] = value if fault[k] == 0 else np.nan
         uncertainty[k] = spread if fault[k] == 0 else np.nan
     for k in range(fault.size):
@@ -201,30 +185,14 @@ def _convert(  # type: ignore[no-untyped-def] # Numba infers
 
 @kernel
 def count(  # type: ignore[no-untyped-def] # Numba infers
-    rising,
-    falling,
-    both,
-    starts,
-    stops,
-    method,
-    check,
-    timebase,
-    edge_noise,
-    time,
-    frequency,
-    uncertainty,
-    edges,
-    fault,
-):
+    ticks, starts, stops, method, check, timebase, edge_noise, time, frequency, uncertainty, fault
+):  # fmt: skip
     """Count the edges of windows [starts[k], stops[k]), neither of which decreases.
 
     Parameters
     ----------
-    rising, falling : int64 arrays, shape (m,)
-        Trains of increasing edges, each with the two edges before the first window where the
-        stream has them.
-    both : bool
-        Use the falling edges too, with a separate phase.
+    ticks : int64 array, shape (m,)
+        Increasing edges, with the two edges before the first window where the stream has them.
     starts, stops : int64 arrays, shape (n,)
         Windows in ticks.
     method : int
@@ -238,8 +206,6 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
         Standard deviation of one edge's time in ticks.
     time, frequency, uncertainty : float64 arrays, shape (n,)
         Results: the windows' centres in seconds, and Hz.
-    edges : int64 array, shape (n,)
-        Result: edges in each window.
     fault : uint8 array, shape (n,)
         Result: 0; 1 and 2 for no and too few edges; SUSPECT.
 
@@ -247,8 +213,6 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
     -------
     wrong : int
         Index of the first edge that isn't later than the one before it, or -1.
-    wrong_falls : bool
-        Whether that is a falling edge.
     suspects : int
         Number of SUSPECT windows.
     largest_sum : float
@@ -256,80 +220,25 @@ def count(  # type: ignore[no-untyped-def] # Numba infers
     """
     size = min(_GROUP, starts.size)
     sums = np.empty((2, size), dtype=np.int64)
-    more = np.empty((2, size), dtype=np.int64)
-    more_edges = np.empty(size, dtype=np.int64)
-    more_fault = np.empty(size, dtype=np.uint8)
-    at_rising = at_falling = suspects = 0
+    edges = np.empty(size, dtype=np.int64)
+    at = suspects = 0
     largest = 0.0
     for first in range(0, starts.size, _GROUP):
         part = slice(first, min(first + _GROUP, starts.size))
         here = slice(0, part.stop - first)
-        wrong, at_rising = _count_train(
-            rising, at_rising, starts[part], stops[part], method, check,
-            edges[part], sums[0, here], fault[part],
+        wrong, at = _count_train(
+            ticks, at, starts[part], stops[part], method, check,
+            edges[here], sums[0, here], fault[part],
         )  # fmt: skip
         if wrong >= 0:
-            return wrong, False, 0, 0.0
-        _denominators(edges[part], method, sums[1, here])
-        largest = max(largest, _largest(edges[part], starts[part], stops[part]))
-        if both:
-            wrong, at_falling = _count_train(
-                falling, at_falling, starts[part], stops[part], method, check,
-                more_edges[here], more[0, here], more_fault[here],
-            )  # fmt: skip
-            if wrong >= 0:
-                return wrong, True, 0, 0.0
-            _denominators(more_edges[here], method, more[1, here])
-            largest = max(largest, _largest(more_edges[here], starts[part], stops[part]))
-            _pool(sums, edges[part], fault[part], more, more_edges, more_fault)
+            return wrong, 0, 0.0
+        _denominators(edges[here], method, sums[1, here])
+        largest = max(largest, _largest(edges[here], starts[part], stops[part]))
         suspects += _convert(
-            starts[part], stops[part], sums[0, here], sums[1, here], edges[part], fault[part],
-            2.0 if both else 1.0, method, timebase, edge_noise,
-            time[part], frequency[part], uncertainty[part],
+            starts[part], stops[part], sums[0, here], sums[1, here], edges[here], fault[part],
+            method, timebase, edge_noise, time[part], frequency[part], uncertainty[part],
         )  # fmt: skip
-    return -1, False, suspects, largest
-
-
-@kernel
-def mark_repeats(frequency, fault, longest, code, last, run):  # type: ignore[no-untyped-def] # Numba infers
-    """Mark windows whose number repeats the one before it for the `longest`th time or more.
-
-    Parameters
-    ----------
-    frequency : float64 array, shape (n,)
-        Frequencies; NaN isn't a repetition.
-    fault : uint8 array, shape (n,)
-        Result: `code` at such windows; others stay.
-    longest, code : int
-        Limit and fault code.
-    last, run : float, int
-        Number before the first window, and its repetitions in a row.
-
-    Returns
-    -------
-    last, run, marked
-        The same for the next call, and how many windows were marked.
-    """
-    marked = 0
-    size = frequency.size
-    if size == 0:
-        return last, run, marked
-    # A run this long can't slip between places half of it apart: a check of a few places is usually
-    # sufficient, except for a run at the end.
-    suspicious = frequency[0] == last
-    for k in range(1, size, max(longest // 2, 1)):
-        suspicious |= frequency[k] == frequency[k - 1]
-    first = 0 if suspicious else max(size - longest, 1)
-    if not suspicious:
-        run = 1
-        last = frequency[first - 1]
-    for k in range(first, size):
-        run = run + 1 if frequency[k] == last else 1
-        last = frequency[k]
-        if run >= longest:
-            fault[k] = code
-            marked += 1
-    return last, run, marked
+    return -1, suspects, largest
 
 
 @kernel

@@ -1,70 +1,39 @@
 """Edge times of one channel, as delivered by counter hardware."""
 
+from __future__ import annotations
+
+import itertools
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["EdgeBlock", "as_ticks"]
-
-
-def as_ticks(values: ArrayLike, name: str = "ticks") -> NDArray[np.int64]:
-    """Take integer ticks as a contiguous int64 array; refuse anything that isn't integer.
-
-    Parameters
-    ----------
-    values : array_like of int, shape (n,)
-        Ticks of the timebase.
-    name : str
-        Name in error messages.
-
-    Raises
-    ------
-    InputError
-        When the values aren't a one-dimensional array of integers.
-    """
-    array = np.asarray(values)
-    if array.dtype == np.int64 and array.ndim == 1 and array.flags.c_contiguous:
-        return array
-    if array.ndim != 1:
-        raise InputError(
-            Message("{name} with {ndim} dimensions", name, array.ndim), "one dimension"
-        )
-    if array.size == 0:
-        return np.empty(0, dtype=np.int64)
-    if not np.issubdtype(array.dtype, np.integer):
-        raise InputError(
-            Message("{name} of type {dtype}", name, array.dtype),
-            "integer ticks",
-            "convert times by the timebase",
-        )
-    return np.ascontiguousarray(array, dtype=np.int64)
+__all__ = ["EdgeBlock"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeBlock:
-    """Edges of one channel over the half-open interval of ticks [start_tick, stop_tick).
+    """Rising edges of one channel over the half-open interval of ticks [start_tick, stop_tick).
 
     Parameters
     ----------
     ticks : int64 array, shape (n,)
-        Rising edges, strictly increasing, in ticks of the timebase since its start
-        (absolute, so that blocks and channels share one time axis).
+        Edges, strictly increasing, in ticks of the timebase since its start (absolute, so that
+        blocks and channels share one time axis).
     start_tick, stop_tick : int
         The interval that the block covers. The next block starts where this one stops.
     timebase_hz : float
         Frequency of the timebase in Hz (80-100 MHz here). All times inherit its error.
-    falling_ticks : int64 array, shape (m,), optional
-        Falling edges, likewise, when the counter times both.
 
     Raises
     ------
     InputError
         When ticks aren't integers, lie outside the interval, or the timebase isn't positive.
-        `validate` and the counters check the order of the ticks, so that building a block is fast.
+        The counter checks the order of the ticks, so that building a block is fast.
 
     Examples
     --------
@@ -77,7 +46,6 @@ class EdgeBlock:
     start_tick: int
     stop_tick: int
     timebase_hz: float
-    falling_ticks: NDArray[np.int64] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "start_tick", int(self.start_tick))
@@ -93,20 +61,20 @@ class EdgeBlock:
                 ),
                 "stop at or after start",
             )
-        object.__setattr__(self, "ticks", self._inside(self.ticks, "ticks"))
-        if self.falling_ticks is not None:
-            object.__setattr__(
-                self, "falling_ticks", self._inside(self.falling_ticks, "falling_ticks")
+        ticks = np.asarray(self.ticks)
+        if ticks.ndim != 1 or (ticks.size and not np.issubdtype(ticks.dtype, np.integer)):
+            raise InputError(
+                Message("ticks of type {dtype}, {ndim} dimensions", ticks.dtype, ticks.ndim),
+                "one row of integer ticks",
+                "convert times by the timebase",
             )
-
-    def _inside(self, values: ArrayLike, name: str) -> NDArray[np.int64]:
-        ticks = as_ticks(values, name)
+        ticks = np.ascontiguousarray(ticks, dtype=np.int64)
+        object.__setattr__(self, "ticks", ticks)
         if ticks.size and not (self.start_tick <= ticks[0] and ticks[-1] < self.stop_tick):
             raise InputError(
-                Message("{name} from {first} to {last}", name, ticks[0], ticks[-1]),
+                Message("ticks from {first} to {last}", ticks[0], ticks[-1]),
                 Message("inside [{start_tick}, {stop_tick})", self.start_tick, self.stop_tick),
             )
-        return ticks
 
     def __len__(self) -> int:
         return int(self.ticks.size)
@@ -116,28 +84,30 @@ class EdgeBlock:
         """Length of the covered interval in seconds."""
         return (self.stop_tick - self.start_tick) / self.timebase_hz
 
-    def validate(self) -> "EdgeBlock":
-        """Check that all edges are strictly increasing; return the block itself.
+    @classmethod
+    def join(cls, blocks: Sequence[EdgeBlock]) -> EdgeBlock:
+        """Concatenate blocks of one channel that follow each other.
 
         Raises
         ------
         InputError
-            When an edge isn't later than the one before it.
+            A gap between two blocks.
         """
-        for name, ticks in (("ticks", self.ticks), ("falling_ticks", self.falling_ticks)):
-            if ticks is None:
-                continue
-            wrong = np.flatnonzero(np.diff(ticks) <= 0)
-            if wrong.size:
-                at = int(wrong[0])
+        if len(blocks) == 1:
+            return blocks[0]
+        for before, after in itertools.pairwise(blocks):
+            if after.start_tick != before.stop_tick:
                 raise InputError(
                     Message(
-                        "{name}[{at}] = {tick} after {before}",
-                        name,
-                        at + 1,
-                        ticks[at + 1],
-                        ticks[at],
+                        "edges up to tick {stop_tick} and then from {start_tick}",
+                        before.stop_tick,
+                        after.start_tick,
                     ),
-                    "strictly increasing edges",
+                    "blocks without a gap",
                 )
-        return self
+        return cls(
+            np.concatenate([block.ticks for block in blocks]),
+            blocks[0].start_tick,
+            blocks[-1].stop_tick,
+            blocks[0].timebase_hz,
+        )

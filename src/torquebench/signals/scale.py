@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals.faults import PulseTrainFault, SignalFaultKind
-from torquebench.signals.samples import FrequencySamples, TorqueSamples
+from torquebench.signals.record import Record
 
 __all__ = ["FrequencyScale"]
 
@@ -166,30 +166,33 @@ class FrequencyScale:
         torque = np.asarray(torque_nm, dtype=np.float64)
         return np.asarray(self.zero + torque * self._sensitivity(torque))
 
-    def torque_samples(self, samples: FrequencySamples) -> TorqueSamples:
-        """Torque of a counter's samples: faults stay, and the modulation range is checked.
+    def readings(self, record: Record) -> Record:
+        """Return a counter's windows with their torque: faults stay, the modulation is checked.
 
         Parameters
         ----------
-        samples : FrequencySamples
-            From any counter.
+        record : Record
+            With `frequency_hz`, `frequency_uncertainty_hz` and `fault`.
 
         Returns
         -------
-        TorqueSamples
-            With NaN at every fault, including those outside the modulation range.
+        Record
+            The same with `reading_nm` and `counter_nm`, its standard uncertainty by counting; NaN
+            at every fault, including those outside the modulation range.
         """
-        inside = self._inside(samples.frequency_hz)
-        checked = samples
+        inside = self._inside(record["frequency_hz"])
         if not np.logical_and.reduce(inside):
-            checked = samples.marked(~inside, SignalFaultKind.OUT_OF_MODULATION)
-        deviation = checked.frequency_hz - self.zero
+            record = record.marked(
+                ~inside,
+                SignalFaultKind.OUT_OF_MODULATION,
+                "frequency_hz",
+                "frequency_uncertainty_hz",
+            )
+        deviation = record["frequency_hz"] - self.zero
         sensitivity = self._sensitivity(deviation)
-        return TorqueSamples(
-            time_s=checked.time_s,
-            fault=checked.fault,
-            torque_nm=deviation / sensitivity,
-            standard_uncertainty_nm=checked.standard_uncertainty_hz / sensitivity,
+        return record.with_columns(
+            reading_nm=deviation / sensitivity,
+            counter_nm=record["frequency_uncertainty_hz"] / sensitivity,
         )
 
     def _inside(self, frequency: NDArray[np.float64]) -> NDArray[np.bool_]:

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import CHANNELS, CounterBlock, Side
+from torquebench.bench.drivers.base import CHANNELS, Block, Side
 from torquebench.bench.drivers.instruments import SimulationOptions
 from torquebench.bench.drivers.simulated.driver import SimulatedBench
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, angle_channel
 from torquebench.signals import EdgeBlock
 
 __all__ = ["AngleTap", "EdgeTap", "Plant"]
@@ -160,20 +160,21 @@ class Plant:
         self._now_s = block.stop_s
         for tap in self._edges:
             tap.put(block.edges[tap.channel])
-        for side, angle in block.angles.items():
-            if angle.counts.size:
-                self._counts[side].append((self._now_s, int(angle.counts[-1])))
-        for angles in self._angles:
-            samples = block.angles[angles.side]
-            angles.put(samples.time_s, samples.counts)
+        for side in SIDES:
+            angle = block.angle(side)
+            if angle is not None and len(angle):
+                self._counts[side].append((self._now_s, int(angle["angle_counts"][-1])))
+        for tapped in self._angles:
+            samples = block.records[angle_channel(tapped.side)]
+            tapped.put(samples.time_s, samples["angle_counts"])
         self._keep_torques(block)
 
-    def _keep_torques(self, block: CounterBlock) -> None:
+    def _keep_torques(self, block: Block) -> None:
         readout = self.bench.readout
         if readout is None:
             return
         for side in SIDES:
-            new = readout.read(side, block.stop_s, block.timed_s).torque_nm.tolist()
+            new = readout.read(side, block.stop_s, block.timed_s)["reading_nm"].tolist()
             if not new and not readout.channels:  # nothing mounted: an amplifier without signal
                 windows = round(block.stop_s / self.window_s) - round(block.start_s / self.window_s)
                 new = [float("nan")] * windows

@@ -302,7 +302,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
                 block.stop_tick - self._started_tick,
                 block.timebase_hz,
             )
-            self._readings += self._counter.push(shifted).frequency_hz.tolist()
+            self._readings += self._counter.push(shifted)["frequency_hz"].tolist()
         if len(self._readings) < count:
             raise _ScpiError(-230)
         taken, self._readings = self._readings[:count], self._readings[count:]

@@ -291,7 +291,7 @@ class Station:
             self.clock.wait(block_s)
 
     def _is_unloaded(self, side: Side) -> bool:
-        reading = self.acquisition.latest(torque_channel(side)).torque_nm
+        reading = self.acquisition.reading_nm(torque_channel(side))
         return abs(reading) <= self.description.unloaded_nm(side)
 
     # -- runs -------------------------------------------------------------------------------

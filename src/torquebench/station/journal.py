@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import queue
+import threading
 from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.drivers.base import AngleSamples
+from torquebench.bench.acquisition import JournalSink
+from torquebench.bench.blocks import CONDITIONS, Block
 from torquebench.bench.roles import CHANNELS, SIDES, torque_channel
-from torquebench.bench.samples import ChannelSamples, Stretch
 from torquebench.chain import Torque
+from torquebench.errors import RecordError
+from torquebench.message import Message
 from torquebench.records import RunWriter
+from torquebench.signals import Record
 
-__all__ = ["NOT_IN_USE", "NO_COUNTS", "RunJournal"]
+__all__ = ["NOT_IN_USE", "NO_COUNTS", "WAITING_BLOCKS", "QueuedJournal", "RunJournal"]
 
 NOT_IN_USE = 255
 """Fault code of a channel that isn't timed."""
@@ -45,74 +50,69 @@ class RunJournal:
         self._probes = tuple(probes)
         self._edges = edges
 
-    def write(self, stretch: Stretch) -> None:
-        """Keep blocks; raises `RecordError` when it can't."""
+    def write(self, block: Block) -> None:
+        """Keep a block; raises `RecordError` when it can't."""
         if self._edges:
-            for block in stretch.blocks:
-                self._writer.edges(block.edges)
+            self._writer.edges(block.edges)
         axis = torque_channel("input")
-        first = stretch.channel(axis)
-        if first is None or first.time_s.size == 0:
+        first = block.records.get(axis)
+        if first is None or not len(first):
             return
-        time_s, blocks = first.time_s, stretch.blocks
-        columns: dict[str, NDArray[np.generic] | float] = {"time_s": time_s}
-        own = {}
+        time_s, conditions = first.time_s, block.records[CONDITIONS]
+        # conditions are those at the end of the block of each window
+        row = conditions.time_s.searchsorted(time_s).clip(max=len(conditions) - 1)
+        columns: dict[str, NDArray[np.generic]] = {"time_s": time_s}
         for name in CHANNELS:
-            own[name] = first if name == axis else stretch.channel(name)
-            frequency, torque, fault = _on_axis(time_s, own[name])
+            frequency, torque, fault = _on_axis(time_s, block.records.get(name))
             columns[f"{name}_hz"] = frequency
             columns[f"{name}_nm"] = torque
             columns[f"{name}_fault"] = fault
         for side in SIDES:
-            speeds = [block.speed_rad_s.get(side, np.nan) for block in blocks]
-            columns[f"{side}_angle_counts"] = _counts(time_s, stretch.angles(side))
-            columns[f"{side}_speed_rad_s"] = stretch.windows(axis, speeds)
-            torque, uncertainty = _compensated(
-                time_s, own[torque_channel(side)], stretch.compensated.get(side)
-            )
+            columns[f"{side}_angle_counts"] = _counts(time_s, block.angle(side))
+            columns[f"{side}_speed_rad_s"] = conditions[f"{side}_speed_rad_s"][row]
+            torque, uncertainty = _compensated(time_s, block.torque(side), block.torques.get(side))
             columns[f"{side}_compensated_nm"] = torque
             columns[f"{side}_torque_uncertainty_nm"] = uncertainty
         for probe in self._probes:
-            temperatures = [block.temperatures.get(probe, np.nan) for block in blocks]
-            columns[f"{probe}_c"] = stretch.windows(axis, temperatures)
+            columns[f"{probe}_c"] = conditions[f"{probe}_c"][row]
         self._writer.samples(columns)
 
 
-def _counts(time_s: NDArray[np.float64], angles: AngleSamples | None) -> NDArray[np.int64]:
+def _counts(time_s: NDArray[np.float64], angle: Record | None) -> NDArray[np.int64]:
     """Return an encoder's counts at the windows of a channel."""
-    if angles is None or angles.counts.size == 0:
+    if angle is None or not len(angle):
         return np.full(time_s.shape, NO_COUNTS, dtype=np.int64)
-    place = np.searchsorted(angles.time_s, time_s).clip(max=angles.counts.size - 1)
-    return np.asarray(angles.counts[place])
+    place = np.searchsorted(angle.time_s, time_s).clip(max=len(angle) - 1)
+    return np.asarray(angle["angle_counts"][place])
 
 
 def _compensated(
-    time_s: NDArray[np.float64], own: ChannelSamples | None, found: Torque | None
+    time_s: NDArray[np.float64], own: Record | None, compensated: Torque | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Compensated torque and its standard uncertainty at the windows of another channel."""
     torque = np.full(time_s.shape, np.nan)
     uncertainty = np.full(time_s.shape, np.nan)
-    if own is not None and found is not None:
+    if own is not None and compensated is not None:
         there, here = _places(time_s, own.time_s)
-        torque[there] = found.value_nm[here]
-        uncertainty[there] = found.standard_uncertainty_nm[here]
+        torque[there] = compensated.value_nm[here]
+        uncertainty[there] = compensated.standard_uncertainty_nm[here]
     return torque, uncertainty
 
 
 def _on_axis(
-    time_s: NDArray[np.float64], samples: ChannelSamples | None
+    time_s: NDArray[np.float64], record: Record | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
     """Frequency, torque and fault of a channel at the windows of another one."""
-    if samples is not None and np.array_equal(samples.time_s, time_s):
-        return samples.frequency_hz, samples.torque_nm, samples.fault
+    if record is not None and np.array_equal(record.time_s, time_s):
+        return record["frequency_hz"], record["reading_nm"], record["fault"]
     frequency = np.full(time_s.shape, np.nan)
     torque = np.full(time_s.shape, np.nan)
     fault = np.full(time_s.shape, NOT_IN_USE, dtype=np.uint8)
-    if samples is not None:
-        there, here = _places(time_s, samples.time_s)
-        frequency[there] = samples.frequency_hz[here]
-        torque[there] = samples.torque_nm[here]
-        fault[there] = samples.fault[here]
+    if record is not None:
+        there, here = _places(time_s, record.time_s)
+        frequency[there] = record["frequency_hz"][here]
+        torque[there] = record["reading_nm"][here]
+        fault[there] = record["fault"][here]
     return frequency, torque, fault
 
 
@@ -123,3 +123,73 @@ def _places(
     place = np.searchsorted(axis_s, time_s - 1e-6).clip(max=axis_s.size - 1)
     here = np.flatnonzero(np.abs(axis_s[place] - time_s) < 1e-6)
     return place[here], here
+
+
+WAITING_BLOCKS = 200
+"""Most blocks that wait for the disk: ten seconds of the usual 50 ms."""
+POLL_INTERVAL_S = 0.05
+
+
+class QueuedJournal:
+    """Passes blocks to a journal on a separate thread, in order, without dropping any.
+
+    If the queue is full the writer waits: acquisition stops, which the supervisor treats as a stall
+    if it lasts. If the journal fails, the next call raises its error.
+
+    Parameters
+    ----------
+    journal : JournalSink
+    maximum : int
+        Blocks that may wait.
+    """
+
+    def __init__(self, journal: JournalSink, maximum: int = WAITING_BLOCKS) -> None:
+        self._journal = journal
+        self._waiting: queue.Queue[Block | None] = queue.Queue(maximum)
+        self._failure: Exception | None = None
+        self._thread = threading.Thread(target=self._run, name="torquebench-journal", daemon=True)
+        self._thread.start()
+
+    def write(self, block: Block) -> None:
+        """Keep blocks.
+
+        Raises
+        ------
+        RecordError
+            The journal couldn't keep these blocks or earlier ones.
+        """
+        self._put(block)
+
+    def close(self) -> None:
+        """Wait until every block is kept, and end the thread; raises like `write`."""
+        if self._thread.is_alive():
+            self._put(None)
+            self._thread.join()
+        self._raise_failure()
+
+    def _put(self, item: Block | None) -> None:
+        while True:
+            self._raise_failure()
+            try:
+                self._waiting.put(item, timeout=POLL_INTERVAL_S)
+            except queue.Full:
+                continue
+            return
+
+    def _raise_failure(self) -> None:
+        if isinstance(self._failure, RecordError):
+            raise self._failure  # the error already states a remedy
+        if self._failure is not None:
+            raise RecordError(
+                Message("blocks since the failure aren't kept: {failure}", self._failure),
+                "every block kept",
+                "make room on the disk or repair it, then repeat the run",
+            ) from self._failure
+
+    def _run(self) -> None:
+        while (block := self._waiting.get()) is not None:
+            try:
+                self._journal.write(block)
+            except Exception as error:  # a full disk or a bug: either way nothing is recorded
+                self._failure = error
+                return

@@ -13,8 +13,7 @@ from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
-from torquebench.station.journal import RunJournal
-from torquebench.station.queued_journal import WAITING_BLOCKS, QueuedJournal
+from torquebench.station.journal import WAITING_BLOCKS, QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
 

@@ -5,8 +5,9 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
+from tests.streamed import streamed
 
-from torquebench.bench.active_chain import ActiveChain, StreamReadings, ZeroTaken
+from torquebench.bench.active_chain import ActiveChain, ZeroTaken
 from torquebench.chain import (
     Counter,
     Dynamics,
@@ -24,6 +25,7 @@ from torquebench.chain import (
 )
 from torquebench.compensation import MODELS, CompensationModel, features, make_model
 from torquebench.dynamics import TransferFunction, design_inverse
+from torquebench.signals import Record
 from torquebench.uncertainty import CertifiedUncertainty
 
 FULL_SCALE_NM = 300.0
@@ -60,7 +62,7 @@ class Stream:
     def push(self, reading_nm: np.ndarray, gap_s: float = 0.0, **known: float) -> Torque:
         time_s = self.stop_s + gap_s + 1e-3 * np.arange(1, reading_nm.size + 1)
         self.stop_s = float(time_s[-1]) if time_s.size else self.stop_s
-        return self.active.push(StreamReadings(time_s, reading_nm, **known))
+        return streamed(self.active, time_s, reading_nm, **known)
 
 
 @pytest.mark.parametrize("kind", SINGLE_CURVE)
@@ -78,10 +80,8 @@ def test_live_windows_get_what_the_model_says(kind: str) -> None:
     np.testing.assert_allclose(found.component("static curve"), uncertainty_nm, 0.0, allowed)
     kept = active.window(0.0, 1.0)
     assert kept is not None
-    np.testing.assert_array_equal(kept.torque.value_nm, found.value_nm)
-    np.testing.assert_array_equal(
-        kept.torque.standard_uncertainty_nm, found.standard_uncertainty_nm
-    )
+    np.testing.assert_array_equal(kept[1].value_nm, found.value_nm)
+    np.testing.assert_array_equal(kept[1].standard_uncertainty_nm, found.standard_uncertainty_nm)
 
 
 def all_effects() -> tuple[Effect, ...]:
@@ -106,17 +106,25 @@ def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
     """Half of those of a NumPy call for each operation: the live path consists of such windows."""
     active = ActiveChain(MeasuringChain(loop_model("hybrid"), all_effects()), "1", "hybrid")
     active.zero = ZeroTaken(0.0, 23.0, 0.03)
-    known = (600.0, 25.0, None, 31.4, 2.0)
-    windows = [
-        StreamReadings(np.array([1e-3 * number]), np.array([10.0]), np.array([1e-3]), *known)
-        for number in range(1, 6)
-    ]
-    for window in windows[:-1]:
-        active.push(window)
+    known = {
+        "speed_rpm": 600.0,
+        "temperature_c": 25.0,
+        "acceleration_rad_s2": 31.4,
+        "acceleration_uncertainty_rad_s2": 2.0,
+    }
+
+    def window(number: int) -> tuple[Record, dict[str, float], float]:
+        columns = {"time_s": 1e-3 * number, "reading_nm": 10.0, "counter_nm": 1e-3}
+        record = Record({name: np.array([value]) for name, value in columns.items()})
+        return record, known, 1e-3 * number
+
+    for number in range(1, 5):
+        active.push(*window(number))
+    last = window(5)
     calls = []
     sys.setprofile(lambda frame, event, _: calls.append(frame) if event == "call" else None)
     try:
-        torque = active.push(windows[-1])
+        torque = active.push(*last)
     finally:
         sys.setprofile(None)
     assert torque.has_number.all()
@@ -136,8 +144,8 @@ def test_what_is_remembered_is_nothing_for_the_garbage_collection_to_walk_throug
     assert len(gc.get_objects()) - before < 200
     kept = stream.active.window(0.0, 10.0)
     assert kept is not None
-    np.testing.assert_array_equal(kept.torque.value_nm, expected.value_nm)
-    for one, other in zip(kept.torque.components, expected.components, strict=True):
+    np.testing.assert_array_equal(kept[1].value_nm, expected.value_nm)
+    for one, other in zip(kept[1].components, expected.components, strict=True):
         assert (one.name, one.shared, one.distribution) == (
             other.name,
             other.shared,
@@ -158,7 +166,7 @@ def test_the_zeros_age_and_temperature_count_in_the_stream() -> None:
     known = Stream(active).push(np.zeros(3), temperature_c=25.0)
     for name in ("zero drift", "temperature of zero"):
         assert known.component(name)[0] < 0.2 * unknown.component(name)[0]
-    hour = active.push(StreamReadings(np.array([3600.0]), np.zeros(1), temperature_c=35.0))
+    hour = streamed(active, [3600.0], [0.0], temperature_c=35.0)
     assert hour.component("zero drift")[0] == pytest.approx(1.0 / np.sqrt(3.0))
     assert hour.component("temperature of zero")[0] == pytest.approx(1.0 / np.sqrt(3.0), rel=0.01)
 
@@ -177,11 +185,12 @@ def test_short_windows_have_a_stream_of_their_own_that_starts_where_the_other_st
     stream = Stream(active)
     stream.push(ramp(0.0, 1.0, 0.0, 0.5))
     time_s = stream.stop_s + 1e-4 * np.arange(1, 6)
-    active.push_fine(StreamReadings(time_s, np.full(5, 0.5 * FULL_SCALE_NM), None, 0.0, 23.0))
+    reading = np.full(5, 0.5 * FULL_SCALE_NM)
+    streamed(active, time_s, reading, fine=True, speed_rpm=0.0, temperature_c=23.0)
     rising = stream.push(np.full(3, 0.5 * FULL_SCALE_NM))
     fine = active.fine_window(0.0, 10.0)
     assert fine is not None
-    assert fine.torque.value_nm == pytest.approx(rising.value_nm[0])
+    assert fine[1].value_nm == pytest.approx(rising.value_nm[0])
     active.end_fine()
     assert active.fine_window(0.0, 10.0) is None
 
@@ -311,9 +320,9 @@ def test_torques_by_a_dynamic_filter_have_the_time_at_which_they_acted() -> None
     # a slow pulse: the chain shows it late by its group delay only
     middle_s = 0.1
     pulse = 20.0 * np.exp(-0.5 * ((time_s - transfer.group_delay_s - middle_s) / 0.02) ** 2)
-    active.push(StreamReadings(time_s, pulse))
+    streamed(active, time_s, pulse)
     found = active.window(0.0, 1.0)
     assert found is not None
-    torque, at = found.torque.value_nm, found.time_s - transfer.group_delay_s
+    torque, at = found[1].value_nm, found[0] - transfer.group_delay_s
     assert abs(float(torque @ at) / float(torque.sum()) - middle_s) < 1e-3
     assert effect.delay_s - effect.late_s > 1.5e-3

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 import pytest
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.clock import BenchClock
-from torquebench.bench.drivers.base import CounterBlock, DriverSet, ReferenceSamples
+from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.signals import SignalJudge
 from torquebench.errors import SignalFault
-from torquebench.signals import EdgeBlock, FrequencyCounter, FrequencySamples
+from torquebench.signals import EdgeBlock, FrequencyCounter, Record
 
 OpenBench = Callable[..., Any]
 PERIOD_S, BLOCK_S = 0.01, 0.05
@@ -42,7 +43,7 @@ def test_samples_have_their_times_although_a_computer_catches_up(behind_s: float
         assert (samples.time_s <= until_s + 1e-9).all(), "none later than asked for"
         found.append(samples)
     time_s = np.concatenate([each.time_s for each in found])
-    stated_s = np.concatenate([each.torque_nm for each in found])
+    stated_s = np.concatenate([each["reading_nm"] for each in found])
     assert stated_s.size > 0.9 * handed
     np.testing.assert_array_equal(np.diff(stated_s).round(9), PERIOD_S)
     np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
@@ -58,7 +59,7 @@ def test_samples_have_their_times_although_a_computer_is_behind_for_good() -> No
         handed = made
         found.append(clock.take(values, until_s, timed_s))
     time_s = np.concatenate([each.time_s for each in found])
-    stated_s = np.concatenate([each.torque_nm for each in found])
+    stated_s = np.concatenate([each["reading_nm"] for each in found])
     assert stated_s.size > 100
     np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
 
@@ -77,14 +78,14 @@ class Buffering:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._counter, name)
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         self._read_s += duration_s
         self.wall_s = max(self.wall_s + 0.4 * duration_s, self._read_s)  # so long a read takes
         waiting_s = self.wall_s - self._read_s
         if threading.current_thread() is not threading.main_thread():
             self.behind_s.append(waiting_s)
             time.sleep(0.02)
-        block: CounterBlock = self._counter.read_block(duration_s)
+        block: Block = self._counter.read_block(duration_s)
         return replace(block, waiting_s=waiting_s if self._tells else None)
 
 
@@ -95,6 +96,7 @@ def test_a_bench_opens_when_it_has_caught_up_with_its_counter(
     counters: list[Buffering] = []
     wall = SimpleNamespace(monotonic=lambda: counters[0].wall_s)
     monkeypatch.setattr("torquebench.bench.acquisition.time", wall)
+    monkeypatch.setattr("torquebench.bench.clock.time", wall)
 
     def wrap(drivers: DriverSet) -> DriverSet:
         counters.append(Buffering(drivers.counter, began_s=3.0, tells=tells))
@@ -111,14 +113,14 @@ def test_nothing_is_compiled_while_the_counter_already_counts(
     order: list[str] = []
     push = FrequencyCounter.push
 
-    def pushing(counter: FrequencyCounter, edges: EdgeBlock) -> FrequencySamples:
+    def pushing(counter: FrequencyCounter, edges: EdgeBlock) -> Record:
         order.append("evaluate")
         return push(counter, edges)
 
     def wrap(drivers: DriverSet) -> DriverSet:
         read_block = drivers.counter.read_block
 
-        def reading(duration_s: float) -> CounterBlock:
+        def reading(duration_s: float) -> Block:
             order.append("read")
             return read_block(duration_s)
 
@@ -156,7 +158,7 @@ class Readout:
     def __init__(self, period_s: float) -> None:
         self.period_s = period_s
 
-    def read(self, side: str, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: str, until_s: float, timed_s: float) -> Record:
         raise NotImplementedError
 
 
@@ -185,20 +187,21 @@ def judged(bench: Any, late_s: float, factor: float, period_s: float, *, ramp: b
             noise = 0.1 * np.sin(1e4 * np.asarray(at_s))
             return noise + (rising if ramp else 1000.0)
 
-        own = block.channels["output_torque"]
-        own = replace(own, time_s=time_s, torque_nm=torque(time_s), fault=np.zeros(5, np.uint8))
-        reference = replace(
-            block.channels["output_reference"],
-            time_s=stated_s,
-            torque_nm=factor * torque(stated_s - late_s),
-            fault=np.zeros(stated_s.size, np.uint8),
-        )
+        def record(at_s: Any, torque_nm: Any) -> Record:
+            return Record({"time_s": at_s, "reading_nm": torque_nm, "fault": np.zeros_like(at_s)})
+
+        own = record(time_s, torque(time_s))
+        reference = record(stated_s, factor * torque(stated_s - late_s))
         violation, _ = judge.judge(
             replace(
                 block,
                 start_s=begin_s,
                 stop_s=begin_s + BLOCK_S,
-                channels={"output_torque": own, "output_reference": reference},
+                records={
+                    **block.records,
+                    "output_torque": own,
+                    "output_reference": reference,
+                },
             )
         )
         if violation is not None:
@@ -240,9 +243,9 @@ class Slow:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._readout, name)
 
-    def read(self, side: str, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: str, until_s: float, timed_s: float) -> Record:
         waiting = self._waiting.setdefault(side, [])
-        waiting += self._readout.read(side, until_s, timed_s).torque_nm.tolist()
+        waiting += self._readout.read(side, until_s, timed_s)["reading_nm"].tolist()
         count = len(waiting) // 10
         means = np.array(waiting[: 10 * count]).reshape(count, 10).mean(axis=1)
         del waiting[: 10 * count]
@@ -260,11 +263,11 @@ def test_a_read_out_every_100_ms_is_neither_lost_nor_disagrees(open_bench: OpenB
             bench.command_torque(torque_nm, 4000.0)
             bench.clock.wait(1.0)
         assert bench.supervisor.alarm is None
-        read = bench.acquisition.channel("output_reference").window(0.5, 4.0)
+        read = bench.acquisition.window("output_reference", 0.5, 4.0)
         assert read.time_s.size >= 30
         np.testing.assert_allclose(np.diff(read.time_s), 0.1, atol=0.01)
-        bench.drivers.reference._clocks["output"].take = lambda *_: ReferenceSamples(
-            np.empty(0), np.empty(0)
+        bench.drivers.reference._clocks["output"].take = lambda *_: Record(
+            {"time_s": np.empty(0), "reading_nm": np.empty(0)}
         )
         with pytest.raises(SignalFault, match="output_reference"):
             bench.clock.wait(1.0)

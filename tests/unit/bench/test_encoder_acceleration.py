@@ -4,10 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.streamed import streamed
 
 from torquebench.bench.acceleration import EncoderAcceleration
-from torquebench.bench.active_chain import ActiveChain, StreamReadings
-from torquebench.chain import Inertia, MeasuredRotation, MeasuringChain
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.chain import Inertia, MeasuredRotation, MeasuringChain, Torque
 from torquebench.compensation import features, make_model
 from torquebench.procedures.reducers.setup import turn_at
 from torquebench.procedures.setup import power_on, set_mode
@@ -66,10 +67,13 @@ def chain(*effects: Inertia | MeasuredRotation) -> ActiveChain:
 
 def test_inertia_is_taken_off_while_it_ramps_and_its_doubt_is_in_u() -> None:
     active = chain(Inertia("ramps", 0.0025, 0.00002, largest_rad_s2=300.0))
-    time_s, reading = np.array([0.1]), np.array([5.0])
-    still = active.push(StreamReadings(time_s, reading, None, 0.0, 23.0, None, 0.0, 0.0))
-    ramps = active.push(StreamReadings(time_s + 0.1, reading, None, 0.0, 23.0, None, 31.4, 2.0))
-    blind = active.push(StreamReadings(time_s + 0.2, reading, None, 0.0, 23.0))
+
+    def push(at_s: float, *acceleration: float) -> Torque:
+        names = ("acceleration_rad_s2", "acceleration_uncertainty_rad_s2")
+        known = dict(zip(names, acceleration, strict=False))
+        return streamed(active, [at_s], [5.0], speed_rpm=0.0, temperature_c=23.0, **known)
+
+    still, ramps, blind = push(0.1, 0.0, 0.0), push(0.2, 31.4, 2.0), push(0.3)
     assert ramps.value_nm[0] == pytest.approx(still.value_nm[0] - 0.0025 * 31.4, abs=1e-4)
     expected = np.hypot(0.00002 * 31.4, 0.0025 * 2.0)
     assert ramps.component("inertia")[0] == pytest.approx(expected)
@@ -80,8 +84,9 @@ def test_a_correction_is_switched_at_the_bench_between_two_windows() -> None:
     active = chain(Inertia("ramps", 0.0025, 0.0, largest_rad_s2=300.0))
 
     def push(at_s: float) -> float:
-        known = (None, 0.0, 23.0, None, 31.4, 0.0)
-        return float(active.push(StreamReadings(np.array([at_s]), np.zeros(1), *known)).value_nm[0])
+        known = {"acceleration_rad_s2": 31.4, "acceleration_uncertainty_rad_s2": 0.0}
+        torque = streamed(active, [at_s], [0.0], speed_rpm=0.0, temperature_c=23.0, **known)
+        return float(torque.value_nm[0])
 
     assert active.states() == ()
     corrected = push(0.1)
@@ -103,7 +108,7 @@ def test_the_time_since_the_bench_was_opened_says_nothing_of_running_in() -> Non
         nothing, nothing, nothing, nothing,
         running_in_s=600.0, running_in_nm=(0.1, 0.1), running_in_uncertainty_nm=(0.01, 0.01),
     )  # fmt: skip
-    found = chain(fresh).push(StreamReadings(np.array([1.0]), np.zeros(1), None, 600.0, 23.0))
+    found = streamed(chain(fresh), [1.0], [0.0], speed_rpm=600.0, temperature_c=23.0)
     assert found.added("running-in")[0] == 0.0
     assert found.component("running-in")[0] == pytest.approx(np.hypot(0.1 / np.sqrt(3.0), 0.01))
 
@@ -119,8 +124,8 @@ def test_the_bench_measures_its_own_ramps(tmp_path: Path) -> None:
 
         station.run(ramp(), kind="ramp")
         blocks = list(iter(lambda: viewer.get(0.0), None))
-    found = np.array([block.accelerations["input"].rad_s2 for block in blocks])
-    doubt = np.array([block.accelerations["input"].uncertainty_rad_s2 for block in blocks])
+    found = np.array([block.condition("input_acceleration_rad_s2") for block in blocks])
+    doubt = np.array([block.condition("input_acceleration_uncertainty_rad_s2") for block in blocks])
     asked = 300.0 * RAD_S_PER_RPM
     ramping = np.abs(found - asked) < 0.1 * asked
     assert np.sum(ramping) * station.description.counter.block_s == pytest.approx(2.0, abs=0.4)

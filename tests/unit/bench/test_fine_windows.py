@@ -1,16 +1,14 @@
 """Windows shorter than the bench's own, evaluated with the chain in use."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain
-from torquebench.bench.channels import open_channel
+from torquebench.bench.blocks import Block
+from torquebench.bench.channels import FAST_WINDOW_S, FINE_WINDOW_S, open_channel
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers.simulated.driver import open_simulated
 from torquebench.bench.evaluating import BlockEvaluator
-from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.chain import MeasuringChain, Ripple
 from torquebench.compensation import features, make_model
 
@@ -36,12 +34,14 @@ def test_their_length_counts_in_their_uncertainty(window_s: float) -> None:
     evaluator, active = BlockEvaluator(bench, drivers), rippling(bench.input.range_nm)
     drivers.counter.select(frozenset({"input_torque"}))
     channel.count_finely(window_s)
-    for number in range(3):
-        block = evaluator.block(number, drivers.counter.read_block(0.05), [channel])
-        unknown = replace(block, angles={}, speed_rad_s={})
-        evaluator.stretch([unknown], {"input": active})
+    for _ in range(3):
+        measured = drivers.counter.read_block(0.05)
+        unknown = Block(measured.start_s, measured.stop_s, measured.edges)
+        block = evaluator.evaluate(unknown, [channel])
+        evaluator.compensate([block], {"input_torque": channel}, {"input": active})
     fine = active.fine_window(0.0, 1.0)
     assert fine is not None
+    _, torque = fine
     left = np.sinc(ORDER * LARGEST_RPM / 60.0 * window_s)
     expected = abs(left) * AMPLITUDE_NM / np.sqrt(2.0)
-    np.testing.assert_allclose(fine.torque.component("ripple by angle"), expected)
+    np.testing.assert_allclose(torque.component("ripple by angle"), expected)

@@ -6,8 +6,9 @@ import numpy as np
 import psutil
 from numba import njit
 from numba.core import event
+from tests.streamed import streamed
 
-from torquebench.bench.active_chain import ActiveChain, StreamReadings
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.demo import DemoSettings
 from torquebench.campaign.fitting import ModelChoice, fit_models
@@ -39,7 +40,7 @@ def test_what_is_compiled_ahead_is_all_that_fits_and_their_chains_need() -> None
         for fitted in fit_models(data, DemoSettings().choices()):
             chain = ActiveChain(fitted.chain, "model-1", fitted.model.kind)
             time_s = np.linspace(0.0, 1.0, 20)
-            torque = chain.push(StreamReadings(time_s, np.linspace(0.0, 900.0, 20), np.ones(20)))
+            torque = streamed(chain, time_s, np.linspace(0.0, 900.0, 20), np.ones(20))
             assert np.all(np.isfinite(torque.value_nm)), fitted.name
     assert compiled.names == []
 

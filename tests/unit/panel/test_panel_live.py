@@ -5,14 +5,14 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
+from torquebench.bench.blocks import CONDITIONS, Block, Viewer
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import default_bench
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Viewer
 from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 from torquebench.panel.service import SIGNALS
 from torquebench.panel.service.live.hub import LiveHub
-from torquebench.signals import SignalFaultKind
+from torquebench.signals import Record, SignalFaultKind
 
 OWN = Component("own", Shared.CALIBRATION, np.full(3, 0.01))
 
@@ -25,33 +25,34 @@ def block(
     speed_rad_s: float = 10.0,
     fault: int = 0,
     models: tuple[str, ...] = ("input",),
-) -> AcquiredBlock:
+) -> Block:
     start = 0.03 * index
     time_s = start + np.array([0.005, 0.015, 0.025])
 
-    def samples(channel: str, side: str, value: float, code: int) -> ChannelSamples:
+    def record(value: float, code: int) -> Record:
         values = np.full(3, np.nan if code else value) + np.array([-0.5, 0.0, 0.5])
-        return ChannelSamples(
-            channel, side, False, time_s, 60e3 + values, values, np.full(3, code, np.uint8)
-        )
+        fault = np.full(3, code, np.uint8)
+        return Record({"time_s": time_s, "reading_nm": values, "fault": fault})
 
-    return AcquiredBlock(
-        index=index,
-        start_s=start,
-        stop_s=start + 0.03,
-        channels={
-            "input_torque": samples("input_torque", "input", torque_nm, 0),
-            "output_torque": samples("output_torque", "output", output_nm, fault),
+    conditions = {
+        "time_s": start + 0.03,
+        "input_speed_rad_s": speed_rad_s,
+        "output_speed_rad_s": speed_rad_s / 80.0,
+        "input_transducer_c": 23.0,
+    }
+    return Block(
+        start,
+        start + 0.03,
+        records={
+            "input_torque": record(torque_nm, 0),
+            "output_torque": record(output_nm, fault),
+            CONDITIONS: Record({name: np.array([value]) for name, value in conditions.items()}),
         },
-        compensated={
+        torques={
             side: Torque(np.full(3, value), (OWN,))
             for side, value in (("input", torque_nm), ("output", output_nm))
             if side in models
         },
-        angles={},
-        speed_rad_s={"input": speed_rad_s, "output": speed_rad_s / 80.0},
-        temperatures={"input_transducer": 23.0},
-        edges={},
     )
 
 

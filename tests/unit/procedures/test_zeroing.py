@@ -18,8 +18,7 @@ def test_zeroed_modules_read_zero(station: Station) -> None:
         found = record.result[side]
         assert found.standard_frequency_hz is None
         assert station.acquisition.zero_hz(f"{side}_torque") == found.frequency_hz
-        latest = station.acquisition.latest(f"{side}_torque")
-        assert abs(latest.torque_nm) < 0.1e-2 * range_nm
+        assert abs(station.acquisition.reading_nm(f"{side}_torque")) < 0.1e-2 * range_nm
 
 
 def test_the_uncertainty_of_a_measured_zero_is_in_u_of_the_live_torque(station: Station) -> None:
@@ -31,5 +30,5 @@ def test_the_uncertainty_of_a_measured_zero_is_in_u_of_the_live_torque(station: 
     assert 0.0 < found.standard_uncertainty_nm < 0.1e-2 * 2000.0
     viewer = station.acquisition.add_viewer()
     station.clock.wait(0.2)
-    torque = list(iter(lambda: viewer.get(0.0), None))[-1].compensated["output"]
+    torque = list(iter(lambda: viewer.get(0.0), None))[-1].torques["output"]
     assert torque.component("zero") == pytest.approx(found.standard_uncertainty_nm)

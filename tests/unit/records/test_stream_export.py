@@ -45,7 +45,6 @@ UNITS = {
     "ambient_c": "°C",
 }
 RISING = np.cumsum(np.random.default_rng(2).integers(1600, 1730, 5000))
-FALLING = RISING + 800
 
 
 @pytest.fixture(scope="module")
@@ -57,11 +56,11 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> RunFolder:
         for rows in (slice(0, 13), slice(13, ROWS)):
             writer.samples({name: values[rows] for name, values in columns.items()})
         border = int(RISING[2000]) + 1
-        for start, stop in ((0, border), (border, int(FALLING[-1]) + 1)):
-            rising, falling = (each[(each >= start) & (each < stop)] for each in (RISING, FALLING))
+        for start, stop in ((0, border), (border, int(RISING[-1]) + 1)):
+            rising = RISING[(start <= RISING) & (stop > RISING)]
             writer.edges(
                 {
-                    "both": EdgeBlock(rising, start, stop, TIMEBASE_HZ, falling),
+                    "timed": EdgeBlock(rising, start, stop, TIMEBASE_HZ),
                     "silent": EdgeBlock(rising[:0], start, stop, TIMEBASE_HZ),
                 }
             )
@@ -160,15 +159,12 @@ def test_edges_come_back_to_the_tick(run: RunFolder, tmp_path: Path, file_format
     export_streams(run, path, file_format, "edges")  # type: ignore[arg-type]
     columns, _, said = READERS[file_format](path)
     assert said["stream"] == "edges"
-    for edge, expected in (("rising", RISING), ("falling", FALLING)):
-        if file_format in ("csv", "parquet"):
-            chosen = (columns["channel"] == "both") & (columns["edge"] == edge)
-            ticks = columns["tick"][chosen]
-            assert set(columns["timebase_hz"]) == {TIMEBASE_HZ}
-        else:
-            name = f"edges/both/{edge}" if file_format == "hdf5" else f"both {edge}"
-            ticks = columns[name]
-        np.testing.assert_array_equal(ticks, expected)
+    if file_format in ("csv", "parquet"):
+        ticks = columns["tick"][(columns["channel"] == "timed") & (columns["edge"] == "rising")]
+        assert set(columns["timebase_hz"]) == {TIMEBASE_HZ}
+    else:
+        ticks = columns["edges/timed/rising" if file_format == "hdf5" else "timed rising"]
+    np.testing.assert_array_equal(ticks, RISING)
 
 
 def test_what_a_run_does_not_have_is_refused(tmp_path: Path) -> None:

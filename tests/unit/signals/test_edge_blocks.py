@@ -21,7 +21,6 @@ def test_a_block_takes_any_integers():
         (([1], 10, 0, 1e8), "stop at or after start"),
         (([1], 0, 10, 0.0), "timebase"),
         (([1], 0, 10, np.nan), "timebase"),
-        (([1], 0, 10, 1e8, [11]), "falling_ticks"),
     ],
 )
 def test_what_is_no_block_is_refused(arguments, message):
@@ -29,13 +28,8 @@ def test_what_is_no_block_is_refused(arguments, message):
         EdgeBlock(*arguments)
 
 
-def test_validate_names_the_edge_out_of_order():
-    with pytest.raises(InputError, match=r"ticks\[2\] = 4 after 4"):
-        EdgeBlock([1, 4, 4, 6], 0, 10, 1e8).validate()
-    with pytest.raises(InputError, match=r"falling_ticks\[1\]"):
-        EdgeBlock([1, 4, 6], 0, 10, 1e8, [5, 3]).validate()
-
-
-def test_validate_returns_the_block():
-    block = EdgeBlock([1, 4, 6], 0, 10, 1e8, [2, 5])
-    assert block.validate() is block
+def test_blocks_that_follow_each_other_join() -> None:
+    joined = EdgeBlock.join([EdgeBlock([1, 4], 0, 10, 1e8), EdgeBlock([12], 10, 20, 1e8)])
+    assert (joined.ticks.tolist(), joined.start_tick, joined.stop_tick) == ([1, 4, 12], 0, 20)
+    with pytest.raises(InputError, match="10 and then from 11"):
+        EdgeBlock.join([EdgeBlock([1, 4], 0, 10, 1e8), EdgeBlock([12], 11, 20, 1e8)])

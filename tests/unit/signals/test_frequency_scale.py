@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.counting import counted
 
 from torquebench.errors import InputError, SignalFault
 from torquebench.signals import (
@@ -11,7 +12,6 @@ from torquebench.signals import (
     FrequencyScale,
     PulseTrainFault,
     SignalFaultKind,
-    regression,
 )
 
 SCALE = FrequencyScale(
@@ -61,18 +61,16 @@ def test_samples_become_torque_with_uncertainty_and_faults(pulse_train):
     low = pulse_train(10e3, 10e-3)
     good = pulse_train(75_012.5, 10e-3) + 1_000_000
     block = EdgeBlock(np.concatenate((low, good)), 0, 3_000_000, 100e6)
-    frequency = regression(block, 10e-3, edge_jitter_s=5e-9, check_train=False)
-    torque = SCALE.torque_samples(frequency)
-    assert torque.fault.tolist() == [
+    frequency = counted(block, 10e-3, edge_jitter_s=5e-9, check_train=False)
+    torque = SCALE.readings(frequency)
+    assert torque["fault"].tolist() == [
         SignalFaultKind.OUT_OF_MODULATION,
         0,
         SignalFaultKind.NO_PULSES,
     ]
-    assert torque.torque_nm[1] == pytest.approx(1000.0, abs=1e-3)
-    assert torque.standard_uncertainty_nm[1] == pytest.approx(
-        frequency.standard_uncertainty_hz[1] / 15.0
-    )
-    assert np.isnan(torque.torque_nm[[0, 2]]).all()
+    assert torque["reading_nm"][1] == pytest.approx(1000.0, abs=1e-3)
+    assert torque["counter_nm"][1] == pytest.approx(frequency["frequency_uncertainty_hz"][1] / 15.0)
+    assert np.isnan(torque["reading_nm"][[0, 2]]).all()
     assert torque.valid.tolist() == [False, True, False]
     with pytest.raises(PulseTrainFault, match=r"output_torque.*2 of 3 windows faulty"):
         torque.raise_on_fault("output_torque")

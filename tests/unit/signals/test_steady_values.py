@@ -8,10 +8,15 @@ from scipy.signal import lfilter
 from torquebench.errors import InputError
 from torquebench.signals import steady_value
 from torquebench.signals._kernels import running_median
-from torquebench.signals.autocorrelation import autocorrelation, correlation_length
-from torquebench.signals.outliers import isolated, median, outliers
-from torquebench.signals.ripple import estimate_period
-from torquebench.signals.steady import settling_index
+from torquebench.signals.steady import (
+    autocorrelation,
+    correlation_length,
+    estimate_period,
+    isolated,
+    median,
+    outliers,
+    settling_index,
+)
 
 
 def coloured(generator, count, coefficient):

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.streamed import streamed
 
 from torquebench.bench import default_bench
-from torquebench.bench.active_chain import StreamReadings
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import ModelChoice, fit_models, store_model
 from torquebench.chain import Drift, MeasuringChain, Readings, load_chain
@@ -68,11 +68,7 @@ def test_a_refit_of_old_points_does_not_make_them_new(
     model = registry.add_model(entry, kind="polynomial", file=file, side="output", metrics={})
     registry.activate(model.model_id)
     active = compensation_for(registry, default_bench(), COUNTER, "output")
-    torque = active.push(
-        StreamReadings(
-            np.zeros(1), np.array([100.0]), np.zeros(1), speed_rpm=0.0, temperature_c=23.0
-        )
-    )
+    torque = streamed(active, [0.0], [100.0], [0.0], speed_rpm=0.0, temperature_c=23.0)
     live = share_of_limit(torque.component("drift"), torque.value_nm)
     assert live == pytest.approx(expected, abs=0.01)
 

@@ -2,13 +2,13 @@ import threading
 
 import pytest
 
-from torquebench.bench.samples import AcquiredBlock, Stretch
+from torquebench.bench.blocks import Block
 from torquebench.errors import RecordError
-from torquebench.station.queued_journal import QueuedJournal
+from torquebench.station.journal import QueuedJournal
 
 
-def block(index: int) -> Stretch:
-    return Stretch((AcquiredBlock(index, index * 0.05, (index + 1) * 0.05, {}, {}, {}, {}, {}),))
+def block(index: int) -> Block:
+    return Block(float(index), index + 1.0)
 
 
 class Slow:
@@ -19,9 +19,9 @@ class Slow:
         self.allowed = threading.Semaphore(0)
         self.fails_at = fails_at
 
-    def write(self, stretch: Stretch) -> None:
+    def write(self, block: Block) -> None:
         self.allowed.acquire()
-        index = stretch.blocks[0].index
+        index = int(block.start_s)
         if index >= self.fails_at:
             raise OSError(28, "No space left on device")
         self.kept.append(index)

@@ -5,49 +5,47 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from torquebench.bench.drivers.base import AngleSamples
-from torquebench.bench.roles import SIDES
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples, Stretch
+from torquebench.bench.blocks import CONDITIONS, Block
+from torquebench.bench.roles import SIDES, angle_channel
 from torquebench.chain import Component, Shared, Torque
 from torquebench.records import RunFolder
-from torquebench.signals import EdgeBlock, SignalFaultKind
+from torquebench.signals import EdgeBlock, Record, SignalFaultKind
 from torquebench.station.journal import NO_COUNTS, NOT_IN_USE, RunJournal
 
 WINDOWS = 5
 PROBES = ("ambient", "input_transducer")
+REST = {
+    "input_speed_rad_s": 0.0,
+    "output_speed_rad_s": 0.0,
+    "ambient_c": 23.0,
+    "input_transducer_c": 25.0,
+}
 
 
-def channel(name: str, time_s: np.ndarray, frequency_hz: float, fault: int = 0) -> ChannelSamples:
+def channel(time_s: np.ndarray, frequency_hz: float, fault: int = 0) -> Record:
     frequency = np.full(time_s.shape, np.nan if fault else frequency_hz)
-    return ChannelSamples(
-        name,
-        "input" if name.startswith("input") else "output",
-        name.endswith("reference"),
-        time_s,
-        frequency,
-        frequency / 15.0,
-        np.full(time_s.shape, fault, dtype=np.uint8),
+    return Record(
+        {
+            "time_s": time_s,
+            "frequency_hz": frequency,
+            "reading_nm": frequency / 15.0,
+            "fault": np.full(time_s.shape, fault, dtype=np.uint8),
+        }
     )
 
 
-def block(index: int, channels: list[ChannelSamples]) -> AcquiredBlock:
-    start_s = index * 0.05
+def block(index: int, channels: dict[str, Record], **conditions: float) -> Block:
+    start_s, stop_s = index * 0.05, (index + 1) * 0.05
     time_s = start_s + np.arange(50) * 1e-3
-    angles = AngleSamples(time_s, np.arange(50, dtype=np.int64) + 50 * index, 1000)
-    return AcquiredBlock(
-        index=index,
-        start_s=start_s,
-        stop_s=start_s + 0.05,
-        channels={samples.channel: samples for samples in channels},
-        angles={"input": angles, "output": angles},
-        speed_rad_s={"input": 0.0, "output": 0.0},
-        temperatures={"ambient": 23.0, "input_transducer": 25.0},
-        edges={},
+    angle = Record({"time_s": time_s, "angle_counts": np.arange(50, dtype=np.int64) + 50 * index})
+    known = Record(
+        {
+            name: np.array([value])
+            for name, value in {"time_s": stop_s, **REST, **conditions}.items()
+        }
     )
-
-
-def kept(*blocks: AcquiredBlock) -> Stretch:
-    return Stretch(blocks)
+    angles = {angle_channel(side): angle for side in SIDES}
+    return Block(start_s, stop_s, records={**channels, **angles, CONDITIONS: known})
 
 
 def times(index: int) -> np.ndarray:
@@ -57,12 +55,14 @@ def times(index: int) -> np.ndarray:
 def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
-    both = [channel("input_torque", times(0), 60e3), channel("output_torque", times(0), 61e3)]
-    journal.write(kept(block(0, both)))
-    faulty = channel("output_torque", times(1), 0.0, SignalFaultKind.NO_PULSES)
-    late = channel("output_reference", times(1)[2:], 62e3)
-    second = block(1, [channel("input_torque", times(1), 60e3), faulty, late])
-    journal.write(kept(second))
+    both = {"input_torque": channel(times(0), 60e3), "output_torque": channel(times(0), 61e3)}
+    journal.write(block(0, both))
+    second = {
+        "input_torque": channel(times(1), 60e3),
+        "output_torque": channel(times(1), 0.0, SignalFaultKind.NO_PULSES),
+        "output_reference": channel(times(1)[2:], 62e3),
+    }
+    journal.write(block(1, second))
     folder = writer.seal()
     columns = folder.raw().columns
     assert columns["time_s"].tolist() == pytest.approx([*times(0), *times(1)])
@@ -78,13 +78,14 @@ def test_channels_that_come_and_go_and_fail_keep_their_columns(tmp_path: Path) -
 def test_torque_speed_and_compensated_torque_are_kept(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
-    own = channel("output_torque", times(0), 60e3)
+    own = channel(times(0), 60e3)
     parts = (Component("own", Shared.LOADING, 0.15), Component("other", Shared.NOTHING, 0.2))
-    found = Torque(own.torque_nm + 1.0, parts)
-    first = block(0, [channel("input_torque", times(0), 60e3), own])
-    journal.write(Stretch((replace(first, speed_rad_s={"output": 2.0}),), {"output": found}))
+    found = Torque(own["reading_nm"] + 1.0, parts)
+    channels = {"input_torque": channel(times(0), 60e3), "output_torque": own}
+    first = block(0, channels, output_speed_rad_s=2.0, input_speed_rad_s=np.nan)
+    journal.write(replace(first, torques={"output": found}))
     columns = writer.seal().raw().columns
-    assert columns["output_torque_nm"].tolist() == own.torque_nm.tolist()
+    assert columns["output_torque_nm"].tolist() == own["reading_nm"].tolist()
     assert columns["output_compensated_nm"].tolist() == found.value_nm.tolist()
     assert columns["output_torque_uncertainty_nm"].tolist() == pytest.approx([0.25] * WINDOWS)
     assert np.isnan(columns["input_compensated_nm"]).all()
@@ -96,8 +97,8 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
     edges = {"output_torque": EdgeBlock(np.arange(0, 5_000_000, 1667), 0, 5_000_000, 100e6)}
     for wanted in (False, True):
         writer = RunFolder.create(tmp_path, {}, kind="test")
-        given = replace(block(0, [channel("input_torque", times(0), 60e3)]), edges=edges)
-        RunJournal(writer, PROBES, edges=wanted).write(kept(given))
+        given = replace(block(0, {"input_torque": channel(times(0), 60e3)}), edges=edges)
+        RunJournal(writer, PROBES, edges=wanted).write(given)
         found = list(writer.seal().edges())
         assert len(found) == wanted
     assert found[0].channel == "output_torque"
@@ -106,25 +107,21 @@ def test_edges_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
 
 def test_a_block_without_a_window_keeps_nothing(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
-    RunJournal(writer, PROBES).write(kept(block(0, [channel("input_torque", np.empty(0), 60e3)])))
+    RunJournal(writer, PROBES).write(block(0, {"input_torque": channel(np.empty(0), 60e3)}))
     assert writer.seal().raw().rows == 0
 
 
 def test_a_lost_probe_and_a_silent_encoder_do_not_end_the_recording(tmp_path: Path) -> None:
     writer = RunFolder.create(tmp_path, {}, kind="test")
     journal = RunJournal(writer, PROBES)
-    whole = block(0, [channel("input_torque", times(0), 60e3)])
-    journal.write(kept(whole))
-    silent = AngleSamples(np.empty(0), np.empty(0, dtype=np.int64), 1000)
-    later = block(1, [channel("input_torque", times(1), 60e3)])
-    lost = replace(
-        later,
-        temperatures={"ambient": 23.0},
-        angles={"input": silent, "output": whole.angles["output"]},
-        speed_rad_s={"output": 0.0},
-    )
+    whole = block(0, {"input_torque": channel(times(0), 60e3)})
+    journal.write(whole)
+    unknown = {"input_transducer_c": np.nan, "input_speed_rad_s": np.nan}
+    later = block(1, {"input_torque": channel(times(1), 60e3)}, **unknown)
+    silent = Record({"time_s": np.empty(0), "angle_counts": np.empty(0, dtype=np.int64)})
+    lost = replace(later, records={**later.records, "input_angle": silent})
     assert not lost.follows(whole)
-    journal.write(kept(lost))
+    journal.write(lost)
     columns = writer.seal().raw().columns
     assert columns["input_transducer_c"][:5].tolist() == [25.0] * 5
     assert np.isnan(columns["input_transducer_c"][5:]).all()
@@ -135,23 +132,26 @@ def test_a_lost_probe_and_a_silent_encoder_do_not_end_the_recording(tmp_path: Pa
 def test_blocks_kept_together_are_the_same_rows_as_one_by_one(tmp_path: Path) -> None:
     """Speeds, temperatures and counts are a block's own, whatever is kept beside it."""
     blocks = [
-        replace(
-            block(index, [channel(f"{side}_torque", times(index), 60e3) for side in SIDES]),
-            speed_rad_s={"input": 0.1 * index, "output": -0.3 * index},
-            temperatures={"ambient": 23.0 + index, "input_transducer": 25.0 - index},
+        block(
+            index,
+            {f"{side}_torque": channel(times(index), 60e3) for side in SIDES},
+            input_speed_rad_s=0.1 * index,
+            output_speed_rad_s=-0.3 * index,
+            ambient_c=23.0 + index,
+            input_transducer_c=25.0 - index,
         )
         for index in range(4)
     ]
     assert all(later.follows(earlier) for earlier, later in pairwise(blocks))
     parts = (Component("own", Shared.LOADING, 0.15),)
     found = Torque(np.arange(4.0 * WINDOWS), parts)
-    whole = Stretch(tuple(blocks), {"output": found})
+    whole = replace(Block.join(blocks), torques={"output": found})
     tables = []
-    for stretches in ([whole], [Stretch((each,), each.compensated) for each in whole.each()]):
+    for written in ([whole], [whole.part(each.start_s, each.stop_s) for each in blocks]):
         writer = RunFolder.create(tmp_path, {}, kind="test")
         journal = RunJournal(writer, PROBES)
-        for stretch in stretches:
-            journal.write(stretch)
+        for each in written:
+            journal.write(each)
         tables.append(writer.seal().raw().columns)
     assert tables[0].keys() == tables[1].keys()
     for name, column in tables[0].items():

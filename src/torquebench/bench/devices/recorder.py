@@ -13,18 +13,17 @@ from event_model import DataKey
 from numpy.typing import NDArray
 from ophyd_async.core import AsyncReadable, AsyncStatus, Device
 
-from torquebench.bench.active_chain import TimedTorque
+from torquebench.bench.channels import FAST_WINDOW_S, FINE_WINDOW_S
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.data_keys import data_key
-from torquebench.bench.drivers.base import AngleSamples
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
-from torquebench.bench.samples import FAST_WINDOW_S, FINE_WINDOW_S
-from torquebench.chain import SWITCHES, TorqueParts
+from torquebench.chain import SWITCHES, Torque, TorqueParts
 from torquebench.errors import SignalFault
 from torquebench.message import Message
+from torquebench.signals import Record
 from torquebench.units import DEG_PER_RAD, MS_PER_S, RAD_S_PER_RPM
 
-__all__ = ["FastRecording", "ModuleRecording", "Recorder", "SynchronousRecording"]
+__all__ = ["Recorder", "SynchronousRecording"]
 
 FloatArray = NDArray[np.float64]
 
@@ -87,45 +86,6 @@ class SynchronousRecording:
         return self.input_angle_rad if side == "input" else self.output_angle_rad
 
 
-@dataclass(frozen=True, eq=False)
-class ModuleRecording:
-    """Readings of one module in the counter's windows during rotation, without compensation.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Bench time at which the torques acted, s.
-    reading_nm : float64[n]
-        By the zero in use, N·m.
-    speed_rpm : float64[n]
-        Mean over the same windows, 1/min.
-    angle_rad : float64[n]
-        Of the shaft in the middle of each window.
-    """
-
-    time_s: FloatArray
-    reading_nm: FloatArray
-    speed_rpm: FloatArray
-    angle_rad: FloatArray
-
-
-@dataclass(frozen=True, eq=False)
-class FastRecording:
-    """Readings of one module and of the mounted standard in windows of `FAST_WINDOW_S`.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Middle of the windows, bench time, s.
-    reading_nm, standard_nm : float64[n]
-        By the zeros in use, without compensation and certificate, N·m.
-    """
-
-    time_s: FloatArray
-    reading_nm: FloatArray
-    standard_nm: FloatArray
-
-
 class _SideTorque(NamedTuple):
     """Torques of one side with their times, their uncertainty, and the inertia's part of them."""
 
@@ -154,9 +114,9 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self._fast_side: Side | None = None
         self._stamp_s = time.time()
         self.taken: SynchronousRecording | None = None
-        self.angles: dict[Side, AngleSamples] = {}
-        self.modules: dict[Side, ModuleRecording] = {}
-        self.fast: FastRecording | None = None
+        self.angles: dict[Side, Record] = {}
+        self.modules: dict[Side, Record] = {}
+        self.fast: Record | None = None
         super().__init__(name=name)
 
     @AsyncStatus.wrap
@@ -214,20 +174,21 @@ class Recorder(Device, AsyncReadable, Triggerable):
         self._count_finely()
         self._stamp_s = time.time()
 
-    def _fast(self, side: Side, start_s: float, stop_s: float) -> FastRecording:
+    def _fast(self, side: Side, start_s: float, stop_s: float) -> Record:
+        """Return time, reading and standard's torque (N·m) in windows of `FAST_WINDOW_S`."""
         expected = int((stop_s - start_s) / FAST_WINDOW_S) - 2
-        columns: list[FloatArray] = []
+        records: list[Record] = []
         for name in self._fast_channels(side):
             channel = self._context.acquisition.channel(name)
             # the last window of the stretch is complete only with the next block
-            found = channel.fine_window(start_s - FAST_WINDOW_S, stop_s - FAST_WINDOW_S)
-            if found is None or found.time_s.size < expected:
+            record = channel.fine_window(start_s - FAST_WINDOW_S, stop_s - FAST_WINDOW_S)
+            if record is None or len(record) < expected:
                 raise SignalFault(
                     Message(
                         "{name}: {size} windows of {fast_window_s:g} ms from {start_s:.2f} "
                         "to {stop_s:.2f} s",
                         name,
-                        0 if found is None else found.time_s.size,
+                        0 if record is None else len(record),
                         MS_PER_S * FAST_WINDOW_S,
                         start_s,
                         stop_s,
@@ -235,11 +196,10 @@ class Recorder(Device, AsyncReadable, Triggerable):
                     Message("{expected}, from edges on the counter card", expected),
                     "wire transducer and standard to the counter card",
                 )
-            found.raise_on_fault(name)
-            columns += [found.time_s, found.torque_nm]
-        count = min(each.size for each in columns)
-        first_s, reading, second_s, standard = (each[:count] for each in columns)
-        if count and np.max(np.abs(first_s - second_s)) > 0.01 * FAST_WINDOW_S:
+            records.append(record.raise_on_fault(name))
+        count = min(map(len, records))
+        module, standard = (record.at(slice(count)) for record in records)
+        if count and np.max(np.abs(module.time_s - standard.time_s)) > 0.01 * FAST_WINDOW_S:
             raise SignalFault(
                 Message(
                     "windows of the {side} module and of the standard at different times", side
@@ -247,20 +207,26 @@ class Recorder(Device, AsyncReadable, Triggerable):
                 "the same windows",
                 "repeat the run",
             )
-        return FastRecording(first_s, reading, standard)
+        columns = ("reading_nm", module["reading_nm"]), ("standard_nm", standard["reading_nm"])
+        return Record({"time_s": module.time_s, **dict(columns)})
 
-    def _module(self, side: Side, start_s: float, stop_s: float) -> ModuleRecording:
+    def _module(self, side: Side, start_s: float, stop_s: float) -> Record:
+        """Return time, reading, speed and angle of a module in the counter's windows."""
         context, half_s = self._context, 0.5 * self._window_s
-        channel = context.acquisition.channel(torque_channel(side))
-        samples = channel.window(start_s - half_s, stop_s - half_s)  # angles end with the interval
-        samples.raise_on_fault()
-        acted_s = samples.time_s - context.description.module(side).transducer.group_delay_s
+        # angles end with the interval
+        record = context.acquisition.window(torque_channel(side), start_s - half_s, stop_s - half_s)
+        acted_s = record.time_s - context.description.module(side).transducer.group_delay_s
         angles = context.acquisition.angles(side, start_s - 2.0 * self._window_s, stop_s)
-        at, angle = angles.time_s, angles.angle_rad
-        first, last = (np.interp(acted_s + each, at, angle) for each in (-half_s, half_s))
-        speed = (last - first) / (2.0 * half_s * RAD_S_PER_RPM)
-        middle = np.interp(acted_s, at, angle)
-        return ModuleRecording(acted_s, samples.torque_nm, speed, middle)
+        at, angle = angles.time_s, angles["angle_rad"]
+        first, last = (np.interp(acted_s + shift, at, angle) for shift in (-half_s, half_s))
+        return Record(
+            {
+                "time_s": acted_s,
+                "reading_nm": record["reading_nm"],
+                "speed_rpm": (last - first) / (2.0 * half_s * RAD_S_PER_RPM),
+                "angle_rad": np.interp(acted_s, at, angle),
+            }
+        )
 
     def _recording(self, start_s: float, stop_s: float) -> SynchronousRecording:
         fine = [self._fine_torque(side, start_s, stop_s) for side in SIDES]
@@ -289,52 +255,53 @@ class Recorder(Device, AsyncReadable, Triggerable):
         if not self._fine:
             return None
         channel = self._context.acquisition.channel(torque_channel(side))
-        samples = channel.fine_window(start_s, stop_s)
-        if samples is None or samples.time_s.size < int((stop_s - start_s) / FINE_WINDOW_S) - 2:
+        record = channel.fine_window(start_s, stop_s)
+        if record is None or len(record) < int((stop_s - start_s) / FINE_WINDOW_S) - 2:
             return None
-        samples.raise_on_fault(channel.name)
+        record.raise_on_fault(channel.name)
         active = self._context.acquisition.compensation(side)
-        found = None if active is None else active.fine_window(start_s, stop_s)
-        if active is not None and found is None:
+        torque = None if active is None else active.fine_window(start_s, stop_s)
+        if active is not None and torque is None:
             return None
-        return self._columns(side, samples.time_s, samples.torque_nm, found)
+        return self._columns(side, record, torque)
 
     def _torque(self, side: Side, start_s: float, stop_s: float) -> _SideTorque:
-        samples = self._context.acquisition.channel(torque_channel(side)).window(start_s, stop_s)
-        samples.raise_on_fault()
-        expected = int((stop_s - start_s) / self._window_s) - 2
-        if samples.time_s.size < max(expected, 1):
+        channel = torque_channel(side)
+        record = self._context.acquisition.window(channel, start_s, stop_s)
+        expected = max(int((stop_s - start_s) / self._window_s) - 2, 1)
+        if len(record) < expected:
             raise SignalFault(
                 Message(
                     "{channel}: {count} windows from {start:.2f} to {stop:.2f} s",
-                    samples.channel,
-                    samples.time_s.size,
+                    channel,
+                    len(record),
                     start_s,
                     stop_s,
                 ),
-                Message("at least {limit}", max(expected, 1)),
+                Message("at least {limit}", expected),
                 "record shorter intervals: acquisition keeps the last two minutes",
             )
         active = self._context.acquisition.compensation(side)
-        found = None if active is None else active.window(start_s, stop_s)
-        if active is not None and found is None:
+        torque = None if active is None else active.window(start_s, stop_s)
+        if active is not None and torque is None:
             active.refuse(side, start_s, stop_s)
-        return self._columns(side, samples.time_s, samples.torque_nm, found)
+        return self._columns(side, record, torque)
 
     def _columns(
-        self, side: Side, counted_s: FloatArray, reading_nm: FloatArray, found: TimedTorque | None
+        self, side: Side, record: Record, compensated: tuple[FloatArray, Torque] | None
     ) -> _SideTorque:
         delay_s = self._context.description.module(side).transducer.group_delay_s
-        if found is None:
-            unknown = TorqueParts(*[np.full(counted_s.size, np.nan)] * len(fields(TorqueParts)))
-            return _SideTorque(counted_s - delay_s, reading_nm, unknown, np.zeros(counted_s.size))
-        torque = found.torque
+        if compensated is None:
+            unknown = TorqueParts(*[np.full(len(record), np.nan)] * len(fields(TorqueParts)))
+            inertia_nm = np.zeros(len(record))
+            return _SideTorque(record.time_s - delay_s, record["reading_nm"], unknown, inertia_nm)
+        time_s, torque = compensated
         if not torque.has_number.all():
             active = self._context.acquisition.compensation(side)
             assert active is not None
-            active.refuse(side, float(found.time_s[0]), np.nextafter(found.time_s[-1], np.inf))
+            active.refuse(side, float(time_s[0]), np.nextafter(time_s[-1], np.inf))
         return _SideTorque(
-            found.time_s - delay_s,
+            time_s - delay_s,
             torque.value_nm,
             TorqueParts.of(torque),
             np.sum([torque.added(name) for name in SWITCHES["inertia"]], axis=0),
@@ -345,7 +312,9 @@ class Recorder(Device, AsyncReadable, Triggerable):
         values = {
             "start_s": self._start_s,
             "stop_s": self._stop_s,
-            "samples": sum(each.time_s.size for each in (self.taken, self.fast) if each),
+            "samples": sum(
+                each.time_s.size for each in (self.taken, self.fast) if each is not None
+            ),
         }
         self._start_s = self._stop_s
         return {
@@ -362,9 +331,9 @@ class Recorder(Device, AsyncReadable, Triggerable):
         }
 
 
-def _window_angle(samples: AngleSamples, time_s: FloatArray, window_s: float) -> FloatArray:
+def _window_angle(samples: Record, time_s: FloatArray, window_s: float) -> FloatArray:
     """Mean angle over windows: a moving mean, interpolated between its samples."""
-    angle, at = samples.angle_rad, samples.time_s
+    angle, at = samples["angle_rad"], samples.time_s
     if at.size < 2:
         raise SignalFault("no angle in the recorded interval", "samples in every window")
     step = (at[-1] - at[0]) / (at.size - 1)
@@ -388,11 +357,11 @@ def _interpolated(time_s: FloatArray, at: FloatArray, values: FloatArray) -> Flo
     return inside
 
 
-def _check_jumps(side: Side, samples: AngleSamples) -> None:
+def _check_jumps(side: Side, samples: Record) -> None:
     """Refuse an angle that jumps by more than a shaft can turn within one sample."""
-    if samples.counts.size < 3:
+    if len(samples) < 3:
         return
-    change = np.diff(samples.angle_rad)
+    change = np.diff(samples["angle_rad"])
     jump = np.abs(np.diff(change))
     worst = int(np.argmax(jump))
     limit = _LARGEST_JUMP_RAD[side]

@@ -60,7 +60,7 @@ class Transducer(StandardReadable):
         channel = torque_channel(side)
         with self.add_children_as_readables(StandardReadableFormat.HINTED_UNCACHED_SIGNAL):
             self.reading_nm, _ = soft_signal_r_and_setter(
-                float, units="N·m", getter=lambda: context.acquisition.latest(channel).torque_nm
+                float, units="N·m", getter=lambda: context.acquisition.reading_nm(channel)
             )
         with self.add_children_as_readables(StandardReadableFormat.CONFIG_SIGNAL):
             self.serial, _ = soft_signal_r_and_setter(str, transducer.serial)
@@ -85,12 +85,12 @@ class Reference(StandardReadable):
             self.input_nm, _ = soft_signal_r_and_setter(
                 float,
                 units="N·m",
-                getter=lambda: acquisition.latest(reference_channel("input")).torque_nm,
+                getter=lambda: acquisition.reading_nm(reference_channel("input")),
             )
             self.output_nm, _ = soft_signal_r_and_setter(
                 float,
                 units="N·m",
-                getter=lambda: acquisition.latest(reference_channel("output")).torque_nm,
+                getter=lambda: acquisition.reading_nm(reference_channel("output")),
             )
         with self.add_children_as_readables():
             self.input_zero = Zero(context, reference_channel("input"))

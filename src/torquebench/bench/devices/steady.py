@@ -16,11 +16,10 @@ from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.data_keys import data_key
 from torquebench.bench.roles import Side, reference_channel, torque_channel
-from torquebench.bench.samples import ChannelSamples
 from torquebench.chain import Torque
 from torquebench.errors import InputError, SignalFault
 from torquebench.message import Message
-from torquebench.signals import SteadyValue, steady_value
+from torquebench.signals import Record, SteadyValue, steady_value
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["SteadySettings", "SteadyTorque"]
@@ -241,11 +240,10 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         return values
 
     def _steady(self, channel: str, start_s: float, stop_s: float) -> _Evaluated:
-        samples = self._context.acquisition.channel(channel).window(start_s, stop_s)
-        samples.raise_on_fault()
-        self._check_complete(samples, start_s, stop_s)
-        steady = self._steady_value(samples.time_s, samples.torque_nm)
-        return _Evaluated(steady, float(samples.frequency_hz.mean()))
+        record = self._context.acquisition.window(channel, start_s, stop_s)
+        self._check_complete(channel, record, start_s, stop_s)
+        steady = self._steady_value(record.time_s, record["reading_nm"])
+        return _Evaluated(steady, float(record["frequency_hz"].mean()))
 
     def _steady_value(self, time_s: FloatArray, torque_nm: FloatArray) -> SteadyValue:
         return steady_value(
@@ -268,19 +266,19 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         InputError
             An effect refuses readings, not only before the step has settled; it is named.
         """
-        found = active.window(start_s, stop_s)
+        compensated = active.window(start_s, stop_s)
         least = self._least_windows(start_s, stop_s) - active.late_windows
-        if found is None or found.time_s.size < max(least, 2):
+        if compensated is None or compensated[0].size < max(least, 2):
             raise SignalFault(
                 Message(
                     "{windows} windows, of which {size} were compensated",
                     self._least_windows(start_s, stop_s),
-                    0 if found is None else found.time_s.size,
+                    0 if compensated is None else compensated[0].size,
                 ),
                 "all of them",
                 "repeat the measurement: the model has just been activated",
             )
-        time_s, torque = found.time_s, found.torque
+        time_s, torque = compensated
         refused = np.flatnonzero(~torque.has_number)
         if refused.size:
             first = int(refused[-1]) + 1
@@ -296,14 +294,14 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         window_s = self._context.description.counter.window_s
         return max(int((stop_s - start_s) / window_s) - 1, 2)
 
-    def _check_complete(self, samples: ChannelSamples, start_s: float, stop_s: float) -> None:
+    def _check_complete(self, channel: str, record: Record, start_s: float, stop_s: float) -> None:
         least = self._least_windows(start_s, stop_s)
-        if samples.time_s.size < least:
+        if len(record) < least:
             raise SignalFault(
                 Message(
                     "{channel}: {count} windows from {start:.3f} to {stop:.3f} s",
-                    samples.channel,
-                    samples.time_s.size,
+                    channel,
+                    len(record),
                     start_s,
                     stop_s,
                 ),

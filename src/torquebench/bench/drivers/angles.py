@@ -9,8 +9,9 @@ from typing import Protocol
 
 import numpy as np
 
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock, CounterCard, Identity
-from torquebench.bench.roles import SIDES, Side
+from torquebench.bench.drivers.base import Block, CounterCard, Identity
+from torquebench.bench.roles import SIDES, Side, angle_channel
+from torquebench.signals import Record
 
 __all__ = ["AngleSource", "CounterWithAngles", "with_angles"]
 
@@ -23,9 +24,6 @@ class AngleSource(Protocol):
 
     def counts(self) -> Mapping[Side, int]:
         """Ask for the encoder counts of each side now, unwrapped, clockwise positive."""
-
-    def counts_per_revolution(self, side: Side) -> int:
-        """Tell the counts of one revolution."""
 
     def close(self) -> None:
         """Release it. A second call does nothing."""
@@ -74,25 +72,24 @@ class CounterWithAngles:
         """Time only these channels."""
         self.counter.select(channels)
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Return the next block with the positions polled in the meantime."""
-        parts: list[CounterBlock] = []
-        polled: list[tuple[float, Mapping[Side, int]]] = []
+        parts: list[Block] = []
+        polled: list[Mapping[Side, int]] = []
         windows = max(POLLS, round(duration_s / self.window_s))
         borders = [windows * k // POLLS for k in range(POLLS + 1)]
         for first, last in pairwise(borders):
-            part = self.counter.read_block((last - first) * self.window_s)
-            parts.append(part)
-            polled.append((part.stop_s, self.source.counts()))
+            parts.append(self.counter.read_block((last - first) * self.window_s))
+            polled.append(self.source.counts())
+        time_s = np.array([part.stop_s for part in parts])
         angles = {
-            side: AngleSamples(
-                np.array([time_s for time_s, _ in polled]),
-                np.array([counts[side] for _, counts in polled], dtype=np.int64),
-                self.source.counts_per_revolution(side),
+            angle_channel(side): Record(
+                {"time_s": time_s, "angle_counts": np.array([c[side] for c in polled], np.int64)}
             )
             for side in SIDES
         }
-        return replace(CounterBlock.joined(parts), angles=angles)
+        block = Block.join(parts)
+        return replace(block, records={**block.records, **angles})
 
     def close(self) -> None:
         """Release both."""

@@ -9,13 +9,14 @@ an event loop have to move such calls to a thread. A method that fails raises
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.certificates.encoder import EncoderCertificate
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.roles import (
@@ -32,17 +33,16 @@ from torquebench.bench.roles import (
     torque_channel,
 )
 from torquebench.reducers import CertifiedFriction, ReducerDescription
-from torquebench.signals import EdgeBlock, FrequencySamples
-from torquebench.units import TURN
+from torquebench.signals import Record
 
 __all__ = [
     "CHANNELS",
+    "CLOCKS_APART_S",
     "MODES",
     "MOUNTINGS",
     "SIDES",
-    "AngleSamples",
+    "Block",
     "Clamp",
-    "CounterBlock",
     "CounterCard",
     "Drive",
     "DriveState",
@@ -57,7 +57,6 @@ __all__ = [
     "PowerSupply",
     "RailPosition",
     "ReferenceReadout",
-    "ReferenceSamples",
     "Seating",
     "Side",
     "Temperature",
@@ -87,68 +86,6 @@ class Identified(Protocol):
         """Read the identity of the instrument."""
 
 
-@dataclass(frozen=True)
-class AngleSamples:
-    """Encoder counts of one block.
-
-    Parameters
-    ----------
-    time_s : ndarray of float64, shape (n,)
-        Bench time of each sample, s.
-    counts : ndarray of int64, shape (n,)
-        Encoder counts, unwrapped, clockwise positive.
-    counts_per_revolution : int
-    """
-
-    time_s: NDArray[np.float64]
-    counts: NDArray[np.int64]
-    counts_per_revolution: int
-
-    @property
-    def angle_rad(self) -> NDArray[np.float64]:
-        """Angle of each sample, rad, unwrapped."""
-        return np.asarray(self.counts * (TURN / self.counts_per_revolution))
-
-
-@dataclass(frozen=True)
-class CounterBlock:
-    """Everything that one clock timed over one block of bench time.
-
-    A channel that is selected but silent is present with no edges: silence is a fault that the
-    signal path names, never a missing key. An instrument that counts by itself delivers
-    `frequencies` instead of `edges`, one sample a window and without gaps. `waiting_s` is the time
-    that the counter had timed beyond the block, s: the computer's delay. None if unknown.
-    """
-
-    start_s: float
-    stop_s: float
-    edges: Mapping[str, EdgeBlock]
-    angles: Mapping[Side, AngleSamples]
-    frequencies: Mapping[str, FrequencySamples] = field(default_factory=dict)
-    waiting_s: float | None = None
-
-    @property
-    def timed_s(self) -> float:
-        """Bench time that had passed at least when the block was read, s."""
-        return self.stop_s + (self.waiting_s or 0.0)
-
-    @classmethod
-    def joined(cls, parts: Sequence[CounterBlock]) -> CounterBlock:
-        """Join consecutive blocks of frequencies into one; edges and angles are left out."""
-        names = parts[0].frequencies
-        return cls(
-            parts[0].start_s,
-            parts[-1].stop_s,
-            {},
-            {},
-            {
-                name: FrequencySamples.concatenate([part.frequencies[name] for part in parts])
-                for name in names
-            },
-            parts[-1].waiting_s,
-        )
-
-
 @runtime_checkable
 class CounterCard(Protocol):
     """Times the edges of the torque transducers and the encoders by one clock."""
@@ -167,10 +104,13 @@ class CounterCard(Protocol):
     def select(self, channels: frozenset[str]) -> None:
         """Time only these channels from the next block on; the others cost nothing."""
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Return the next `duration_s` of edges and angles without a gap to the block before.
 
-        Real counters block until the time has passed; simulated ones compute it.
+        A channel that is selected but silent is present without edges: silence is a fault that the
+        signal path names, never a missing key. An instrument that counts by itself delivers records
+        of frequencies instead of edges, one row a window. Real counters block until the time has
+        passed; simulated ones compute it.
         """
 
     def close(self) -> None:
@@ -226,12 +166,9 @@ class Drive(Protocol):
         """Release the drive. A second call does nothing."""
 
 
-@dataclass(frozen=True)
-class ReferenceSamples:
-    """Torque stated by a standard with its own read-out, N·m at bench times in s."""
-
-    time_s: NDArray[np.float64]
-    torque_nm: NDArray[np.float64]
+CLOCKS_APART_S = 0.1
+"""Largest deviation of a read-out's clock from the counter's, s, in addition to two of its periods.
+"""
 
 
 @runtime_checkable
@@ -248,11 +185,12 @@ class ReferenceReadout(Protocol):
     def identity(self) -> Identity:
         """Read the identity of the read-out."""
 
-    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the samples since the last call up to bench time `until_s`, none later.
 
-        A sample whose time isn't known yet may come with a later call. `timed_s` is the bench time
-        that has passed at least: later than `until_s` if the computer lags behind the counter.
+        The columns are `time_s` and `reading_nm`, NaN where there is no signal. A sample whose time
+        isn't known yet may come with a later call. `timed_s` is the bench time that has passed at
+        least: later than `until_s` if the computer lags behind the counter.
         """
 
     def close(self) -> None:

@@ -12,7 +12,7 @@ from torquebench.bench.description import CounterDescription
 from torquebench.bench.roles import SIDES, torque_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
-from torquebench.signals import FrequencySamples, SignalFaultKind
+from torquebench.signals import Record, SignalFaultKind
 
 __all__ = ["DescribedCounter", "LibraryCounter", "counted"]
 
@@ -125,26 +125,15 @@ class LibraryCounter(DescribedCounter):
 def counted(
     time_s: NDArray[np.float64],
     frequency_hz: NDArray[np.float64],
-    window_s: float,
     standard_uncertainty_hz: NDArray[np.float64] | float,
-) -> FrequencySamples:
-    """Return frequencies counted by an instrument; 0 Hz means silence.
-
-    Parameters
-    ----------
-    time_s, frequency_hz : float64 array of shape (n,)
-        Centres of the windows, and the frequencies; NaN where there is nothing.
-    window_s : float
-    standard_uncertainty_hz : float or float64 array of shape (n,)
-    """
+) -> Record:
+    """Return frequencies counted by an instrument as windows; 0 Hz and NaN mean silence."""
     silent = ~(frequency_hz > 0.0)
-    none = np.zeros(time_s.size, dtype=np.int32)
-    return FrequencySamples(
-        time_s=time_s,
-        fault=np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
-        frequency_hz=np.where(silent, np.nan, frequency_hz),
-        edges=np.where(silent, 0.0, frequency_hz * window_s).astype(np.int64),
-        standard_uncertainty_hz=np.where(silent, np.nan, standard_uncertainty_hz),
-        missing=none,
-        doubled=none,
+    return Record(
+        {
+            "time_s": time_s,
+            "frequency_hz": np.where(silent, np.nan, frequency_hz),
+            "frequency_uncertainty_hz": np.where(silent, np.nan, standard_uncertainty_hz),
+            "fault": np.where(silent, np.uint8(SignalFaultKind.NO_PULSES), np.uint8(0)),
+        }
     )

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock, Identity, Side
+from torquebench.bench.drivers.base import Block, Identity, Side
 from torquebench.bench.drivers.counters import LibraryCounter
 from torquebench.bench.drivers.links import Address, TimeOut
 from torquebench.bench.drivers.plugins import (
@@ -29,10 +29,10 @@ from torquebench.bench.drivers.plugins import (
     Options,
     require_library,
 )
-from torquebench.bench.roles import SIDES
+from torquebench.bench.roles import SIDES, angle_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, Record
 
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
@@ -282,7 +282,7 @@ class DaqmxCounter(LibraryCounter):
         self._check_served(channels)
         self._selected = channels
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Return the next `duration_s`, waiting until the sample clock has passed it."""
         if not self._tasks:
             self._begin()
@@ -318,10 +318,10 @@ class DaqmxCounter(LibraryCounter):
                     "raise driver.counter.latency_s",
                 )
             edges[name] = EdgeBlock(ticks, start_tick, stop_tick, self._counting.timebase_hz)
-        angles = {side: self._angles(side, count) for side in SIDES}
+        angles = {angle_channel(side): self._angles(side, count) for side in SIDES}
         start_s, stop_s = self._start_sample / rate, stop_sample / rate
         self._start_sample = stop_sample
-        return CounterBlock(start_s, stop_s, edges, angles, waiting_s=waiting_s)
+        return Block(start_s, stop_s, edges, angles, waiting_s=waiting_s)
 
     def _count_waiting(self) -> int:
         """Return how many samples the sample clock has passed that haven't been read."""
@@ -355,12 +355,12 @@ class DaqmxCounter(LibraryCounter):
         self._position[side] = int(counts[-1])
         return np.asarray(counts)
 
-    def _angles(self, side: Side, count: int) -> AngleSamples:
+    def _angles(self, side: Side, count: int) -> Record:
         held = self._held[side]
         counts, self._held[side] = held[:count], held[count:]
         numbers = self._start_sample + np.arange(count, dtype=np.float64)
         time_s = numbers / self._options.sample_rate_hz
-        return AngleSamples(time_s, counts, self._per_revolution[side])
+        return Record({"time_s": time_s, "angle_counts": counts})
 
     def _available(self, name: str) -> NDArray[np.uint32]:
         def question() -> NDArray[np.uint32]:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from torquebench.bench.description import CounterDescription
-from torquebench.bench.drivers.base import CounterBlock, Identity
+from torquebench.bench.drivers.base import Block, Identity
 from torquebench.bench.drivers.counters import LibraryCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import (
@@ -173,7 +173,7 @@ class OpenDaqCounter(LibraryCounter):
         self._check_served(channels)
         self._selected = channels
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Wait for the next windows of every channel and return them.
 
         Raises
@@ -190,12 +190,12 @@ class OpenDaqCounter(LibraryCounter):
         start_s = self._windows * window_s
         time_s = start_s + window_s * (np.arange(windows, dtype=np.float64) + 0.5)
         frequencies = {
-            name: counted(time_s, scale * row + offset, window_s, self._options.resolution_hz)
+            name: counted(time_s, scale * row + offset, self._options.resolution_hz)
             for name, row, (scale, offset) in zip(self._served, means, self._scales, strict=True)
             if name in self._selected
         }
         self._windows += windows
-        return CounterBlock(start_s, self._windows * window_s, {}, {}, frequencies)
+        return Block(start_s, self._windows * window_s, {}, frequencies)
 
     def _samples(self, count: int) -> NDArray[np.float64]:
         """Read a number of samples of every channel without a gap, float64[channel, count]."""

@@ -15,10 +15,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.roles import SIDES, Side, reference_channel
 from torquebench.bench.safety.alarms import AlarmKind, Violation
-from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState, Quantity, SetPoint
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
@@ -102,14 +102,14 @@ class FollowingJudge:
         """Begin afresh after an acknowledgement."""
         self._ramps.clear()
 
-    def judge(self, block: AcquiredBlock) -> Violation | None:
+    def judge(self, block: Block) -> Violation | None:
         """Check a block; return a drive's deviation from its commands."""
         for side in SIDES:
             commands = self._commands.side(side)
             if not (self._share and commands.enabled):
                 self._ramps.pop(side, None)
                 continue
-            held = reference_channel(side) in block.channels
+            held = reference_channel(side) in block.records
             # with a standard, the speed is that of its shaft, not of the drive
             quantity: Quantity = "torque" if held else commands.controls
             found = self._judge(side, quantity, commands.set_points[quantity], block, held=held)
@@ -118,7 +118,7 @@ class FollowingJudge:
         return None
 
     def _judge(
-        self, side: Side, quantity: Quantity, point: SetPoint, block: AcquiredBlock, *, held: bool
+        self, side: Side, quantity: Quantity, point: SetPoint, block: Block, *, held: bool
     ) -> Violation | None:
         values = _values(quantity, side, block)
         known = values[np.isfinite(values)]
@@ -149,12 +149,12 @@ class FollowingJudge:
         return module.range_nm if quantity == "torque" else module.limits.speed_rpm / RPM_PER_RAD_S
 
 
-def _values(quantity: Quantity, side: Side, block: AcquiredBlock) -> NDArray[np.float64]:
+def _values(quantity: Quantity, side: Side, block: Block) -> NDArray[np.float64]:
     """Return the bench's readings of a quantity."""
     if quantity == "speed":
-        return np.array([block.speed_rad_s.get(side, math.nan)])
-    samples = block.channels.get(torque_channel(side))
-    return np.empty(0) if samples is None else samples.torque_nm
+        return np.array([block.speed_rad_s(side)])
+    record = block.torque(side)
+    return np.empty(0) if record is None else record["reading_nm"]
 
 
 def _violation(

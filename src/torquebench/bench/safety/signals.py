@@ -9,22 +9,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.description import BenchDescription, TransducerDescription
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock, ReferenceReadout
+from torquebench.bench.drivers.base import CLOCKS_APART_S, ReferenceReadout
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.safety.alarms import AlarmKind, AlarmLevel, Violation
 from torquebench.bench.safety.following import FollowingJudge
 from torquebench.bench.safety.limits import LimitBook, Watch
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.message import Message
-from torquebench.signals import EdgeBlock, SignalFaultKind
+from torquebench.signals import EdgeBlock, Record, SignalFaultKind
 from torquebench.units import DEG_PER_TURN, MINUTE, RPM_PER_RAD_S
 
 __all__ = ["Change", "FastCheck", "SignalJudge"]
@@ -33,19 +32,10 @@ TEMPERATURE_WARNING_K = 5.0
 TEMPERATURE_HYSTERESIS_K = 1.0
 FEW_EDGES = 8
 """Fewer edges in one fast check give no frequency."""
-CLOCKS_APART_S = 0.1
-"""Largest deviation of a read-out's clock from the counter's, s, in addition to two of its periods.
-"""
 CLOCK_SETTLING_S = 1.0
 """Longest time at the start until the times of a read-out's samples are known, s."""
 OWN_KEPT_S = 2.0
 """How long a module's torque is kept for comparison with its standard, s."""
-HELD_SHARE = 0.01
-"""A standard that repeats one value while its module moves by this share of the range is stuck."""
-
-
-Torques = tuple[NDArray[np.float64], NDArray[np.float64]]
-"""Times, s, and torques, N·m."""
 
 
 class FastCheck(Protocol):
@@ -67,14 +57,32 @@ class Change:
     violation: Violation | None
 
 
-@dataclass(frozen=True)
-class _Held:
-    """A value that a standard repeats, and the change of its module's torque meanwhile."""
+@dataclass
+class _ChannelCheck:
+    """What is remembered of one torque channel; last values as time, s, and torque, N·m."""
 
-    value_nm: float
-    since_s: float
-    lowest_nm: float
-    highest_nm: float
+    before_slice: tuple[float, float] | None = None
+    before_block: tuple[float, float] | None = None
+    edges_until_s: float | None = None
+    """Time of the last edge of a working transducer."""
+    faulty_s: float = 0.0
+    """Duration of the fault at the end of the last block."""
+    stated_until_s: float | None = None
+    """End of the last valid sample of a read-out."""
+    waiting: Record | None = None
+    """Values that aren't compared with the other transducer of their side yet, or may still be."""
+
+
+@dataclass
+class _ShaftCheck:
+    """What is remembered of one shaft; last values as time, s, and speed, rpm."""
+
+    before_slice: tuple[float, float] | None = None
+    before_block: tuple[float, float] | None = None
+    turns: tuple[float, float] | None = None
+    """Time, s, and turns of the last encoder sample."""
+    stood: tuple[tuple[int, float], float] | None = None
+    """Limit of the angle with its number, and the angle from which it counts, degrees."""
 
 
 _SPEEDS = {side: Message("{side} speed", side) for side in SIDES}
@@ -85,6 +93,19 @@ _REMEDIES = {
     AlarmKind.RATE_LIMIT: "check whether something broke or came loose before you continue",
     AlarmKind.TEMPERATURE_LIMIT: "let the bench cool down",
 }
+
+
+@dataclass
+class _Memory:
+    """What the judge remembers between two blocks; an acknowledgement begins with a new one."""
+
+    channels: dict[str, _ChannelCheck] = field(default_factory=dict)
+    shafts: dict[Side, _ShaftCheck] = field(
+        default_factory=lambda: {side: _ShaftCheck() for side in SIDES}
+    )
+
+    def channel(self, name: str) -> _ChannelCheck:
+        return self.channels.setdefault(name, _ChannelCheck())
 
 
 class SignalJudge:
@@ -113,16 +134,7 @@ class SignalJudge:
         self._warning = description.safety.warning_percent / 100.0
         self._hysteresis = description.safety.hysteresis_percent / 100.0
         self._watches: dict[tuple[AlarmKind, str], Watch] = {}
-        self._faulty_s: dict[str, float] = {}
-        self._valid_until_s: dict[str, float] = {}
-        self._own: dict[Side, Torques] = {}
-        self._stated: dict[Side, Torques] = {}
-        self._read_until_s: dict[str, float] = {}
-        self._last_torque: dict[tuple[str, bool], tuple[float, float]] = {}
-        self._last_speed: dict[tuple[Side, bool], tuple[float, float]] = {}
-        self._last_angle: dict[Side, tuple[float, float]] = {}
-        self._stood_at: dict[Side, tuple[tuple[int, float], float]] = {}
-        self._held: dict[Side, _Held] = {}
+        self._memory = _Memory()
         self._following = FollowingJudge(description, commands)
         self._forgetting = False
         self._warnings: list[Change] = []
@@ -136,157 +148,173 @@ class SignalJudge:
         if not self._forgetting:
             return
         self._forgetting = False
-        self._faulty_s.clear()
-        self._valid_until_s.clear()
-        self._own.clear()
-        self._stated.clear()
-        self._read_until_s.clear()
-        self._stood_at.clear()
-        self._held.clear()
-        self._last_torque.clear()
-        self._last_speed.clear()
+        turns = {side: shaft.turns for side, shaft in self._memory.shafts.items()}
+        self._memory = _Memory()
+        for side, shaft in self._memory.shafts.items():
+            shaft.turns = turns[side]
         self._following.forget()
 
     def _result(self) -> tuple[Violation | None, list[Change]]:
-        found = self._violation, self._warnings
+        result = self._violation, self._warnings
         self._violation, self._warnings = None, []
-        return found
+        return result
 
     # -- the fast check ---------------------------------------------------------------------
 
     def check_edges(
-        self, raw: CounterBlock, channels: Mapping[str, FastCheck]
+        self, measured: Block, channels: Mapping[str, FastCheck]
     ) -> tuple[Violation | None, list[Change]]:
         """Check a few milliseconds of bare edges and encoder counts.
 
         Returns
         -------
-        violation : Violation or None
-            The first that must stop the bench.
-        changes : list of Change
-            Warnings that began or ended.
+        Violation or None, list of Change
+            The first violation of a limit, and warnings that came or went.
         """
         self._begin()
-        for name in self._read_until_s.keys() - raw.edges.keys():
-            del self._read_until_s[name]  # a channel that isn't timed any more isn't silent
-        for name, edges in raw.edges.items():
+        for name, memory in self._memory.channels.items():
+            if name not in measured.edges:
+                memory.edges_until_s = None  # a channel that isn't timed any more isn't silent
+        for name, edges in measured.edges.items():
             channel = channels.get(name)
             if channel is not None:
-                self._check_edges(channel, edges, raw.stop_s)
-        for side, angles in raw.angles.items():
-            if angles.time_s.size:
-                self._turn(side, angles)
+                self._check_edges(channel, edges, measured.stop_s)
+        for side in SIDES:
+            angle = measured.angle(side)
+            if angle is not None and len(angle):
+                self._turn(side, angle)
         return self._result()
 
     def _check_edges(self, channel: FastCheck, edges: EdgeBlock, now_s: float) -> None:
         ticks, name = edges.ticks, channel.name
-        count = ticks.size
+        count, memory = ticks.size, self._memory.channel(name)
         lowest_hz, highest_hz = channel.transducer.modulation_hz
         frequency = 0.0
         if count >= FEW_EDGES:
             frequency = (count - 1) * edges.timebase_hz / float(ticks[-1] - ticks[0])
         if not lowest_hz <= frequency <= highest_hz:
-            self._last_torque.pop((name, True), None)
-            read_s = self._read_until_s.setdefault(name, now_s - edges.duration_s)
-            allowed_s = self._description.safety.signal_loss_s
-            if self._commands.any_enabled and now_s - read_s > allowed_s + 1e-9:
+            memory.before_slice = None
+            if memory.edges_until_s is None:
+                memory.edges_until_s = now_s - edges.duration_s
+            silent_s = now_s - memory.edges_until_s
+            if self._commands.any_enabled and (
+                silent_s > self._description.safety.signal_loss_s + 1e-9
+            ):
                 kind = (
                     SignalFaultKind.NO_PULSES
                     if count < FEW_EDGES
                     else SignalFaultKind.OUT_OF_MODULATION
                 )
-                self._lost(name, kind, now_s - read_s)
+                self._lost(name, kind, silent_s)
             return
-        self._read_until_s[name] = now_s - (edges.stop_tick - int(ticks[-1])) / edges.timebase_hz
+        memory.edges_until_s = now_s - (edges.stop_tick - int(ticks[-1])) / edges.timebase_hz
         torque = channel.torque(frequency)
         self._torque(channel.side, name, abs(torque))
-        before = self._last_torque.get((name, True))
-        self._last_torque[name, True] = (now_s, torque)
+        before, memory.before_slice = memory.before_slice, (now_s, torque)
         if before is not None:
             self._torque_rate(channel.side, name, abs(torque - before[1]) / (now_s - before[0]))
 
-    def _turn(self, side: Side, angles: AngleSamples) -> None:
-        per_turn = angles.counts_per_revolution
-        time_s, turns = float(angles.time_s[-1]), float(angles.counts[-1]) / per_turn
-        before = self._last_angle.get(side)
-        if before is None and angles.time_s.size > 1:
-            before = float(angles.time_s[0]), float(angles.counts[0]) / per_turn
-        self._last_angle[side] = (time_s, turns)
-        if before is not None and time_s > before[0]:
-            speed_rpm = MINUTE * (turns - before[1]) / (time_s - before[0])
-            self._speed(side, speed_rpm, time_s, quick=True)
+    def _turn(self, side: Side, angle: Record) -> None:
+        """Check how far a shaft has turned since the last sample of its encoder."""
+        shaft = self._memory.shafts[side]
+        per_turn = self._description.module(side).encoder.counts_per_revolution
+        time_s, counts = angle.time_s, angle["angle_counts"]
+        last_s, turns = float(time_s[-1]), float(counts[-1]) / per_turn
+        before = shaft.turns
+        if before is None and len(angle) > 1:
+            before = float(time_s[0]), float(counts[0]) / per_turn
+        shaft.turns = (last_s, turns)
+        if before is not None and last_s > before[0]:
+            speed_rpm = MINUTE * (turns - before[1]) / (last_s - before[0])
+            self._speed(side, speed_rpm, last_s, quick=True)
         self._angle(side, DEG_PER_TURN * turns)
 
     # -- whole blocks -----------------------------------------------------------------------
 
-    def judge(self, block: AcquiredBlock) -> tuple[Violation | None, list[Change]]:
+    def judge(self, block: Block) -> tuple[Violation | None, list[Change]]:
         """Judge a block after the whole signal path; returns like `check_edges`."""
         self._begin()
         for side in SIDES:
-            speed = block.speed_rad_s.get(side)  # a silent encoder is handled below
-            if speed is not None:
+            speed = block.speed_rad_s(side)  # a silent encoder is handled below
+            if not math.isnan(speed):
                 self._speed(side, speed * RPM_PER_RAD_S, block.stop_s, quick=False)
-            angles = block.angles.get(side)
-            if angles is not None and angles.time_s.size:
-                self._angle(
-                    side, DEG_PER_TURN * float(angles.counts[-1]) / angles.counts_per_revolution
-                )
-            self._temperature(side, block.temperatures)
-        for samples in block.channels.values():
-            if samples.torque_nm.size:
-                highest = float(np.fmax.reduce(np.abs(samples.torque_nm)))  # NaN isn't a maximum
-                self._torque(samples.side, samples.channel, highest)
-                self._rate_of_block(samples)
+            angle = block.angle(side)
+            if angle is not None and len(angle):
+                self._slipped(side, angle)
+            self._temperature(side, block)
+        records = {
+            name: (side, record)
+            for side in SIDES
+            for name in (torque_channel(side), reference_channel(side))
+            if (record := block.records.get(name)) is not None
+        }
+        for name, (side, record) in records.items():
+            if len(record):
+                highest = float(np.fmax.reduce(np.abs(record["reading_nm"])))  # NaN isn't one
+                self._torque(side, name, highest)
+                self._rate_of_block(side, name, record)
         self._note_readout(block)
         if self._violation is None and self._commands.any_enabled:
             self._missing(block)
-            self._faulty(block)
-            self._holding(block)
+            for name, (_, record) in records.items():
+                self._faulty(name, record, block)
             self._disagreeing(block)
-            deviating = self._following.judge(block)
-            if deviating is not None:
+            deviation = self._following.judge(block)
+            if deviation is not None:
                 self._violated(
-                    deviating.kind,
-                    deviating.source,
-                    deviating.found,
-                    deviating.allowed,
-                    deviating.remedy,
+                    deviation.kind,
+                    deviation.source,
+                    deviation.found,
+                    deviation.allowed,
+                    deviation.remedy,
                 )
         elif not self._commands.any_enabled:
-            self._held.clear()
-            self._own.clear()
-            self._stated.clear()
+            for memory in self._memory.channels.values():
+                memory.waiting = None
             self._following.forget()
         return self._result()
 
-    def _temperature(self, side: Side, temperatures: Mapping[str, float]) -> None:
+    def _slipped(self, side: Side, angle: Record) -> None:
+        """Check a polled encoder from the last sample before the block on: it may slip between."""
+        shaft = self._memory.shafts[side]
+        per_turn = self._description.module(side).encoder.counts_per_revolution
+        first, last = (
+            (float(angle.time_s[k]), float(angle["angle_counts"][k]) / per_turn) for k in (0, -1)
+        )
+        before = shaft.turns
+        if before is not None and first[0] - before[0] > self._description.safety.fast_check_s:
+            self._speed_level(side, MINUTE * (first[1] - before[1]) / (first[0] - before[0]))
+        if before is None or before[0] < last[0]:
+            shaft.turns = last
+        self._angle(side, DEG_PER_TURN * last[1])
+
+    def _temperature(self, side: Side, block: Block) -> None:
         probe = self._description.module(side).temperature_probe
-        temperature = temperatures.get(probe)
-        if temperature is None:
+        temperature = block.temperature_c(probe)
+        if math.isnan(temperature):  # a silent probe is handled as a lost signal
             return
         limit = self._limits.side(side).temperature_c
         self._level(
             AlarmKind.TEMPERATURE_LIMIT,
             probe,
-            math.inf if math.isnan(temperature) else temperature,
+            temperature,
             limit,
             "probe {source} {value:.1f} °C",
             "°C",
             (limit - TEMPERATURE_WARNING_K, TEMPERATURE_HYSTERESIS_K),
         )
 
-    def _rate_of_block(self, samples: ChannelSamples) -> None:
-        """Judge the change from window to window, by the time from one to the next.
-
-        After a gap, as an instrument leaves whose connection was lost for a moment, that is longer
-        than a window.
-        """
-        if math.isinf(self._limits.side(samples.side).torque_rate_nm_per_s):
+    def _rate_of_block(self, side: Side, name: str, record: Record) -> None:
+        """Judge the change from window to window, by the time from one to the next."""
+        if math.isinf(self._limits.side(side).torque_rate_nm_per_s):
             return
         window_s = self._description.counter.window_s
-        time_s, torque_nm = samples.time_s, samples.torque_nm
-        before = self._last_torque.get((samples.channel, False))
-        self._last_torque[samples.channel, False] = (float(time_s[-1]), float(torque_nm[-1]))
+        time_s, torque_nm = record.time_s, record["reading_nm"]
+        memory = self._memory.channel(name)
+        before, memory.before_block = (
+            memory.before_block,
+            (float(time_s[-1]), float(torque_nm[-1])),
+        )
         highest = math.nan
         if before is not None:
             highest = abs(float(torque_nm[0]) - before[1])
@@ -295,14 +323,14 @@ class SignalJudge:
             rates = np.abs(np.diff(torque_nm)) / np.maximum(np.diff(time_s), window_s)
             highest = float(np.fmax.reduce(rates, initial=highest))  # NaN isn't a maximum
         if time_s.size > 1 or before is not None:
-            self._torque_rate(samples.side, samples.channel, highest)
+            self._torque_rate(side, name, highest)
 
-    def _missing(self, block: AcquiredBlock) -> None:
+    def _missing(self, block: Block) -> None:
         for side in SIDES:
             probe = self._description.module(side).temperature_probe
-            if side not in block.speed_rad_s:
+            if math.isnan(block.speed_rad_s(side)):
                 self._no_sample(Message("{side} encoder", side))
-            if probe not in block.temperatures:
+            if math.isnan(block.temperature_c(probe)):
                 self._no_sample(Message("probe {probe}", probe))
 
     def _no_sample(self, signal: str) -> None:
@@ -314,108 +342,69 @@ class SignalJudge:
             "check its connection",
         )
 
-    def _faulty(self, block: AcquiredBlock) -> None:
+    def _faulty(self, name: str, record: Record, block: Block) -> None:
+        """Detect a channel that has no valid value for too long."""
+        memory, fault = self._memory.channel(name), record["fault"]
+        if memory.stated_until_s is not None and not np.any(fault == SignalFaultKind.STUCK):
+            # The samples of a block's last period come with the next block.
+            allowed_s = self._description.safety.signal_loss_s + 2.0 * self._period_s
+            silent_s = block.stop_s - memory.stated_until_s
+            if silent_s > allowed_s + 1e-9:
+                self._lost(name, _kind_of(fault), silent_s, allowed_s)
+            return
         window_s = self._description.counter.window_s
-        for name, samples in block.channels.items():
-            if samples.standard and self._readout is not None:
-                self._unread(samples, block.stop_s)
-                continue
-            before_s = self._faulty_s.get(name, 0.0)
-            if samples.fault.size == 0:  # no samples at all: as bad as a fault
-                faulty_s = longest_s = before_s + (block.stop_s - block.start_s)
-                kind = SignalFaultKind.LOST_DATA
-            else:
-                faulty = (samples.fault != 0) | np.isnan(samples.torque_nm)
-                faulty_s, longest_s = _faulty_time(faulty, before_s, window_s)
-                named = SignalFaultKind(int(samples.fault.max()))
-                kind = named if named.value else SignalFaultKind.LOST_DATA
-            self._faulty_s[name] = faulty_s
-            if longest_s > self._description.safety.signal_loss_s:
-                self._lost(name, kind, longest_s)
+        if not len(record):  # no samples at all: as bad as a fault
+            memory.faulty_s += block.stop_s - block.start_s
+            longest_s = memory.faulty_s
+        else:
+            faulty = (fault != 0) | np.isnan(record["reading_nm"])
+            memory.faulty_s, longest_s = _faulty_time(faulty, memory.faulty_s, window_s)
+        if longest_s > self._description.safety.signal_loss_s:
+            self._lost(name, _kind_of(fault), longest_s)
 
-    def _note_readout(self, block: AcquiredBlock) -> None:
-        """Note the time of a standard's last sample."""
+    def _note_readout(self, block: Block) -> None:
+        """Note the time of a standard's last sample, where it has a read-out."""
         if self._readout is None:
             return
-        standards = {name: each for name, each in block.channels.items() if each.standard}
-        for name in self._valid_until_s.keys() - standards.keys():
-            del self._valid_until_s[name]
-        for name, samples in standards.items():
-            until_s = self._valid_until_s.setdefault(name, block.start_s + CLOCK_SETTLING_S)
-            valid = np.flatnonzero((samples.fault == 0) & np.isfinite(samples.torque_nm))
+        for side in SIDES:
+            memory = self._memory.channel(reference_channel(side))
+            record = block.records.get(reference_channel(side))
+            if record is None:
+                memory.stated_until_s = None
+                continue
+            until_s = memory.stated_until_s or block.start_s + CLOCK_SETTLING_S
+            valid = np.flatnonzero((record["fault"] == 0) & np.isfinite(record["reading_nm"]))
             if valid.size:
-                newest_s = float(samples.time_s[valid[-1]]) + 0.5 * self._period_s
-                self._valid_until_s[name] = max(until_s, newest_s)
-
-    def _unread(self, samples: ChannelSamples, stop_s: float) -> None:
-        """Detect a standard's read-out that states no torque any more."""
-        # The samples of a block's last period come with the next block.
-        allowed_s = self._description.safety.signal_loss_s + 2.0 * self._period_s
-        silent_s = stop_s - self._valid_until_s[samples.channel]
-        if silent_s > allowed_s + 1e-9:
-            kind = SignalFaultKind(int(samples.fault.max(initial=0)))
-            kind = kind if kind.value else SignalFaultKind.LOST_DATA
-            self._lost(samples.channel, kind, silent_s, allowed_s)
+                until_s = max(until_s, float(record.time_s[valid[-1]]) + 0.5 * self._period_s)
+            memory.stated_until_s = until_s
 
     @property
     def _period_s(self) -> float:
         return 0.0 if self._readout is None else self._readout.period_s
 
-    def _holding(self, block: AcquiredBlock) -> None:
-        """Detect a standard that repeats one value while the torque beside it changes."""
-        for side in SIDES:
-            own = block.channels.get(torque_channel(side))
-            standard = block.channels.get(reference_channel(side))
-            held = self._held.get(side)
-            if own is None or standard is None or own.torque_nm.size == 0:
-                self._held.pop(side, None)
-                continue
-            if standard.torque_nm.size:
-                value = float(standard.torque_nm[-1])
-            elif held is None:
-                continue
-            else:  # the next sample comes with a later block
-                value = held.value_nm
-            if held is None or np.any(standard.torque_nm != value) or value != held.value_nm:
-                now_nm = float(own.torque_nm[-1])
-                self._held[side] = _Held(value, block.stop_s, now_nm, now_nm)
-                continue
-            lowest = float(np.fmin.reduce(own.torque_nm, initial=held.lowest_nm))
-            highest = float(np.fmax.reduce(own.torque_nm, initial=held.highest_nm))
-            self._held[side] = _Held(value, held.since_s, lowest, highest)
-            lasted_s = block.stop_s - held.since_s
-            moved_enough = HELD_SHARE * self._description.module(side).range_nm
-            if lasted_s >= self._description.safety.stuck_s and highest - lowest > moved_enough:
-                self._lost(standard.channel, SignalFaultKind.STUCK, lasted_s)
-
-    def _disagreeing(self, block: AcquiredBlock) -> None:
-        """Compare a module with the standard on its side, which carries the same torque.
-
-        Both are compared at the same times. Where the standard has its own clock, the module's
-        readings before and after are included as far as the clocks may deviate.
-        """
+    def _disagreeing(self, block: Block) -> None:
+        """Compare a module with the standard on its side, which carries the same torque."""
         share = self._description.safety.disagreement_percent / 100.0
         apart_s = 0.0 if self._readout is None else 2.0 * self._period_s + CLOCKS_APART_S
         for side in SIDES:
-            own = block.channels.get(torque_channel(side))
-            standard = block.channels.get(reference_channel(side))
-            if own is None or standard is None:
-                self._own.pop(side, None)
-                self._stated.pop(side, None)
+            names = torque_channel(side), reference_channel(side)
+            own, standard = (self._memory.channel(name) for name in names)
+            records = [block.records.get(name) for name in names]
+            if records[0] is None or records[1] is None:
+                own.waiting = standard.waiting = None
                 continue
-            time_s, torque_nm = _appended(self._own.get(side), own)
-            stated_s, stated_nm = _appended(self._stated.get(side), standard)
+            module = own.waiting = _appended(own.waiting, records[0])
+            stated = _appended(standard.waiting, records[1])
             # A standard's sample is compared once the module has been read that far beyond it.
-            due = stated_s + apart_s < block.stop_s
-            self._stated[side] = stated_s[~due], stated_nm[~due]
-            stated_s, stated_nm = stated_s[due], stated_nm[due]
-            kept = time_s > block.stop_s - OWN_KEPT_S
-            self._own[side] = time_s[kept], torque_nm[kept]
-            first = np.searchsorted(time_s, stated_s - apart_s - 1e-9)
-            last = np.searchsorted(time_s, stated_s + apart_s + 1e-9)
+            due = stated.time_s + apart_s < block.stop_s
+            standard.waiting, stated = stated.at(~due), stated.at(due)
+            own.waiting = module.at(module.time_s > block.stop_s - OWN_KEPT_S)
+            first = np.searchsorted(module.time_s, stated.time_s - apart_s - 1e-9)
+            last = np.searchsorted(module.time_s, stated.time_s + apart_s + 1e-9)
+            torque_nm = module["reading_nm"]
             deviations = [
                 max(float(torque_nm[i:k].min()) - value, value - float(torque_nm[i:k].max()))
-                for i, k, value in zip(first, last, stated_nm, strict=True)
+                for i, k, value in zip(first, last, stated["reading_nm"], strict=True)
                 if k > i
             ]
             # during the whole interval, not for a moment of a ramp
@@ -424,13 +413,8 @@ class SignalJudge:
             if least > allowed:
                 self._violated(
                     AlarmKind.DISAGREEMENT,
-                    own.channel,
-                    Message(
-                        "{own} and {standard} are {value:.1f} N·m apart",
-                        own.channel,
-                        standard.channel,
-                        least,
-                    ),
+                    names[0],
+                    Message("{own} and {standard} are {value:.1f} N·m apart", *names, least),
                     Message("at most {allowed:g} N·m", allowed),
                     "find out which of the two transducers is wrong before you continue",
                 )
@@ -443,24 +427,29 @@ class SignalJudge:
             AlarmKind.TORQUE_LIMIT, name, torque_nm, limit, "{source} {value:.1f} N·m", "N·m"
         )
 
-    def _speed(self, side: Side, speed_rpm: float, now_s: float, *, quick: bool) -> None:
-        limits = self._limits.side(side)
+    def _speed_level(self, side: Side, speed_rpm: float) -> None:
         self._level(
             AlarmKind.SPEED_LIMIT,
             side,
-            math.inf if math.isnan(speed_rpm) else abs(speed_rpm),
-            limits.speed_rpm,
+            abs(speed_rpm),
+            self._limits.side(side).speed_rpm,
             "{source} speed {value:.1f} rpm",
             "rpm",
         )
-        before = self._last_speed.get((side, quick))
-        self._last_speed[side, quick] = (now_s, speed_rpm)
+
+    def _speed(self, side: Side, speed_rpm: float, now_s: float, *, quick: bool) -> None:
+        self._speed_level(side, speed_rpm)
+        shaft = self._memory.shafts[side]
+        if quick:
+            before, shaft.before_slice = shaft.before_slice, (now_s, speed_rpm)
+        else:
+            before, shaft.before_block = shaft.before_block, (now_s, speed_rpm)
         if before is not None and self._commands.any_enabled and now_s > before[0]:
             self._level(
                 AlarmKind.RATE_LIMIT,
                 _SPEEDS[side],
                 abs(speed_rpm - before[1]) / (now_s - before[0]),
-                limits.speed_rate_rpm_per_s,
+                self._limits.side(side).speed_rate_rpm_per_s,
                 "{source} changes by {value:.0f} rpm/s",
                 "rpm/s",
             )
@@ -477,19 +466,18 @@ class SignalJudge:
             )
 
     def _angle(self, side: Side, angle_deg: float) -> None:
-        limit = self._limits.side(side).angle_deg
+        limit, shaft = self._limits.side(side).angle_deg, self._memory.shafts[side]
         enabled = self._commands.any_enabled
         if math.isinf(limit) or not enabled:
-            self._stood_at.pop(side, None)
+            shaft.stood = None
             return
         epoch = (self._limits.angle_changes[side], limit)
-        stood = self._stood_at.get(side)
-        if stood is None or stood[0] != epoch:
-            stood = self._stood_at[side] = (epoch, angle_deg)
+        if shaft.stood is None or shaft.stood[0] != epoch:
+            shaft.stood = (epoch, angle_deg)
         self._level(
             AlarmKind.ANGLE_LIMIT,
             side,
-            abs(angle_deg - stood[1]),
+            abs(angle_deg - shaft.stood[1]),
             limit,
             "{source} side turned by {value:.2f}°",
             "°",
@@ -540,13 +528,19 @@ class SignalJudge:
             self._violation = Violation(kind, source, found, allowed, remedy)
 
 
-def _appended(before: Torques | None, samples: ChannelSamples) -> Torques:
-    """Append the samples that are numbers."""
-    known = np.isfinite(samples.torque_nm)
-    time_s, torque_nm = samples.time_s[known], samples.torque_nm[known]
-    if before is None:
-        return time_s, torque_nm
-    return np.concatenate((before[0], time_s)), np.concatenate((before[1], torque_nm))
+def _kind_of(fault: np.ndarray[tuple[int], np.dtype[np.uint8]]) -> SignalFaultKind:
+    """Return the gravest fault; without one, data are lost."""
+    kind = SignalFaultKind(int(fault.max(initial=0)))
+    return kind if kind.value else SignalFaultKind.LOST_DATA
+
+
+def _appended(before: Record | None, record: Record) -> Record:
+    """Append times and readings that are numbers."""
+    known = np.isfinite(record["reading_nm"])
+    new = Record.unchecked(
+        {name: record[name][known] for name in ("time_s", "reading_nm")}, int(known.sum())
+    )
+    return new if before is None else Record.join([before, new])
 
 
 def _faulty_time(

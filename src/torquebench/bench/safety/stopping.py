@@ -12,11 +12,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
 from torquebench.bench.safety.drives import DriveWorker
-from torquebench.bench.samples import AcquiredBlock
 from torquebench.message import Message
 
 __all__ = ["PRESS_STOP", "Deadline", "ReadBack", "Remaining", "Stage", "said"]
@@ -116,14 +116,14 @@ class ReadBack:
         self._workers = workers
         self._torque: dict[Side, tuple[float, float]] = {}
 
-    def take(self, block: AcquiredBlock) -> None:
+    def take(self, block: Block) -> None:
         """Store the newest torque of each side: its own, otherwise the mounted standard's."""
         for side in SIDES:
             for name in (torque_channel(side), reference_channel(side)):
-                samples = block.channels.get(name)
-                if samples is None or samples.torque_nm.size == 0 or samples.fault[-1]:
+                record = block.records.get(name)
+                if record is None or not len(record) or record["fault"][-1]:
                     continue
-                torque_nm = float(samples.torque_nm[-1])
+                torque_nm = float(record["reading_nm"][-1])
                 if math.isfinite(torque_nm):
                     self._torque[side] = (block.stop_s, torque_nm)
                     break

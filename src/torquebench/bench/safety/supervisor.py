@@ -16,9 +16,10 @@ import time
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
+from torquebench.bench.blocks import Block
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import CounterBlock, DriverSet
+from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.safety.alarms import (
     Alarm,
@@ -41,7 +42,6 @@ from torquebench.bench.safety.stopping import (
     Stage,
     said,
 )
-from torquebench.bench.samples import AcquiredBlock
 from torquebench.bench.state import CommandState
 from torquebench.errors import InterlockError
 from torquebench.message import Message
@@ -135,6 +135,7 @@ class SafetySupervisor:
         self._unreachable_since: dict[Side, float] = {}
         self._on_since: dict[Side, float] = {}
         self._remains: int | None = None
+        self._late: int | None = None  # number of the warning that acquisition is late
         self._stated: list[Remaining] = []
         self._news: list[int] = []  # numbers of alarms that are announced without the lock
         self._failed = ""
@@ -308,12 +309,12 @@ class SafetySupervisor:
         finally:
             self._busy_since = None
 
-    def check_edges(self, raw: CounterBlock, channels: Mapping[str, FastCheck]) -> None:
+    def check_edges(self, measured: Block, channels: Mapping[str, FastCheck]) -> None:
         """Check the bare edges of a few milliseconds, before they become samples."""
         self._busy_since = time.monotonic()  # part of a block arrived, so acquisition doesn't stall
-        self._act(*self._signals.check_edges(raw, channels))
+        self._act(*self._signals.check_edges(measured, channels))
 
-    def check(self, block: AcquiredBlock) -> None:
+    def check(self, block: Block) -> None:
         """Check a block; act on violations, continue an action that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
@@ -335,6 +336,21 @@ class SafetySupervisor:
                 change.watch.number = self.warn(
                     found.kind, found.source, found.found, found.allowed, found.remedy
                 ).number
+
+    def check_lateness(self, late_s: float, allowed_s: float) -> None:
+        """Check how late acquisition is: with power on that stops the bench, else it is shown."""
+        if late_s <= allowed_s:
+            if self._late is not None:
+                self._book.clear(self._late)
+                self._late = None
+            return
+        found = Message("the newest samples are {seconds:.1f} s old", late_s)
+        allowed = Message("at most {seconds:g} s", allowed_s)
+        remedy = "wait until it has caught up; close other programs that load the computer"
+        if self._commands.any_enabled and self._book.latched is None:
+            self.trip(AlarmKind.STALL, "acquisition", found, allowed, remedy)
+        elif self._late is None:
+            self._late = self.warn(AlarmKind.STALL, "acquisition", found, allowed, remedy).number
 
     # -- drives and heartbeats --------------------------------------------------------------
 

@@ -195,13 +195,14 @@ def _pulses(station: Station) -> Iterator[Finding]:
     for side in SIDES:
         what = f"{side} pulses"
         try:
-            latest = station.acquisition.latest(torque_channel(side))
+            latest = station.acquisition.channel(torque_channel(side)).latest()
         except TorquebenchError as error:
             yield Finding(what, "problem", error.found, error.remedy)
             continue
         zero_hz = station.description.module(side).transducer.zero_hz
-        found = f"{latest.frequency_hz:.2f} Hz"
-        if abs(latest.frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
+        frequency_hz = float(latest["frequency_hz"][0])
+        found = f"{frequency_hz:.2f} Hz"
+        if abs(frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
             yield Finding(
                 what,
                 "problem",
@@ -231,7 +232,12 @@ def _encoders(station: Station) -> Iterator[Finding]:
 
 
 def _temperatures(station: Station) -> Iterator[Finding]:
-    present = station.acquisition.latest_block.temperatures
+    block = station.acquisition.latest_block
+    present = {
+        probe: value
+        for probe in station.description.temperatures
+        if not math.isnan(value := block.temperature_c(probe))
+    }
     missing = [probe for probe in station.description.temperatures if probe not in present]
     strange = {
         probe: value for probe, value in present.items() if not ROOM_C[0] <= value <= ROOM_C[1]
@@ -267,7 +273,7 @@ def _standard(station: Station) -> Iterator[Finding]:
             for _ in range(round(STANDARD_S / block_s)):
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
-                read.append(reference.read(side, now_s, now_s).torque_nm)
+                read.append(reference.read(side, now_s, now_s)["reading_nm"])
             torque = np.concatenate(read)
         except TorquebenchError as error:
             yield _problem(what, error)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from torquebench.bench.certificates.encoder import EncoderCertificate, encoder_certificates
 from torquebench.bench.devices import BenchDevices
-from torquebench.bench.drivers.base import AngleSamples, Side
+from torquebench.bench.drivers.base import Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
@@ -25,6 +25,7 @@ from torquebench.procedures.reducers.setup import (
     turn_output,
 )
 from torquebench.procedures.setup import REST_S, Plan, measured_in, power_on
+from torquebench.signals import Record
 from torquebench.units import MINUTE, RAD_S_PER_RPM
 
 __all__ = [
@@ -235,13 +236,13 @@ class _AngleParts:
         self._direction = direction
         self._parts: list[tuple[NDArray[np.float64], ...]] = []
 
-    def add(self, angles: dict[Side, AngleSamples]) -> None:
+    def add(self, angles: dict[Side, Record]) -> None:
         if not angles:  # a rehearsal records nothing
             return
         first, second = angles["input"], angles["output"]
-        count = min(first.time_s.size, second.time_s.size)
+        count = min(len(first), len(second))
         self._parts.append(
-            (first.time_s[:count], first.angle_rad[:count], second.angle_rad[:count])
+            (first.time_s[:count], first["angle_rad"][:count], second["angle_rad"][:count])
         )
 
     def joined(self) -> AngleRecording:

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, MeasuredZero
-from torquebench.bench.devices.recorder import ModuleRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
@@ -33,6 +32,7 @@ from torquebench.procedures.setup import (
 )
 from torquebench.procedures.turning.profile import Leg, TurningProfile
 from torquebench.procedures.zeroing import zero
+from torquebench.signals import Record
 from torquebench.units import DEG_PER_RAD, DEG_PER_TURN, HOUR, MINUTE
 
 __all__ = [
@@ -126,16 +126,16 @@ class EmptyTable(SeriesTable):
     zero_hz: float = float("nan")
     zero_uncertainty_nm: float = float("nan")
 
-    def add(self, found: ModuleRecording, before_c: float, after_c: float) -> None:
+    def add(self, found: Record, before_c: float, after_c: float) -> None:
         """Add an interval, with the temperature linear between two readings."""
-        warm = np.linspace(before_c, after_c, found.time_s.size)
+        warm = np.linspace(before_c, after_c, len(found))
         rows = np.column_stack(
             [
                 found.time_s + self.shift_s,
-                found.reading_nm,
-                found.speed_rpm,
+                found["reading_nm"],
+                found["speed_rpm"],
                 warm,
-                found.angle_rad * DEG_PER_RAD % DEG_PER_TURN,
+                found["angle_rad"] * DEG_PER_RAD % DEG_PER_TURN,
             ]
         )
         self._pieces.append(rows)
@@ -333,8 +333,8 @@ class _Runner:
 
     def _leg(
         self, series: int, place: int, leg: Leg
-    ) -> Plan[list[tuple[ModuleRecording, float, float]] | None]:
-        kept: list[tuple[ModuleRecording, float, float]] = []
+    ) -> Plan[list[tuple[Record, float, float]] | None]:
+        kept: list[tuple[Record, float, float]] = []
         yield from stamp(self.devices, series=series + 1, step=place, branch=1)
         yield from move(self.devices.recorder, "mark")
         before = yield from self._temperature()

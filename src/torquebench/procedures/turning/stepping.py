@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.bench.devices import BenchDevices, RampTo
-from torquebench.bench.devices.recorder import FastRecording
 from torquebench.bench.roles import Side
 from torquebench.errors import LimitError
 from torquebench.message import Message
@@ -21,6 +20,7 @@ from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, power
 from torquebench.procedures.turning.empty import SeriesTable, run_metadata
 from torquebench.procedures.turning.profile import TorqueLeg, TurningProfile
 from torquebench.procedures.zeroing import zero
+from torquebench.signals import Record
 from torquebench.units import MS_PER_S, TURN
 
 __all__ = ["StepTable", "check_drive", "step_torques"]
@@ -30,7 +30,7 @@ FloatArray = NDArray[np.float64]
 _PRELOADED_S = 1.0
 _LONGEST_STEP_S = 0.05
 """Half a period of the lowest vibration that is looked for."""
-_Stretch = tuple[FastRecording, float]
+_Stretch = tuple[Record, float]
 
 
 @dataclass
@@ -39,11 +39,11 @@ class StepTable(SeriesTable):
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "standard_nm", "segment", "period_s")
 
-    def add(self, found: FastRecording, period_s: float) -> None:
+    def add(self, found: Record, period_s: float) -> None:
         """Add a stretch: a step, or a sine with its period."""
-        count = found.time_s.size
+        count = len(found)
         number = 1.0 + (self._pieces[-1][-1, 3] if self._pieces else 0.0)
-        rows = [found.time_s + self.shift_s, found.reading_nm, found.standard_nm]
+        rows = [found.time_s + self.shift_s, found["reading_nm"], found["standard_nm"]]
         self._pieces.append(np.column_stack([*rows, np.full(count, number),
                                              np.full(count, period_s)]))  # fmt: skip
 

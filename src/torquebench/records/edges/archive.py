@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
-from numpy.typing import NDArray
 
 from torquebench.errors import RecordError
 from torquebench.message import Message
@@ -31,18 +30,15 @@ _SCHEMA = pa.schema(
         ("start_tick", pa.int64()),
         ("stop_tick", pa.int64()),
         ("rising_ticks", _TICKS),
-        ("falling_ticks", _TICKS),
     ],
     metadata={
         "torquebench.edges": "one row a block: edges of a channel in [start_tick, stop_tick), "
-        "in ticks of timebase_hz since its start; falling_ticks is null where only rising "
-        "edges were timed"
+        "in ticks of timebase_hz since its start"
     },
 )
 # Parquet's own delta encoding: as small as the stream, and readable by any tool.
 _ENCODING = {
     "rising_ticks.list.element": "DELTA_BINARY_PACKED",
-    "falling_ticks.list.element": "DELTA_BINARY_PACKED",
     "channel": "PLAIN",
     "timebase_hz": "PLAIN",
     "start_tick": "DELTA_BINARY_PACKED",
@@ -102,7 +98,6 @@ def _groups(recorded: Iterable[RecordedEdges]) -> Iterator[Any]:
                 "start_tick": block.start_tick,
                 "stop_tick": block.stop_tick,
                 "rising_ticks": block.ticks,
-                "falling_ticks": block.falling_ticks,
             }
         )
         edges += len(block)
@@ -128,7 +123,7 @@ def _archived(path: Path) -> Iterator[RecordedEdges]:
 def _rows(batch: Any) -> Iterator[RecordedEdges]:
     columns = [batch.column(name) for name in _SCHEMA.names]
     for row in range(batch.num_rows):
-        channel, timebase, start, stop, rising, falling = (column[row] for column in columns)
+        channel, timebase, start, stop, rising = (column[row] for column in columns)
         yield RecordedEdges(
             channel.as_py(),
             EdgeBlock(
@@ -136,7 +131,6 @@ def _rows(batch: Any) -> Iterator[RecordedEdges]:
                 start.as_py(),
                 stop.as_py(),
                 timebase.as_py(),
-                falling.values.to_numpy() if falling.is_valid else None,
             ),
         )
 
@@ -150,15 +144,9 @@ def _same(first: Iterable[RecordedEdges], second: Iterable[RecordedEdges]) -> bo
 
 def _equal(first: RecordedEdges, second: RecordedEdges) -> bool:
     a, b = first.block, second.block
-    return (
-        (first.channel, a.timebase_hz, a.start_tick, a.stop_tick)
-        == (second.channel, b.timebase_hz, b.start_tick, b.stop_tick)
-        and np.array_equal(a.ticks, b.ticks)
-        and _equal_or_none(a.falling_ticks, b.falling_ticks)
-    )
-
-
-def _equal_or_none(first: NDArray[np.int64] | None, second: NDArray[np.int64] | None) -> bool:
-    if first is None or second is None:
-        return first is second
-    return np.array_equal(first, second)
+    return (first.channel, a.timebase_hz, a.start_tick, a.stop_tick) == (
+        second.channel,
+        b.timebase_hz,
+        b.start_tick,
+        b.stop_tick,
+    ) and np.array_equal(a.ticks, b.ticks)

@@ -29,7 +29,6 @@ _SCHEMA = pa.schema(
         ("start_tick", pa.int64()),
         ("stop_tick", pa.int64()),
         ("rising", pa.struct(_ENCODED)),
-        ("falling", pa.struct(_ENCODED)),
     ],
     metadata={"torquebench.encoding": "second differences of one byte, -128 escapes"},
 )
@@ -109,14 +108,12 @@ def damage_to(path: Path) -> tuple[int, int]:
 
 
 def _row(channel: str, block: EdgeBlock) -> dict[str, Any]:
-    falling = block.falling_ticks
     return {
         "channel": channel,
         "timebase_hz": block.timebase_hz,
         "start_tick": block.start_tick,
         "stop_tick": block.stop_tick,
         "rising": _encoded(block.ticks),
-        "falling": None if falling is None else _encoded(falling),
     }
 
 
@@ -144,11 +141,9 @@ def _decoded(parts: dict[str, Any]) -> NDArray[np.int64]:
 
 
 def _block(row: dict[str, Any]) -> EdgeBlock:
-    falling = row["falling"]
     return EdgeBlock(
         _decoded(row["rising"]),
         row["start_tick"],
         row["stop_tick"],
         row["timebase_hz"],
-        None if falling is None else _decoded(falling),
     )

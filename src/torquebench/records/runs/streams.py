@@ -69,8 +69,6 @@ def edge_pieces(folder: RunFolder) -> Iterator[EdgePiece]:
     for recorded in folder.edges():
         found, block = True, recorded.block
         yield EdgePiece(recorded.channel, "rising", block.timebase_hz, block.ticks)
-        if block.falling_ticks is not None:
-            yield EdgePiece(recorded.channel, "falling", block.timebase_hz, block.falling_ticks)
     if not found:
         raise InputError(
             Message("run {run_id} has no edges", folder.run_id),

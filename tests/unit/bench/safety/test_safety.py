@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from torquebench.bench import interlocks
-from torquebench.bench.drivers.base import CounterBlock, DriverSet
+from torquebench.bench.blocks import Block
+from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm
 from torquebench.errors import (
     BenchError,
@@ -52,7 +53,7 @@ def test_too_much_torque_is_taken_off(open_bench: OpenBench) -> None:
         alarm = assert_safe(bench, AlarmKind.TORQUE_LIMIT, "output_torque")
         assert alarm.allowed == "at most 500 N·m"
         bench.clock.wait(1.0)
-        assert abs(bench.acquisition.latest("output_torque").torque_nm) < 20.0
+        assert abs(bench.acquisition.reading_nm("output_torque")) < 20.0
 
 
 def test_a_standard_is_protected_like_the_modules_own_transducer(open_bench: OpenBench) -> None:
@@ -111,11 +112,12 @@ def test_a_frozen_signal_stays_marked_until_it_lives_again(bench: LowBench, chan
     bench.load_output(0.0)
     bench.drivers.drives["output"].disable()
     bench.commands.output.enabled = False  # nothing is stopped by it
+    bench.clock.wait_until(1.0)
     bench.simulated.twin.inject_fault(channel, "frozen", duration_s=1.0)
-    bench.clock.wait_until(1.5)
-    samples = bench.acquisition.channel(channel)
-    assert (samples.window(0.35, 0.99).fault == SignalFaultKind.STUCK).all()
-    assert not samples.window(1.1, 1.5).fault.any()
+    bench.clock.wait_until(2.5)
+    samples = bench.acquisition.channel(channel).recent
+    assert (samples.window(1.35, 1.99)["fault"] == SignalFaultKind.STUCK).all()
+    assert not samples.window(2.1, 2.5)["fault"].any()
 
 
 def test_one_faulty_window_is_no_alarm(bench: LowBench) -> None:
@@ -123,7 +125,7 @@ def test_one_faulty_window_is_no_alarm(bench: LowBench) -> None:
     bench.clock.wait_until(0.5)
     bench.simulated.twin.inject_fault("output_torque", "missing_pulses", duration_s=0.012)
     bench.clock.wait_until(1.0)
-    assert bench.acquisition.channel("output_torque").window(0.5, 1.0).fault.any()
+    assert bench.acquisition.channel("output_torque").recent.window(0.5, 1.0)["fault"].any()
     assert bench.supervisor.alarm is None
 
 
@@ -187,7 +189,7 @@ class HangingCounter:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._counter, name)
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         if self.hang.is_set():
             self.released.wait(120.0)
         return self._counter.read_block(duration_s)
@@ -214,10 +216,10 @@ def test_the_torque_goes_off_although_acquisition_hangs(open_bench: OpenBench) -
 
 def test_a_silent_encoder_is_a_lost_signal_and_no_standstill(open_bench: OpenBench) -> None:
     class Silent(HangingCounter):
-        def read_block(self, duration_s: float) -> CounterBlock:
+        def read_block(self, duration_s: float) -> Block:
             block = self._counter.read_block(duration_s)
-            angles = {side: a for side, a in block.angles.items() if side != "output"}
-            return replace(block, angles=angles) if self.hang.is_set() else block
+            records = {name: r for name, r in block.records.items() if name != "output_angle"}
+            return replace(block, records=records) if self.hang.is_set() else block
 
     counters: list[Silent] = []
 
@@ -315,7 +317,7 @@ def test_an_orderly_stop_keeps_to_the_drives_own_rates(bench: LowBench) -> None:
     assert bench.drivers.drives["output"].state().torque_nm == pytest.approx(1000.0)
     assert bench.supervisor.unload() == pytest.approx(0.45), "on its way already"
     bench.clock.wait(0.5)
-    assert abs(bench.acquisition.latest("output_torque").torque_nm) < 20.0
+    assert abs(bench.acquisition.reading_nm("output_torque")) < 20.0
     assert bench.supervisor.unload() == 0.0
     assert bench.drivers.drives["output"].state().enabled
     assert bench.supervisor.alarm is None

@@ -9,12 +9,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from torquebench.bench.blocks import CONDITIONS, Block
 from torquebench.bench.description import default_bench
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.following import FollowingJudge
-from torquebench.bench.samples import AcquiredBlock, ChannelSamples
 from torquebench.bench.state import CommandState
 from torquebench.errors import BenchError
+from torquebench.signals import Record
 from torquebench.units import RPM_PER_RAD_S
 
 if TYPE_CHECKING:
@@ -77,22 +78,16 @@ class Read:
     def block(self, torque_nm: float, speed_rad_s: float = 0.0) -> str:
         """Take one block; return what is found wrong."""
         start_s, self.now_s = self.now_s, self.now_s + BLOCK_S
-        one = ChannelSamples(
-            "output_torque",
-            "output",
-            False,
-            np.linspace(start_s, self.now_s, 5),
-            np.full(5, 60e3),
-            np.full(5, torque_nm),
-            np.zeros(5, dtype=np.uint8),
-        )
-        channels = {"output_torque": one}
+        time_s = np.linspace(start_s, self.now_s, 5)
+        reading = Record({"time_s": time_s, "reading_nm": torque_nm, "fault": np.uint8(0)})
+        speeds = {"input_speed_rad_s": 0.0, "output_speed_rad_s": speed_rad_s}
+        records = {
+            "output_torque": reading,
+            CONDITIONS: Record({"time_s": np.array([self.now_s]), **speeds}),
+        }
         if self.standard:
-            channels["output_reference"] = replace(one, channel="output_reference", standard=True)
-        speeds: Any = {"input": 0.0, "output": speed_rad_s}
-        found = self.judge.judge(
-            AcquiredBlock(0, start_s, self.now_s, channels, {}, speeds, {}, {})
-        )
+            records["output_reference"] = reading
+        found = self.judge.judge(Block(start_s, self.now_s, {}, records))
         return "" if found is None else found.found
 
 

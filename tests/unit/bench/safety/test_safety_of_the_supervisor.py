@@ -184,10 +184,10 @@ def test_a_torque_that_is_no_number_is_a_lost_signal_whatever_the_windows_say(
     bench.clock.wait(0.5)
     block = bench.acquisition.latest_block
     assert block is not None
-    own = block.channels["output_torque"]
-    missing = replace(own, torque_nm=np.full(own.torque_nm.shape, np.nan))
+    missing = block.records["output_torque"].with_columns(reading_nm=np.nan)
     judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
-    violation, _ = judge.judge(replace(block, channels={"output_torque": missing}))
+    records = {**block.records, "output_torque": missing}
+    violation, _ = judge.judge(replace(block, records=records))
     assert violation is not None
     assert (violation.kind, violation.source) == (AlarmKind.SIGNAL_LOST, "output_torque")
 

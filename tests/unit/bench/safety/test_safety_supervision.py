@@ -10,18 +10,19 @@ import numpy as np
 import pytest
 
 from torquebench.bench import interlocks
-from torquebench.bench.drivers.base import AngleSamples, CounterBlock, DriverSet, DriveState
+from torquebench.bench.blocks import Block
+from torquebench.bench.drivers.base import DriverSet, DriveState
 from torquebench.bench.safety import AlarmKind, AlarmLevel, StepLimits
 from torquebench.bench.safety.signals import SignalJudge
-from torquebench.bench.slices import joined
 from torquebench.errors import (
     BenchError,
+    InputError,
     InterlockError,
     LimitError,
     SignalFault,
     TorquebenchError,
 )
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, Record
 
 if TYPE_CHECKING:
     from tests.unit.bench.conftest import LowBench
@@ -107,32 +108,6 @@ def test_a_module_that_disagrees_with_the_standard_stops_the_bench(bench: LowBen
         bench.clock.wait(2.0)
 
 
-@pytest.mark.parametrize("live", [True, False])
-def test_a_standard_that_repeats_one_value_while_its_module_moves_is_named(
-    bench: LowBench, live: bool
-) -> None:
-    bench.load_output(500.0)
-    bench.clock.wait(0.5)
-    assert bench.acquisition.latest_block is not None
-    block = bench.acquisition.latest_block
-    judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
-    found = []
-    for index in range(10):  # a slow ramp: the disagreement stays far below its limit
-        torque = np.full(5, 500.0 + 4.0 * index)
-        stated = np.full(5, 500.0 + 4.0 * index * live)
-        channels = {
-            "output_torque": replace(block.channels["output_torque"], torque_nm=torque),
-            "output_reference": replace(block.channels["output_reference"], torque_nm=stated),
-        }
-        moment = block.stop_s + 0.05 * index
-        violation, _ = judge.judge(replace(block, stop_s=moment, channels=channels))
-        found.append(violation)
-    assert (found[-1] is None) == live
-    if not live:
-        assert found[0] is None
-        assert "output_reference: the counter delivers the same value" in found[-1].found
-
-
 @pytest.mark.parametrize(("gap_s", "kinds"), [(0.5, set()), (0.0, {AlarmKind.RATE_LIMIT})])
 def test_a_rate_counts_the_time_from_one_sample_to_the_next(
     bench: LowBench, gap_s: float, kinds: set[AlarmKind]
@@ -145,18 +120,36 @@ def test_a_rate_counts_the_time_from_one_sample_to_the_next(
     found = set()
     with bench.supervisor.limits.within(StepLimits("output", torque_rate_nm_per_s=1000.0)):
         for torque_nm, later_s in ((500.0, 0.0), (600.0, 0.05 + gap_s)):
-            channels = {
-                name: replace(
-                    block.channels[name],
-                    torque_nm=torque_nm + 0.1 * np.arange(5),
+            records = {
+                name: block.records[name].with_columns(
+                    reading_nm=torque_nm + 0.1 * np.arange(5),
                     time_s=block.stop_s + later_s + 0.01 * np.arange(-5, 0),
                 )
                 for name in ("output_torque", "output_reference")
             }
             moment = block.stop_s + later_s
-            violation, _ = judge.judge(replace(block, stop_s=moment, channels=channels))
+            changed = replace(block, stop_s=moment, records={**block.records, **records})
+            violation, _ = judge.judge(changed)
             found |= set() if violation is None else {violation.kind}
     assert found == kinds
+
+
+@pytest.mark.parametrize("turns", [0.0, 0.3])
+def test_a_slip_between_two_polls_of_an_encoder_is_too_fast(bench: LowBench, turns: float) -> None:
+    """Each block was judged by its own samples: what happened from one to the next wasn't seen."""
+    bench.load_output(0.0)
+    bench.clock.wait(0.5)
+    block = bench.acquisition.latest_block
+    judge = SignalJudge(bench.description, bench.supervisor.limits, bench.commands)
+    slip = round(turns * bench.description.output.encoder.counts_per_revolution)
+    found = []
+    for moment, counts in ((block.stop_s, 0), (block.stop_s + 0.05, slip)):
+        time_s = moment - np.array([0.02, 0.01])  # a drive that is asked twice a block
+        angle = Record({"time_s": time_s, "angle_counts": np.full(2, counts)})
+        records = {**block.records, "output_angle": angle}
+        violation, _ = judge.judge(replace(block, stop_s=moment, records=records))
+        found += [] if violation is None else [violation.kind]
+    assert found == ([AlarmKind.SPEED_LIMIT] if slip else [])
 
 
 def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
@@ -243,17 +236,17 @@ def test_a_violation_is_seen_between_blocks_in_real_time(open_bench: OpenBench) 
         assert bench.supervisor.wait_safe(60.0)
 
 
-def counted(start: int, stop: int, ticks: list[int]) -> CounterBlock:
+def counted(start: int, stop: int, ticks: list[int]) -> Block:
     edges = EdgeBlock(np.array(ticks, dtype=np.int64), start, stop, 1e6)
-    angles = AngleSamples(np.array([start / 1e6]), np.array([start]), 360)
-    return CounterBlock(start / 1e6, stop / 1e6, {"input_torque": edges}, {"input": angles})
+    angle = Record({"time_s": np.array([start / 1e6]), "angle_counts": np.array([start])})
+    return Block(start / 1e6, stop / 1e6, {"input_torque": edges}, {"input_angle": angle})
 
 
 def test_slices_are_put_together_without_a_gap() -> None:
-    whole = joined([counted(0, 100, [10, 50]), counted(100, 200, [150]), counted(200, 300, [])])
+    whole = Block.join([counted(0, 100, [10, 50]), counted(100, 200, [150]), counted(200, 300, [])])
     edges = whole.edges["input_torque"]
     assert edges.ticks.tolist() == [10, 50, 150]
     assert (edges.start_tick, edges.stop_tick) == (0, 300)
-    assert whole.angles["input"].counts.tolist() == [0, 100, 200]
-    with pytest.raises(BenchError, match="slices from tick"):
-        joined([counted(0, 100, [10]), counted(101, 200, [150])])
+    assert whole.records["input_angle"]["angle_counts"].tolist() == [0, 100, 200]
+    with pytest.raises(InputError, match="edges up to tick 100"):
+        Block.join([counted(0, 100, [10]), counted(101, 200, [150])])

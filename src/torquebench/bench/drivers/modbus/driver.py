@@ -32,7 +32,6 @@ from torquebench.bench.drivers.modbus.register_map import (
     DriveStatus,
 )
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
-from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.units import MS_PER_S
@@ -218,10 +217,8 @@ def _supply(request: InstrumentRequest) -> ModbusSupply:
 
 def _angles(request: InstrumentRequest) -> ModbusAngles:
     options: AnglesOptions = request.read(AnglesOptions)
-    described = request.description
-    per_revolution = {side: described.module(side).encoder.counts_per_revolution for side in SIDES}
     with _link(request, options).kept() as link:
-        return ModbusAngles(link, options, per_revolution)
+        return ModbusAngles(link, options)
 
 
 PLUGIN = DriverPlugin(

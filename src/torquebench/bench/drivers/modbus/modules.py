@@ -10,7 +10,7 @@ from typing import Annotated, ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from torquebench.bench.drivers.base import Identity, Mode, RailPosition, ReferenceSamples, Side
+from torquebench.bench.drivers.base import Identity, Mode, RailPosition, Side
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
@@ -18,6 +18,7 @@ from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.roles import SIDES
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
+from torquebench.signals import Record
 
 __all__ = [
     "AnglesOptions",
@@ -117,7 +118,7 @@ class ModbusReadout(_Module):
         """As it states itself."""
         return max((clock.period_s for clock in self._clocks.values()), default=0.0)
 
-    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the samples since the last call, except those lost by the ring buffer."""
         base = SIDES.index(side) * register_map.READOUT_STRIDE
         length = register_map.READOUT_HEADER + 2 * register_map.READOUT_SAMPLES
@@ -319,12 +320,9 @@ class AnglesOptions(ModbusOptions):
 class ModbusAngles:
     """Encoder positions on a Modbus module or the drives' gateway."""
 
-    def __init__(
-        self, link: ModbusLink, options: AnglesOptions, per_revolution: Mapping[Side, int]
-    ) -> None:
+    def __init__(self, link: ModbusLink, options: AnglesOptions) -> None:
         self._link = link
         self._registers = dict(options.registers)
-        self._per_revolution = per_revolution
         self._position: dict[Side, int] = {}
         missing = [side for side in SIDES if side not in self._registers]
         if missing:
@@ -339,10 +337,6 @@ class ModbusAngles:
             before = self._position.get(side, word)
             self._position[side] = before + _signed32(word - before)
         return dict(self._position)
-
-    def counts_per_revolution(self, side: Side) -> int:
-        """Tell the counts of one revolution, as described."""
-        return self._per_revolution[side]
 
     def close(self) -> None:
         """Release the module. A second call does nothing."""

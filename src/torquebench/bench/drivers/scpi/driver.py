@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from torquebench.bench.description import CounterDescription
-from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples, Side
+from torquebench.bench.drivers.base import Block, Identity, Side
 from torquebench.bench.drivers.counters import DescribedCounter, counted
 from torquebench.bench.drivers.links import TimeOut
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest, Options
@@ -20,7 +20,7 @@ from torquebench.bench.drivers.scpi.link import ScpiAddress, ScpiLink, ScpiOptio
 from torquebench.bench.roles import CHANNELS, SIDES
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
-from torquebench.signals import FrequencySamples
+from torquebench.signals import Record
 
 __all__ = ["PLUGIN", "ScpiCounter", "ScpiReadout"]
 
@@ -121,7 +121,7 @@ class ScpiCounter(DescribedCounter):
                 "connect the common reference clock",
             )
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Return the next windows of every running channel."""
         gate_s = self._counting.window_s
         count = round(duration_s / gate_s)
@@ -136,7 +136,7 @@ class ScpiCounter(DescribedCounter):
             name: self._counted(time_s, self._fetch(name, count)) for name in sorted(self._running)
         }
         self._windows += count
-        return CounterBlock(start_s, self._windows * gate_s, {}, {}, frequencies)
+        return Block(start_s, self._windows * gate_s, {}, frequencies)
 
     def _fetch(self, name: str, count: int) -> NDArray[np.float64]:
         link = self._links[name]
@@ -151,11 +151,9 @@ class ScpiCounter(DescribedCounter):
             )
         return np.array(values)
 
-    def _counted(
-        self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]
-    ) -> FrequencySamples:
+    def _counted(self, time_s: NDArray[np.float64], frequency_hz: NDArray[np.float64]) -> Record:
         uncertainty_hz = frequency_hz * self._relative_uncertainty
-        return counted(time_s, frequency_hz, self._counting.window_s, uncertainty_hz)
+        return counted(time_s, frequency_hz, uncertainty_hz)
 
     def close(self) -> None:
         """Release every counter. A second call does nothing."""
@@ -203,7 +201,7 @@ class ScpiReadout:
         line = self._options.fetch.format(channel=self._channels[side])
         return np.array(numbers(self._link.query(line), self._link.name), dtype=np.float64)
 
-    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the samples since the last call; NaN where it has no signal."""
         return self._clocks[side].take(self._options.scale * self._fetch(side), until_s, timed_s)
 

@@ -22,8 +22,7 @@ from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import (
     SIDES,
-    AngleSamples,
-    CounterBlock,
+    Block,
     DriverSet,
     DriveState,
     Identity,
@@ -35,11 +34,11 @@ from torquebench.bench.drivers.base import (
     torque_channel,
 )
 from torquebench.bench.drivers.simulated.readout import SimulatedReadout
-from torquebench.bench.samples import SampleRing
+from torquebench.bench.roles import angle_channel
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.reducers import CertifiedFriction, ReducerDescription
-from torquebench.signals import EdgeBlock
+from torquebench.signals import EdgeBlock, History, Record
 from torquebench.twin import (
     CHANNELS,
     REDUCERS,
@@ -143,6 +142,9 @@ class _Axes:
         return any(ramp.present != ramp.target for ramp in (self.torque, self.speed))
 
 
+_ANOTHER_BENCH = "describe the simulated bench as it is, or choose another driver"
+
+
 class SimulatedBench:
     """The twin as counter card, mode conversion, clamp, probes, operator and source of truth.
 
@@ -170,6 +172,7 @@ class SimulatedBench:
             timebase_hz=description.counter.timebase_hz,
         )
         self._check_nameplates()
+        self._check_encoders()
         if {"ambient_c", "ambient_swing_k", "ambient_drop_k"} & options.model_fields_set:
             mean_c = options.parameters().thermal.ambient_c
             self._twin.set_climate(
@@ -193,7 +196,7 @@ class SimulatedBench:
         self._rail: RailPosition = "end"
         self._supplied = True
         self._temperatures: dict[str, float] = {}
-        self._truth = SampleRing(columns=2, capacity=round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
+        self._truth = History(round(TRUTH_KEPT_S * TRUTH_RATE_HZ))
         self._closed = False
         self._selected: frozenset[str] = frozenset(CHANNELS)
         self.readout = SimulatedReadout(description) if options.reference == "readout" else None
@@ -202,7 +205,7 @@ class SimulatedBench:
         }
 
     def _check_nameplates(self) -> None:
-        """Refuse a description whose transducers differ from the twin's."""
+        """Refuse a description of other transducers."""
         for channel in CHANNELS:
             side: Side = "input" if channel.startswith("input") else "output"
             if channel == torque_channel(side):
@@ -224,7 +227,23 @@ class SimulatedBench:
                         own[0],
                         own[1],
                     ),
-                    "describe the simulated bench as it is, or choose another driver",
+                    _ANOTHER_BENCH,
+                )
+
+    def _check_encoders(self) -> None:
+        """Refuse a description of other encoders."""
+        parameters = self.options.parameters()
+        for side in SIDES:
+            own = parameters.input if side == "input" else parameters.output
+            stated = self.description.module(side).encoder.counts_per_revolution
+            if stated != own.encoder.counts_per_revolution:
+                raise InputError(
+                    Message("{key}: {counts} counts per revolution", f"{side}.encoder", stated),
+                    Message(
+                        "{counts} counts per revolution on the simulated bench",
+                        own.encoder.counts_per_revolution,
+                    ),
+                    _ANOTHER_BENCH,
                 )
 
     @property
@@ -261,7 +280,7 @@ class SimulatedBench:
         wanted = self._selected | (self.readout.channels if self.readout else frozenset())
         self._twin.set_active_channels([name for name in CHANNELS if name in wanted])
 
-    def read_block(self, duration_s: float) -> CounterBlock:
+    def read_block(self, duration_s: float) -> Block:
         """Run the twin for a while, drives ramping and their watchdogs running."""
         with self._lock:
             if self._closed:
@@ -316,7 +335,9 @@ class SimulatedBench:
     def _keep(self, block: TwinBlock) -> None:
         self._temperatures = {name: float(t) for name, t in block.temperatures.items()}
         torque = block.truth.torque_nm
-        self._truth.append(block.truth.time_s, torque["input"], torque["output"])
+        self._truth.append(
+            Record({"time_s": block.truth.time_s, **{side: torque[side] for side in SIDES}})
+        )
 
     # -- drives (called by SimulatedDrive) --------------------------------------------------
 
@@ -476,15 +497,14 @@ class SimulatedBench:
         The torque is a straight line between two steps of the twin, as its edges have it.
         """
         around_s = 2.0 / TRUTH_RATE_HZ
-        rows = self._truth.window(edges_s[0] - around_s, edges_s[-1] + around_s)
-        time_s, torque = rows[0], rows[1 + SIDES.index(side)]
-        if time_s.size == 0 or time_s[0] > edges_s[0] + around_s:
+        truth = self._truth.window(edges_s[0] - around_s, edges_s[-1] + around_s)
+        if truth is None or not len(truth) or truth.time_s[0] > edges_s[0] + around_s:
             raise BenchError(
                 Message("true torque from {start_s:.3f} to {end_s:.3f} s", edges_s[0], edges_s[-1]),
                 Message("the last {truth_kept_s:g} s of bench time", TRUTH_KEPT_S),
             )
-        at = np.union1d(time_s, edges_s)
-        values = np.interp(at, time_s, torque)
+        at = np.union1d(truth.time_s, edges_s)
+        values = np.interp(at, truth.time_s, truth[side])
         area = np.concatenate([[0.0], np.cumsum(0.5 * np.diff(at) * (values[1:] + values[:-1]))])
         return np.asarray(np.diff(area[np.searchsorted(at, edges_s)]) / np.diff(edges_s))
 
@@ -638,13 +658,13 @@ def open_simulated(description: BenchDescription) -> DriverSet:
     )
 
 
-def _counted(ran: TwinBlock, start_s: float, stop_s: float) -> CounterBlock:
+def _counted(ran: TwinBlock, start_s: float, stop_s: float) -> Block:
     edges = {
         str(channel): EdgeBlock(ticks, ran.start_tick, ran.stop_tick, ran.timebase_hz)
         for channel, ticks in ran.edges.items()
     }
-    angles: dict[Side, AngleSamples] = {
-        side: AngleSamples(samples.time_s, samples.counts, samples.counts_per_revolution)
+    angles = {
+        angle_channel(side): Record({"time_s": samples.time_s, "angle_counts": samples.counts})
         for side, samples in ran.angles.items()
     }
-    return CounterBlock(start_s, stop_s, edges, angles)
+    return Block(start_s, stop_s, edges, angles)

@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 
 from torquebench.bench.description import BenchDescription, StandardDescription
-from torquebench.bench.drivers.base import CounterBlock, Identity, ReferenceSamples
+from torquebench.bench.drivers.base import Block, Identity
 from torquebench.bench.roles import SIDES, Side, reference_channel
-from torquebench.signals import FrequencyCounter, TorqueSamples
+from torquebench.signals import FrequencyCounter, Record
 
 __all__ = ["SimulatedReadout"]
 
@@ -26,7 +26,7 @@ class SimulatedReadout:
         self._counting = description.counter
         self._standard: StandardDescription | None = None
         self._counters: dict[Side, FrequencyCounter] = {}
-        self._samples: dict[Side, list[TorqueSamples]] = {side: [] for side in SIDES}
+        self._samples: dict[Side, list[Record]] = {side: [] for side in SIDES}
 
     def connect(self, standard: StandardDescription | None) -> None:
         """Connect to the mounted standard."""
@@ -43,14 +43,14 @@ class SimulatedReadout:
         """Channels whose edges it counts."""
         return frozenset(reference_channel(side) for side in SIDES if self._standard is not None)
 
-    def take(self, block: CounterBlock) -> CounterBlock:
+    def take(self, block: Block) -> Block:
         """Take the standard's edges out of a block and count them."""
         edges = dict(block.edges)
         if self._standard is not None:
             for side in SIDES:
                 frequency = self._counters[side].push(edges.pop(reference_channel(side)))
                 scale = self._standard.transducer(side).scale()
-                self._samples[side].append(scale.torque_samples(frequency))
+                self._samples[side].append(scale.readings(frequency))
         return replace(block, edges=edges)
 
     def identity(self) -> Identity:
@@ -63,14 +63,14 @@ class SimulatedReadout:
         """A window of its counter."""
         return self._counting.window_s
 
-    def read(self, side: Side, until_s: float, timed_s: float) -> ReferenceSamples:
+    def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the samples since the last call; NaN where it has no signal."""
         del until_s, timed_s  # later times have not been simulated yet
         samples, self._samples[side] = self._samples[side], []
-        return ReferenceSamples(
-            np.concatenate([part.time_s for part in samples] or [np.empty(0)]),
-            np.concatenate([part.torque_nm for part in samples] or [np.empty(0)]),
-        )
+        if not samples:
+            return Record({"time_s": np.empty(0), "reading_nm": np.empty(0)})
+        stated = Record.join(samples)
+        return Record({name: stated[name] for name in ("time_s", "reading_nm")})
 
     def close(self) -> None:
         """Disconnect."""

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from torquebench.bench.samples import AcquiredBlock, Viewer
+from torquebench.bench.blocks import Block, Viewer
 from torquebench.campaign.measuring import RunAbortedError
 from torquebench.message import Message
 from torquebench.panel.run_in_process import ProcessEndedError
@@ -103,13 +103,11 @@ def crossing(
     return None, armed
 
 
-def _signal(
-    block: AcquiredBlock, name: TriggerSignal
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def _signal(block: Block, name: TriggerSignal) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return times and values of a signal in a block."""
     side: Literal["input", "output"] = "input" if name.startswith("input") else "output"
     if name.endswith("_rpm"):
-        speed = block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S
+        speed = block.speed_rad_s(side) * RPM_PER_RAD_S
         return np.array([block.stop_s]), np.array([speed])
     windows = torque_windows(block).get(name)
     return (np.empty(0), np.empty(0)) if windows is None else (windows.time_s, windows.value_nm)

@@ -16,16 +16,15 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.bench.acceleration import UNKNOWN
+from torquebench.bench.blocks import Block, Viewer, fault_of
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, reference_channel, torque_channel
-from torquebench.bench.samples import AcquiredBlock, Viewer
 from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
-from torquebench.units import DEGREE, RPM_PER_RAD_S
+from torquebench.units import DEG_PER_TURN, RPM_PER_RAD_S
 
 __all__ = [
     "SIGNALS",
@@ -202,7 +201,7 @@ class LiveHub:
             if block is not None:
                 self.take(block)
 
-    def take(self, block: AcquiredBlock) -> None:
+    def take(self, block: Block) -> None:
         """Make a row of a block."""
         low, high, mean, faults = self._row(block)
         windows = torque_windows(block)
@@ -221,7 +220,7 @@ class LiveHub:
             self._lock.notify_all()
 
     def _row(
-        self, block: AcquiredBlock
+        self, block: Block
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], dict[str, str]]:
         low = np.full(len(SIGNALS), np.nan)
         high, mean = low.copy(), low.copy()
@@ -240,27 +239,26 @@ class LiveHub:
                 (torque_channel(side), f"{side}_raw_nm"),
                 (reference_channel(side), f"{side}_reference_nm"),
             ):
-                samples = block.channels.get(channel)
-                if samples is None:
+                record = block.records.get(channel)
+                if record is None:
                     continue
-                put(name, samples.torque_nm)
-                if samples.fault.any():
-                    faults[name] = samples.fault_kind.description
-            compensated = block.compensated.get(side)
+                put(name, record["reading_nm"])
+                if record["fault"].any():
+                    faults[name] = fault_of(record).description
+            compensated = block.torques.get(side)
             if compensated is not None and len(compensated):
                 put(f"{side}_torque_nm", compensated.value_nm)
                 kept = np.flatnonzero(np.isfinite(compensated.value_nm))
                 if kept.size:  # U of the block's mean, which is the torque shown
                     stated = compensated.at(kept).mean().expanded_uncertainty_nm
                     put(f"{side}_expanded_uncertainty_nm", float(stated[0]))
-            put(f"{side}_speed_rpm", block.speed_rad_s.get(side, np.nan) * RPM_PER_RAD_S)
-            accelerated = block.accelerations.get(side, UNKNOWN).rad_s2
-            put(f"{side}_acceleration_rad_s2", accelerated)
-            angles = block.angles.get(side)
-            if angles is not None and angles.time_s.size:
-                put(f"{side}_angle_deg", float(angles.angle_rad[-1]) / DEGREE)
-            probe = self._description.module(side).temperature_probe
-            put(f"{side}_temperature_c", block.temperatures.get(probe, np.nan))
+            put(f"{side}_speed_rpm", block.speed_rad_s(side) * RPM_PER_RAD_S)
+            put(f"{side}_acceleration_rad_s2", block.condition(f"{side}_acceleration_rad_s2"))
+            angle, module = block.angle(side), self._description.module(side)
+            if angle is not None and len(angle):
+                turns = float(angle["angle_counts"][-1]) / module.encoder.counts_per_revolution
+                put(f"{side}_angle_deg", DEG_PER_TURN * turns)
+            put(f"{side}_temperature_c", block.temperature_c(module.temperature_probe))
         put("efficiency_percent", self._efficiency(mean))
         return low, high, mean, faults
 
@@ -400,16 +398,16 @@ TORQUE_SIGNALS = tuple(
 )
 
 
-def torque_windows(block: AcquiredBlock) -> dict[str, LiveWindows]:
+def torque_windows(block: Block) -> dict[str, LiveWindows]:
     """Return every window of the torques in a block, by signal, if available."""
     found: dict[str, LiveWindows] = {}
     for side in SIDES:
         channels = {"raw": torque_channel(side), "reference": reference_channel(side)}
         for name, channel in channels.items():
-            samples = block.channels.get(channel)
-            if samples is not None:
-                found[f"{side}_{name}_nm"] = LiveWindows(samples.time_s, samples.torque_nm)
-        compensated = block.compensated.get(side)
+            record = block.records.get(channel)
+            if record is not None:
+                found[f"{side}_{name}_nm"] = LiveWindows(record.time_s, record["reading_nm"])
+        compensated = block.torques.get(side)
         raw = found.get(f"{side}_raw_nm")
         if compensated is not None and raw is not None and len(compensated) == raw.time_s.size:
             found[f"{side}_torque_nm"] = LiveWindows(raw.time_s, compensated.value_nm)

@@ -1,0 +1,159 @@
+"""What the instruments measured over one block of bench time, and the queue of its watchers."""
+
+from __future__ import annotations
+
+import math
+import threading
+from collections import deque
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from torquebench.bench.roles import Side, angle_channel, torque_channel
+from torquebench.signals import EdgeBlock, Record, SignalFaultKind
+
+if TYPE_CHECKING:
+    from torquebench.chain import Torque
+
+__all__ = ["CONDITIONS", "KEPT_S", "Block", "Viewer", "fault_of"]
+
+KEPT_S = 120.0
+"""How long the most recent values of every channel are kept, s of bench time."""
+CONDITIONS = "conditions"
+"""Record with one row a block: speeds, accelerations and temperatures."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Block:
+    """Everything of one interval of bench time, first as measured, then evaluated.
+
+    A driver delivers edges by channel, and records of those channels that its instrument counts
+    itself: torque channels with `frequency_hz`, `frequency_uncertainty_hz` and `fault`, encoders
+    with `angle_counts` (unwrapped, clockwise positive), each with `time_s`. The evaluation adds
+    `reading_nm` and `counter_nm` of every torque channel, and `conditions`. In fast simulated time
+    several blocks may be joined.
+
+    Attributes
+    ----------
+    start_s, stop_s : float
+        Bench time of the interval, s.
+    edges : mapping of channel to EdgeBlock
+    records : mapping of channel to Record
+        An encoder that delivers nothing has an empty record, or none.
+    torques : mapping of side to Torque
+        Compensated torque in the rows of the side's torque channel.
+    waiting_s : float, optional
+        How many seconds more the counter has timed already; None if it doesn't state that.
+    """
+
+    start_s: float
+    stop_s: float
+    edges: Mapping[str, EdgeBlock] = field(default_factory=dict)
+    records: Mapping[str, Record] = field(default_factory=dict)
+    torques: Mapping[Side, Torque] = field(default_factory=dict)
+    waiting_s: float | None = None
+
+    @property
+    def timed_s(self) -> float:
+        """Bench time that had passed at least when the block was read, s."""
+        return self.stop_s + (self.waiting_s or 0.0)
+
+    def torque(self, side: Side) -> Record | None:
+        """Return the record of a module's torque channel; None if it isn't timed."""
+        return self.records.get(torque_channel(side))
+
+    def angle(self, side: Side) -> Record | None:
+        """Return the record of an encoder; None without one."""
+        return self.records.get(angle_channel(side))
+
+    def condition(self, name: str) -> float:
+        """Return a speed, an acceleration or a temperature at the end; NaN if it isn't known."""
+        conditions = self.records.get(CONDITIONS)
+        values = None if conditions is None else conditions.get(name)
+        return math.nan if values is None else float(values[-1])
+
+    def speed_rad_s(self, side: Side) -> float:
+        """Return the mean speed of a side; NaN if its encoder is silent."""
+        return self.condition(f"{side}_speed_rad_s")
+
+    def temperature_c(self, probe: str) -> float:
+        """Return the temperature of a probe; NaN if it is silent."""
+        return self.condition(f"{probe}_c")
+
+    def follows(self, before: Block) -> bool:
+        """Tell whether the same signals go on from another block without a gap."""
+        return (
+            self.records.keys() == before.records.keys()
+            and abs(self.start_s - before.stop_s) < 1e-9
+            and all(
+                len(record) > 0
+                and len(earlier := before.records[name]) > 0
+                and (
+                    len(earlier) < 2
+                    or record.time_s[0] - earlier.time_s[-1]
+                    < 1.5 * (earlier.time_s[-1] - earlier.time_s[-2])
+                )
+                for name, record in self.records.items()
+            )
+        )
+
+    @classmethod
+    def join(cls, blocks: Sequence[Block]) -> Block:
+        """Concatenate consecutive blocks; only channels that all of them have remain."""
+        first, last = blocks[0], blocks[-1]
+        if len(blocks) == 1:
+            return first
+        edges = set.intersection(*(set(block.edges) for block in blocks))
+        records = set.intersection(*(set(block.records) for block in blocks))
+        return cls(
+            first.start_s,
+            last.stop_s,
+            {n: EdgeBlock.join([b.edges[n] for b in blocks]) for n in first.edges if n in edges},
+            {n: Record.join([b.records[n] for b in blocks]) for n in first.records if n in records},
+            waiting_s=last.waiting_s,
+        )
+
+    def part(self, start_s: float, stop_s: float) -> Block:
+        """Return the values of one of the blocks that were joined, without its edges."""
+        nearly, torques, records = 1e-9, {}, {}
+        for name, record in self.records.items():
+            later_s = nearly if name == CONDITIONS else -nearly  # those at the end of a block
+            records[name] = record.window(start_s + later_s, stop_s + later_s)
+        for side, torque in self.torques.items():
+            time_s = self.records[torque_channel(side)].time_s
+            first, stop = time_s.searchsorted((start_s - nearly, stop_s - nearly)).tolist()
+            torques[side] = torque.at(slice(first, stop))
+        return replace(
+            self, start_s=start_s, stop_s=stop_s, edges={}, records=records, torques=torques
+        )
+
+
+def fault_of(record: Record) -> SignalFaultKind:
+    """Return the fault of a record's last row."""
+    return SignalFaultKind(int(record["fault"][-1])) if len(record) else SignalFaultKind.NONE
+
+
+@dataclass(eq=False)
+class Viewer:
+    """A watcher's bounded queue of blocks: it drops the oldest and counts the dropped ones."""
+
+    maximum: int = 100
+    dropped: int = 0
+    _blocks: deque[Block] = field(default_factory=deque)
+    _condition: threading.Condition = field(default_factory=threading.Condition)
+
+    def put(self, block: Block) -> None:
+        """Take a block (called by acquisition)."""
+        with self._condition:
+            if len(self._blocks) >= self.maximum:
+                self._blocks.popleft()
+                self.dropped += 1
+            self._blocks.append(block)
+            self._condition.notify()
+
+    def get(self, timeout_s: float = 1.0) -> Block | None:
+        """Return the oldest block that is waiting; None when none comes in time."""
+        with self._condition:
+            if not self._blocks:
+                self._condition.wait(timeout_s)
+            return self._blocks.popleft() if self._blocks else None
