@@ -671,6 +671,8 @@ class _Choice:
             return 0
         words = [found for stem, _ in _forms(name) if (found := meanings(stem)) is not None]
         rank = 1 if fitting & units else 0
+        if quantity == "reading" and units & set(SIGNALS):
+            rank += 8  # beside a signal, a torque is the standard's
         for found in words:
             if matches(found, quantity, kind):
                 return 16 + rank

@@ -2,7 +2,7 @@
 
 Native parsers are attacked by files, and small files may expand to many gigabytes. So every format
 but text is read by a separate process, whose death is a message; where a bench is commanded
-(panel, API), text is, too (decision 200). The process sends the rows as a stream of Arrow.
+(panel, API), text is, too (decision 194). The process sends the rows as a stream of Arrow.
 
 Run as a program, this module is that process.
 """
@@ -27,12 +27,13 @@ from typing import Any
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Limits", "Stream", "open_isolated"]
+__all__ = ["Limits", "Stream", "check_cells", "open_isolated"]
 
 _AT_ONCE = 2
 _TURNS = threading.BoundedSemaphore(_AT_ONCE)
 _HEADER = b"torquebench:table"
 _NICE = 5
+_START_S = 120.0
 _REFUSED, _TOO_LARGE = 2, 3
 _ENVIRONMENT = {
     # no reserved memory: it would count
@@ -67,6 +68,8 @@ class Limits:
 
 BATCHES = Limits(cells=None, mb=None)
 """For tables that are read and written batch by batch."""
+_MOST_FOLD, _EXPANDED = 1000, 256 << 20
+"""A file of more than so many bytes of cells isn't smaller than a thousandth of them."""
 
 
 class Stream:
@@ -84,9 +87,11 @@ class Stream:
         import pyarrow.ipc
 
         self._process, self._path, self._limits = process, path, limits
-        self._pipe = _Pipe(process, limits.seconds)
+        self._pipe = _Pipe(process, _START_S)
         self._errors = pa.ArrowInvalid, OSError, EOFError
         try:
+            self._pipe.read(1)  # its programs are loaded: a busy computer takes its time for them
+            self._pipe.wait_again(limits.seconds)
             self._reader = pa.ipc.open_stream(self._pipe)
         except self._errors as error:
             raise self._ended() from error
@@ -103,7 +108,7 @@ class Stream:
         """
         while True:
             if self._limits.cells is None:
-                self._pipe.wait_again()
+                self._pipe.wait_again(self._limits.seconds)
             try:
                 batch = self._reader.read_next_batch()
             except StopIteration:
@@ -118,7 +123,7 @@ class Stream:
         """Return why the process has ended."""
         if self._pipe.late:
             return InputError(
-                Message("{path}: not read in {seconds:g} s", self._path, self._limits.seconds),
+                Message("{path}: not read in {seconds:g} s", self._path, self._pipe.late),
                 "a table that is read in that time",
                 "take fewer rows, or save it as Parquet or CSV",
             )
@@ -153,13 +158,13 @@ class _Pipe(io.RawIOBase):
     def __init__(self, process: subprocess.Popen[bytes], seconds: float) -> None:
         super().__init__()
         assert process.stdout is not None
-        self._process, self._file, self._seconds = process, process.stdout.fileno(), seconds
-        self.late = False
-        self.wait_again()
+        self._process, self._file = process, process.stdout.fileno()
+        self.late = 0.0
+        self.wait_again(seconds)
 
-    def wait_again(self) -> None:
-        """Begin to wait."""
-        self._until = time.monotonic() + self._seconds
+    def wait_again(self, seconds: float) -> None:
+        """Begin to wait so long."""
+        self._seconds, self._until = seconds, time.monotonic() + seconds
 
     def readable(self) -> bool:
         """Return that it is."""
@@ -169,7 +174,7 @@ class _Pipe(io.RawIOBase):
         """Read what is there, after waiting for it."""
         left = self._until - time.monotonic()
         if left <= 0.0 or not select.select([self._file], [], [], left)[0]:
-            self.late = True
+            self.late = self._seconds
             self._process.kill()
             raise EOFError
         content = os.read(self._file, min(len(buffer), 1 << 20))
@@ -273,12 +278,16 @@ def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
     kind = next(each for each in formats() if each.name == arguments["kind"])
     path, shown = Path(arguments["path"]), arguments["shown"]
     _prepare(kind.package, limits)
+    stream.write(b"\n")
+    stream.flush()
     with ExitStack() as opened:
         try:
             table = kind.open(path, arguments["part"], opened)
             rows = table.rows
+            names, stored = table.schema.names, path.stat().st_size
             if rows is not None:
-                _check_cells(shown, rows, len(table.schema.names), limits)
+                check_cells(shown, rows, len(names), limits)
+                _check_expansion(shown, rows * len(names), stored)
             origin = f"{shown}#{table.part}" if table.part else shown
             header = {
                 "origin": origin,
@@ -295,7 +304,8 @@ def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
             with pa.ipc.new_stream(stream, schema) as writer:
                 for batch in table.batches(arguments["rows"]):
                     count, size = count + batch.num_rows, size + batch.nbytes
-                    _check_cells(shown, count, len(schema.names), limits)
+                    check_cells(shown, count, len(names), limits)
+                    _check_expansion(shown, count * len(names), stored)
                     if limits.mb is not None and size > limits.mb << 20:
                         raise InputError(
                             Message("{path}: more than {size} MB of cells", shown, limits.mb),
@@ -306,9 +316,9 @@ def _send(arguments: dict[str, Any], limits: Limits, stream: Any) -> None:
         except (InputError, MemoryError, BrokenPipeError):
             raise
         except Exception as error:  # each library raises its own errors and those of struct
-            if isinstance(error, pa.ArrowMemoryError) or "memory" in str(error).lower():
-                raise MemoryError from error
             words = str(error).replace(str(path), shown) or type(error).__name__
+            if "memory" in words.lower() or "failed to map" in words:  # each in its own words
+                raise MemoryError from error
             raise InputError(
                 Message("can't read {source}: {error}", shown, words[:300]),
                 "a file of the kind that its ending names",
@@ -324,12 +334,22 @@ class _WithoutPandas:
             raise ImportError(name)
 
 
-def _check_cells(path: str, rows: int, columns: int, limits: Limits) -> None:
+def check_cells(path: str, rows: int, columns: int, limits: Limits) -> None:
+    """Refuse a table of more cells than the limits."""
     if limits.cells is not None and rows * columns > limits.cells:
         raise InputError(
             Message("{path}: {rows} rows of {columns} columns", path, rows, columns),
             Message("at most {most} cells", limits.cells),
             "take fewer rows or columns",
+        )
+
+
+def _check_expansion(path: str, cells: int, stored: int) -> None:
+    if 8 * cells > max(_MOST_FOLD * stored, _EXPANDED):
+        raise InputError(
+            Message("{path}: {cells} cells in {size} kB", path, cells, (stored >> 10) + 1),
+            Message("at most {fold} times as many bytes as the file has", _MOST_FOLD),
+            "save it as CSV if it is a recording",
         )
 
 

@@ -21,7 +21,7 @@ from torquebench.tables.formats import (
 )
 from torquebench.tables.formats.text import TextFile, decode_text
 from torquebench.tables.headers import with_unit
-from torquebench.tables.isolated import BATCHES, Limits, open_isolated
+from torquebench.tables.isolated import BATCHES, Limits, check_cells, open_isolated
 from torquebench.tables.table import Table
 
 __all__ = ["LIMITS", "OpenTable", "open_table", "read_table", "table_of_arrow", "table_text"]
@@ -84,15 +84,18 @@ def read_table(
         file = open_table(
             Path(path), opened, limits=limits, isolated=isolated, rows=_WHOLE, called=called
         )
-        pieces = [table for raw, _ in file.raw() if (table := file.piece(raw)) is not None]
+        pieces, rows = [], 0
+        for raw, _ in file.raw():
+            if (piece := file.piece(raw)) is not None:
+                pieces.append(piece)
+                rows += len(piece)
+                check_cells(piece.origin, rows, len(piece.names), limits)
     if not pieces:
         raise InputError(
             Message("{origin} holds a header but no values", called or path),
             "at least one line of values",
         )
-    table = Table.joined(pieces)
-    _check_cells(table, limits)
-    return table
+    return Table.joined(pieces)
 
 
 def open_table(
@@ -225,7 +228,9 @@ def _remarks(schema: Any) -> dict[str, str]:
     return {key: value for key, value in notes.items() if key not in own and "\n" not in value}
 
 
-def table_text(path: Path, *, called: str = "", isolated: bool = False) -> str:
+def table_text(
+    path: Path, *, called: str = "", isolated: bool = False, limits: Limits = LIMITS
+) -> str:
     """Return a table as text: that of a text file as it is, any other as CSV.
 
     Raises
@@ -238,7 +243,7 @@ def table_text(path: Path, *, called: str = "", isolated: bool = False) -> str:
         if format_of_content(path, content.read(_HEAD_BYTES)).name == "csv":
             content.seek(0)
             return decode_text(content.read(), called or str(path))
-    table = read_table(path, isolated=isolated, called=called)
+    table = read_table(path, limits=limits, isolated=isolated, called=called)
     text = io.StringIO()
     for name, value in table.remarks.items():
         text.write(f"# {name} = {value}\n")
@@ -263,17 +268,3 @@ def table_of_arrow(table: Any, origin: str) -> Table:
     )
     rows = range(1, 1 + table.num_rows)
     return Table(origin, names, tuple(table.columns), rows, "row", _remarks(table.schema))
-
-
-def _check_cells(table: Table, limits: Limits) -> None:
-    if limits.cells is not None and len(table) * len(table.names) > limits.cells:
-        raise InputError(
-            Message(
-                "{path}: {rows} rows of {columns} columns",
-                table.origin,
-                len(table),
-                len(table.names),
-            ),
-            Message("at most {most} cells", limits.cells),
-            "take fewer rows or columns",
-        )

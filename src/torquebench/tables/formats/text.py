@@ -46,6 +46,8 @@ _COMMENT = re.compile(r"#\s*([A-Za-z_][A-Za-z0-9_]*)\s*[=:](.*)")
 _SPREADSHEET_ERROR = re.compile(r'"?#(N/A|NV|[A-ZÄÖÜ0-9/]+[!?])')
 _CONTROL = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f\x7f]")
 _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
+_NOTHING = re.compile(rb"(?:[ \t\r]*+(?:#[ \t][^\n]*+)?+\n)*+[ \t\r]*+")
+"""Lines without a cell."""
 _NUMERIC = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?")
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 
@@ -323,6 +325,8 @@ class TextFile:
     def piece(self, raw: tuple[bytes, int]) -> Table | None:
         """Return the rows of a piece; None if it has none. Any thread may call it."""
         content, before = raw
+        if _NOTHING.fullmatch(content):
+            return None
         table = self._by_arrow(content, before) if len(content) > _SMALL_BYTES else None
         table = table or self._by_lines(content, before)
         return table and replace(table, quoted=b'"' in content)

@@ -175,7 +175,7 @@ class TableEntry:
         field.wrong(self._text(f"external.{wrong}") if wrong else "")
         return asked
 
-    def _chosen(self, sent: Any) -> None:
+    async def _chosen(self, sent: Any) -> None:
         """Take the bytes of the file; its name is a label only."""
         name, content = sent
         self._called = "".join(letter for letter in str(name) if letter.isprintable())[
@@ -186,7 +186,7 @@ class TableEntry:
         self._rest.set_visibility(False)
         try:
             raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
-            self._content = read_table(raw, self._called)
+            self._content = await run.io_bound(read_table, raw, self._called)
             way = self._fields["reference_uncertainty_of"]
             if states_reference(self._content) or way.value == "table":
                 way.set("table" if states_reference(self._content) else "torque")

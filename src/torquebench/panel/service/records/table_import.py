@@ -7,7 +7,9 @@ name is ever used as a path.
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Iterable, Mapping
+import threading
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated, Any, Literal, Self, TypeVar
@@ -33,10 +35,11 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
+from torquebench.panel.service.problems import BusyError
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report
 from torquebench.reports.certificate import person_among
-from torquebench.tables import UNCERTAINTY, parse_calibration, remarks_in, table_text
+from torquebench.tables import UNCERTAINTY, Limits, parse_calibration, remarks_in, table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import ConflictError, refuse_future, validated
 
@@ -60,6 +63,11 @@ MOST_CERTIFIED = 200
 """Most lines of a standard's certificate."""
 MOST_DEVIATIONS = 200
 """Most messages shown: a table of another kind causes one a line."""
+MOST_READ = 4
+"""Most tables that are read or waited for at a time: each occupies a thread of the panel."""
+_READ = threading.BoundedSemaphore(MOST_READ)
+_LIMITS = Limits(cells=LONGEST_TABLE // 2, mb=16)
+"""Of an upload: as text it has no more than `LONGEST_TABLE` bytes, of which a cell takes two."""
 
 Request = TypeVar("Request", bound="TableRequest")
 
@@ -238,6 +246,8 @@ class EnteredTable:
 def read_table(content: bytes, name: str = "") -> str:
     """Return the text of an uploaded file, for a `TableRequest`.
 
+    A process of its own reads it, for up to 30 s: call it beside an event loop.
+
     Parameters
     ----------
     content : bytes
@@ -247,7 +257,9 @@ def read_table(content: bytes, name: str = "") -> str:
     Raises
     ------
     InputError
-        Too large, or neither UTF-8 nor UTF-16.
+        Too large, no table, or it expands beyond the limits.
+    BusyError
+        Others are being read.
 
     Examples
     --------
@@ -262,7 +274,23 @@ def read_table(content: bytes, name: str = "") -> str:
     with tempfile.TemporaryDirectory(prefix="torquebench-") as scratch:
         table = Path(scratch) / f"upload{Path(name).suffix}"
         table.write_bytes(content)
-        return table_text(table, called=Path(name).name or "the upload", isolated=True)
+        with _reading():
+            called = Path(name).name or "the upload"
+            return table_text(table, called=called, isolated=True, limits=_LIMITS)
+
+
+@contextmanager
+def _reading() -> Iterator[None]:
+    if not _READ.acquire(blocking=False):
+        raise BusyError(
+            Message("{count} tables are being read", MOST_READ),
+            Message("{count} at a time", MOST_READ),
+            "try again in a few seconds",
+        )
+    try:
+        yield
+    finally:
+        _READ.release()
 
 
 def states_reference(content: str) -> bool:
@@ -373,14 +401,15 @@ class TableImport:
         _check_size(asked.content)
         profile = self._settings.profile(asked.profile)
         check_steps(profile)
-        read = parse_calibration(
-            asked.content,
-            "the table",
-            range_nm=asked.range_nm,
-            transducer_serial=serial,
-            counter_identity=indicator,
-            isolated=True,
-        )
+        with _reading():
+            read = parse_calibration(
+                asked.content,
+                "the table",
+                range_nm=asked.range_nm,
+                transducer_serial=serial,
+                counter_identity=indicator,
+                isolated=True,
+            )
         if read.range_nm > LARGEST_NM:
             raise InputError(
                 Message("a range of {range:g} N·m", read.range_nm),

@@ -1,0 +1,122 @@
+"""Files that expand without end are refused with a message, in the memory of another process."""
+
+import os
+import resource
+import threading
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
+import pytest
+from tests.hostile_files import FILES
+
+from torquebench.errors import InputError
+from torquebench.panel.service import BusyError
+from torquebench.panel.service import read_table as uploaded
+from torquebench.panel.service.records import table_import
+from torquebench.tables import compensate_file, read_calibration, read_table
+from torquebench.tables.isolated import Limits
+
+MOST_MB = 400
+WORDS = r"cells|rows|MB|NUL|too large|bytes"
+
+
+@pytest.fixture(scope="module")
+def hostile(tmp_path_factory: pytest.TempPathFactory) -> Callable[[str], Path]:
+    folder = tmp_path_factory.mktemp("hostile")
+
+    def written(name: str) -> Path:
+        path = folder / name
+        if not path.exists():
+            FILES[name](path)
+        return path
+
+    return written
+
+
+def peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_what_expands_is_refused_and_nothing_is_written(
+    hostile: Callable[[str], Path], name: str, tmp_path: Path
+) -> None:
+    path, before = hostile(name), peak_mb()
+    target = tmp_path / "out.csv"
+    for read in (
+        read_calibration,
+        lambda source: compensate_file(source, target, lambda block: (block.reading_nm,) * 3),
+        lambda source: uploaded(_content(source), source.name),
+    ):
+        with pytest.raises(InputError, match=WORDS):
+            read(path)
+    assert not list(tmp_path.iterdir())
+    assert peak_mb() - before < MOST_MB
+
+
+def _content(path: Path) -> bytes:
+    with path.open("rb") as file:
+        return file.read(table_import.LONGEST_TABLE + 1)
+
+
+def test_an_upload_of_more_cells_than_a_text_may_have_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    pq.write_table(pa.table({"reading_nm": np.zeros(400_000)}), path, compression="zstd")
+    assert len(read_table(path)) == 400_000
+    with pytest.raises(InputError, match="at most 262144 cells"):
+        uploaded(path.read_bytes(), "t.parquet")
+
+
+@pytest.mark.parametrize("line", [b"1.0,1.0\n", b"x", b"\0", b"# a comment\n", b"\n"])
+def test_a_pipe_without_an_end_is_bounded(tmp_path: Path, line: bytes) -> None:
+    pipe = tmp_path / "pipe.csv"
+    os.mkfifo(pipe)
+
+    def write() -> None:
+        with suppress(BrokenPipeError), pipe.open("wb") as file:
+            file.write(b"reading_nm,standard_nm\n1.0,1.0\n")
+            while True:
+                file.write(line * (1 << 16))
+
+    writer = threading.Thread(target=write)
+    writer.start()
+    with pytest.raises(InputError, match=r"MB|NUL"):
+        read_table(pipe, limits=Limits(mb=32))
+    writer.join()
+
+
+@pytest.mark.parametrize("device", ["/dev/zero", "/dev/full", "/dev/urandom", "/dev/null"])
+def test_a_device_is_no_table(device: str) -> None:
+    with pytest.raises(InputError, match=r"MB|NUL|text|empty"):
+        read_table(device)
+
+
+def test_a_whole_table_has_a_largest_size(tmp_path: Path) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text("reading_nm,standard_nm\n" + "1.5,1.5\n" * 60_000)
+    with pytest.raises(InputError, match="at most 100000 cells"):
+        read_table(path, limits=Limits(cells=100_000))
+    wide = tmp_path / "wide.csv"
+    wide.write_text(",".join(f"c{n}" for n in range(2000)) + "\n" + ("1," * 1999 + "1\n") * 60)
+    with pytest.raises(InputError, match="at most 100000 cells"):
+        read_table(wide, limits=Limits(cells=100_000))
+
+
+def test_the_end_of_the_process_is_a_message(tmp_path: Path) -> None:
+    path = tmp_path / "t.parquet"
+    pq.write_table(pa.table({"reading_nm": np.random.default_rng(1).normal(size=3_000_000)}), path)
+    with pytest.raises(InputError, match=r"not read in 0\.001 s"):
+        read_table(path, limits=Limits(seconds=0.001))
+    with pytest.raises(InputError, match="more than 16 MB when it is read"):
+        read_table(path, limits=Limits(memory_mb=16))
+
+
+def test_others_are_told_to_wait(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(table_import, "_READ", threading.BoundedSemaphore(1))
+    with table_import._reading(), pytest.raises(BusyError, match="tables are being read"):
+        uploaded(b"reading_nm\n1\n", "t.csv")
+    assert uploaded(b"reading_nm\n1\n", "t.csv") == "reading_nm\n1\n"
