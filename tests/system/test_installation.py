@@ -1,9 +1,11 @@
 """What `pip install torquebench` brings: the wheel, and commands without the extras."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
+import sysconfig
 import tarfile
 import zipfile
 from pathlib import Path
@@ -13,6 +15,7 @@ from tests.system.command_line import environment
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
+PLUGINS = sorted(path.parent.name for path in ROOT.glob("plugins/*/pyproject.toml"))
 WITHOUT_EXTRAS = """
 import importlib.metadata, re, sys
 extras = {"alembic", "bluesky", "event_model", "ophyd_async", "segno", "sqlalchemy", "structlog",
@@ -90,9 +93,42 @@ def take_over_kernels(installed: Path) -> None:
             shutil.copy(kernel, here.parent / "__pycache__")
 
 
-def packed(wheel: Path) -> set[str]:
+def packed(wheel: Path, package: str = "torquebench") -> set[str]:
     with zipfile.ZipFile(wheel) as archive:
-        return {name for name in archive.namelist() if name.startswith("torquebench/")}
+        return {name for name in archive.namelist() if name.startswith(f"{package}/")}
+
+
+def tracked(source: Path) -> set[str]:
+    listed = subprocess.run(
+        ["git", "ls-files", "."], cwd=source, check=True, capture_output=True, text=True
+    )
+    return set(listed.stdout.split())
+
+
+def install(wheel: Path, target: Path) -> None:
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-index"]
+    subprocess.run([*command, "--target", str(target), str(wheel)], check=True)
+
+
+def libraries(folder: Path) -> Path:
+    """Link all installed packages but torquebench and its plugins, which are editable here."""
+    folder.mkdir()
+    for entry in Path(sysconfig.get_path("purelib")).iterdir():
+        if "torquebench" not in entry.name.lower() and entry.suffix != ".pth":
+            (folder / entry.name).symlink_to(entry)
+    return folder
+
+
+def isolated(code: str, *paths: Path) -> subprocess.CompletedProcess[str]:
+    """Run code that sees the standard library and these folders only."""
+    return subprocess.run(
+        [sys.executable, "-S", "-c", code],
+        env=environment() | {"PYTHONPATH": os.pathsep.join(map(str, paths)), "COLUMNS": "200"},
+        cwd=paths[0],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
 
 
 def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
@@ -104,15 +140,11 @@ def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
         archive.extractall(tmp_path, filter="data")
     unpacked = next(path for path in tmp_path.iterdir() if path.is_dir())
     again = built("wheel", unpacked, tmp_path / "again")
-    listed = subprocess.run(
-        ["git", "ls-files", "src"], cwd=ROOT, check=True, capture_output=True, text=True
-    ).stdout.split()
-    assert packed(wheel) == packed(again) == {name.removeprefix("src/") for name in listed}
+    assert packed(wheel) == packed(again) == tracked(ROOT / "src")
     assert "torquebench/py.typed" in packed(wheel)
 
     installed = tmp_path / "installed"
-    install = ["-m", "pip", "install", "--quiet", "--no-deps", "--no-index", "--target"]
-    subprocess.run([sys.executable, *install, str(installed), str(wheel)], check=True)
+    install(wheel, installed)
     take_over_kernels(installed)
     folder = tmp_path / "empty"
     folder.mkdir()
@@ -130,3 +162,51 @@ def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
         if "--version" in arguments:
             assert done.stdout.split()[1] in wheel.name
     assert (folder / "torquebench-demo.html").is_file()
+
+
+COMMAND_LINE = """
+import sys
+sys.argv = ["torquebench", *{arguments}]
+from torquebench.cli import main
+raise SystemExit(main())
+"""
+EVERY_MODULE = """
+import importlib, pkgutil
+package = importlib.import_module("{package}")
+for module in pkgutil.walk_packages(package.__path__, "{package}."):
+    importlib.import_module(module.name)
+print(package.__file__)
+"""
+
+
+def test_the_wheel_of_each_plugin_adds_what_the_core_alone_lacks(tmp_path: Path) -> None:
+    core, together = tmp_path / "core", tmp_path / "together"
+    others = libraries(tmp_path / "libraries")
+    wheel = built("wheel", ROOT, tmp_path)
+    install(wheel, core)
+    shutil.copytree(core, together)
+    for name in PLUGINS:
+        plugin = built("wheel", ROOT / "plugins" / name, tmp_path / name)
+        package = f"torquebench_{name}"
+        assert packed(plugin, package) == tracked(ROOT / "plugins" / name / "src")
+        install(plugin, together)
+        done = isolated(EVERY_MODULE.format(package=package), together, others)
+        assert done.returncode == 0, done.stderr
+        assert str(together) in done.stdout
+
+    added = {
+        ("--help",): ("plant", "teds"),
+        ("panel", "--help"): ("--opcua", "--sparkplug"),
+    }
+    for arguments, words in added.items():
+        code = COMMAND_LINE.format(arguments=arguments)
+        alone, joined = isolated(code, core, others), isolated(code, together, others)
+        assert (alone.returncode, joined.returncode) == (0, 0), alone.stderr + joined.stderr
+        assert alone.stderr == ""
+        for word in words:
+            assert not re.search(rf"{word}\b", alone.stdout)
+            assert re.search(rf"{word}\b", joined.stdout)
+    for arguments, word in ((("plant", "--help"), "reevaluate"), (("teds", "--help"), "write")):
+        code = COMMAND_LINE.format(arguments=arguments)
+        assert isolated(code, core, others).returncode == 2
+        assert word in isolated(code, together, others).stdout
