@@ -22,10 +22,12 @@ PAGE = DOCS / "explanation" / "papers-item-by-item.md"
 IMAGES = DOCS / "images" / "papers"
 INTRODUCTION = """\
 *Simulated. Written by `python -m benchmarks.papers_page --write`, which does what \
-[`torquebench papers`](source-papers.md) does. Verdicts on simulated benches say what the method \
-can reach, not what a real bench does.*
+[`torquebench papers`](source-papers.md) does; tables of more than 50 cells are left out here. \
+Verdicts on simulated benches say what the method can reach, not what a real bench does.*
 
 """
+LARGEST_TABLE = 50
+"""Most cells of a table in the documentation; the command's own page has all tables."""
 LONG_NUMBER = re.compile(r"\b([1-9]\d*\.\d{2})\d+")
 """Below 1 a number may be a scale: of letters, which shrink where it loses digits."""
 
@@ -46,7 +48,16 @@ def _cell(text: str) -> str:
     return text.replace("|", "\\|").replace("\n", " ")
 
 
+def _verdicts(summary: Table) -> Table:
+    """Return items and verdicts: the sections below state the rest."""
+    rows = [[row[0], row[-1]] for row in summary.rows]
+    return dataclasses.replace(summary, header=(summary.header[0], summary.header[-1]), rows=rows)
+
+
 def _table(table: Table) -> str:
+    if (1 + len(table.rows)) * len(table.header) > LARGEST_TABLE:
+        columns = ", ".join(map(_cell, filter(None, table.header)))
+        return f"*In the page of the command: {len(table.rows)} rows of {columns}.*"
     align = "---" if table.words else "---:"
     lines = [
         "| " + " | ".join(map(_cell, table.header)) + " |",
@@ -76,13 +87,12 @@ def _section(section: Section, images: Path) -> Iterator[str]:
             rows = "\n".join(f"| {_cell(name)} | {_cell(value)} |" for name, value in block.items)
             yield f"| what | value |\n| --- | --- |\n{rows}"
         elif isinstance(block, Table):
-            yield _table(block)
+            yield _table(_verdicts(block) if section.heading == "Summary" else block)
         elif isinstance(block, Figure):
             drawn += 1
             path = images / f"item-{number}-{drawn}.svg"
             path.write_text(smaller(block.svg), encoding="utf-8")
-            words = block.caption.partition(".")[0]
-            yield f"![{words}](../images/papers/{path.name})\n\n*{block.caption}*"
+            yield f"![Item {number}](../images/papers/{path.name})\n\n*{block.caption}*"
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -23,11 +23,10 @@ from torquebench.papers.study import (
 )
 
 PAGE = Path(__file__).parents[1] / "docs" / "explanation" / "when-the-network-wins.md"
-HEADER = ("points", "model", "worst, N·m", "alone, N·m", "ratio", "≥ 2.2", "< 1.8 N·m")
 FAMILY_WORDS = {
-    "smooth": "Smooth: a quadratic of its own in each direction",
-    "reversing": "Reversing: the same with a step at reversal and a loop between the branches",
-    "rippled": "Rippled: the same with ripple and two local errors",
+    "smooth": "a quadratic of its own in each direction",
+    "reversing": "the same with a step at reversal and a loop between the branches",
+    "rippled": "the same with ripple and two local errors",
 }
 
 
@@ -42,45 +41,43 @@ def parts() -> list[tuple[str, Series, tuple[Contender, ...]]]:
 
 
 def table(rows: Sequence[Row]) -> str:
-    """Return rows as a Markdown table."""
-    lines = ["| " + " | ".join(HEADER) + " |", "|" + " --- |" * len(HEADER)]
-    for row in rows:
-        cells = [
-            row.series,
-            row.title,
-            f"{row.worst_nm:.2f}",
-            f"{row.alone_nm:.2f}",
-            f"{row.ratio:.2f}",
-            f"{row.beats} of {row.chains}",
-            f"{row.below} of {row.chains}",
-        ]
-        lines.append("| " + " | ".join(cells) + " |")
+    """Return rows as a Markdown table: a line a model, a column a family and series."""
+    columns = list(dict.fromkeys((row.family, row.series) for row in rows))
+    cells = {
+        (row.title, row.family, row.series): f"{row.worst_nm:.2f} ({row.beats})" for row in rows
+    }
+    lines = [
+        "| model | " + " | ".join(f"{family}, {series}" for family, series in columns) + " |",
+        "| --- |" + " ---: |" * len(columns),
+    ]
+    for title in dict.fromkeys(row.title for row in rows):
+        values = (cells.get((title, *column), "-") for column in columns)
+        lines.append(f"| {title} | " + " | ".join(values) + " |")
     return "\n".join(lines)
 
 
 def page(found: Sequence[tuple[str, list[Row]]], seeds: int) -> str:
     """Return the page of the documentation."""
-    text = (
+    families = "; ".join(f"*{family}*: {words}" for family, words in FAMILY_WORDS.items())
+    return (
         "# When the network beats the polynomial\n\n"
         f"The papers report errors below {NETWORK_NM:g} N·m after a back-propagation (BP) network "
         f"and up to {POLYNOMIAL_NM:g} N·m after a polynomial, on 2000 N·m: a ratio of "
-        f"{CLAIMED_RATIO:.1f}. They publish neither start weights nor learning rate nor epochs. "
-        f"Here {seeds} synthetic chains of each family are scaled so that the best quadratic "
-        f"leaves exactly {POLYNOMIAL_NM:g} N·m; single readings repeat within 0.2 N·m (standard "
-        "deviation). All figures are simulated.\n\n"
-        f"Made by `python -m benchmarks.papers_study --seeds {seeds} --write`. *Worst*: median "
-        "over the chains of the worst of 500 fresh single readings, which load as the calibration "
-        "did. *Alone*: the model's own worst error, without noise. *Ratio*: median of the "
-        "quadratic's worst error by the model's. The last two columns count chains. BP is the "
+        f"{CLAIMED_RATIO:.1f}. They publish neither start weights nor learning rate nor epochs, "
+        "and the result depends on them: [what follows from the table]"
+        "(source-papers.md#when-the-network-beats-the-polynomial).\n\n"
+        f"Simulated: {seeds} synthetic chains of each family are scaled so that the best "
+        f"quadratic has an error of exactly {POLYNOMIAL_NM:g} N·m; single readings repeat within "
+        f"0.2 N·m (standard deviation). {families}. Repeat it by `python -m "
+        f"benchmarks.papers_study --seeds {seeds} --write`.\n\n"
+        "A cell states the median over the chains of the worst of 500 fresh single readings, "
+        "which load as the calibration did, in N·m; in brackets, the number of chains on which "
+        f"the quadratic's worst error is at least {CLAIMED_RATIO:.1f} times as large. BP is the "
         "papers' 1-50-1 network with plain batch gradient descent, learning rate 0.01; small "
         "start weights lie evenly within ±0.5. *Until*: trained until the RMS of the residuals "
-        f"is below this target error, at most {MOST_EPOCHS} epochs.\n"
+        f"is below this error, at most {MOST_EPOCHS} epochs.\n\n"
+        f"{table([row for _, rows in found for row in rows])}\n"
     )
-    for family, words in FAMILY_WORDS.items():
-        rows = [row for name, group in found for row in group if name == family]
-        if rows:
-            text += f"\n## {words}\n\n{table(rows)}\n"
-    return text
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

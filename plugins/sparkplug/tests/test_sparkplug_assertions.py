@@ -715,9 +715,9 @@ def test_assertion_with_a_primary_host(name: str, hosted: Trace) -> None:
     HOSTED[name](hosted)
 
 
-def test_the_reference_lists_every_assertion_once() -> None:
-    listed = re.findall(r"^\| `tck-id-([\w-]+)` \| (.*) \|$", DOCS.read_text("utf-8"), re.MULTILINE)
-    assert len(dict(listed)) == len(listed)
-    assert {name for name, how in listed if how == "tested"} == set(CHECKS) | set(HOSTED)
-    assert {name: how for name, how in listed if how != "tested"} == NOT_APPLICABLE
+def test_the_reference_counts_every_assertion_once() -> None:
+    page = DOCS.read_text("utf-8")
+    assert not set(CHECKS) & set(HOSTED)
     assert not set(NOT_APPLICABLE) & (set(CHECKS) | set(HOSTED))
+    assert f" {len(CHECKS) + len(HOSTED)} have a test each" in page
+    assert f" {len(NOT_APPLICABLE)} don't apply" in page

@@ -84,4 +84,5 @@ def test_the_documentations_page_is_current_in_its_words() -> None:
         section = rest.partition("\n## ")[0]
         assert f"Papers: {item.theirs}. Here: " in section
         assert f"Command: {item.command}." in section
-        assert "| --- |" in section or "](../images/papers/item-" in section, number
+        shown = ("| --- |", "](../images/papers/item-", "*In the page of the command: ")
+        assert any(words in section for words in shown), number
