@@ -15,7 +15,7 @@ import numpy as np
 
 from torquebench.records.chain import START, ChainHead, canonical, seal
 from torquebench_plant import FolderStore, facts_of
-from torquebench_plant.facts import points_table
+from torquebench_plant.forwarding import points_table
 
 __all__ = ["TYPES", "FleetBench", "calibration_points"]
 

@@ -56,7 +56,7 @@ def add_run(
 
 
 def backlash_results(
-    serial: str, value: float = 0.8, *, kind: str = "RV-40E", quantity: str = "backlash_arcmin"
+    serial: str, value: float = 0.8, *, kind: str = "RV-40E", quantity: str = "backlash"
 ) -> dict[str, Any]:
     """Return the results of a reducer test with one quantity."""
     return {

@@ -1,6 +1,7 @@
 """What benches record arrives in the plant once, whole and in order, whatever happens between."""
 
 import shutil
+from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from plugins.plant.tests.plant_bench import (
     filled,
 )
 from sqlalchemy import text
-from sqlalchemy.engine import URL
+from sqlalchemy.engine import URL, make_url
 from tests import postgresql_server
 
 from torquebench.calibration import CalibrationData
@@ -23,6 +24,7 @@ from torquebench.records import CalibrationEntry, Registry, RunFolder, Unavailab
 from torquebench.records.registry import metadata
 from torquebench.station.entering import enter_run
 from torquebench_plant import FolderStore, Plant, forward
+from torquebench_plant.database import PlantDatabase
 from torquebench_plant.forwarding import BenchLink
 
 
@@ -197,7 +199,7 @@ def test_a_copy_an_older_state_and_another_registry_are_refused(
         sent(old, url)
     with pytest.raises(InputError, match="as bench 1 Bench 1"):
         sent(data, other)
-    with pytest.raises(RecordError, match="first_sha256"):
+    with pytest.raises(RecordError, match="it is a copy"):
         sent(old, other)
     # A registry that was made anew goes on in the place of the old one.
     _, anew = plant.register_bench("Bench 1", replaces=1)
@@ -246,12 +248,113 @@ def test_a_bench_can_add_its_own_rows_only(plant: Plant, tmp_path: Path) -> None
         connection.execute(text("UPDATE plant.links SET content = ''"))
 
 
+DISK_FILLING = (
+    "CREATE TEMP TABLE large AS SELECT repeat('x', 1000) FROM generate_series(1, 10)",
+    "SELECT lo_create(0)",
+    "SELECT lo_creat(-1)",
+    "SELECT lo_from_bytea(0, decode(repeat('00', 1000), 'hex'))",
+    "CREATE TABLE public.large (content text)",
+)
+"""What 0.2.0 let a bench's role do, as large as it likes and seen by no query of the plant."""
+
+
+def test_a_bench_cannot_fill_the_disk_beside_its_records(plant: Plant, tmp_path: Path) -> None:
+    _, url = plant.register_bench("Bench 1")
+    assert plant.open_rights() == []
+    with BenchLink(url) as link:
+        for statement in DISK_FILLING:
+            with pytest.raises(RecordError, match="permission denied"), link.transaction() as one:
+                one.exec_driver_sql(statement)
+    sent(filled(tmp_path / "data"), url)
+    assert counted(plant, "links") > 0
+
+
+def test_rights_that_only_the_servers_administrator_can_take_are_told(
+    plant_socket: Path, tmp_path: Path
+) -> None:
+    """The owner of a database isn't the owner of the server's own functions."""
+    admin = make_url(postgresql_server.create_database(plant_socket, "owned"))
+    with PlantDatabase(admin) as server, server.transaction() as connection:
+        connection.exec_driver_sql("CREATE ROLE owner LOGIN CREATEROLE")
+        connection.exec_driver_sql("ALTER DATABASE owned OWNER TO owner")
+    folders = f"file://{tmp_path}/share"
+    with Plant.create(admin.set(username="owner"), folders) as plant:
+        missing = plant.open_rights()
+        assert len(missing) >= 3
+        assert all("lo_" in statement for statement in missing)
+        with PlantDatabase(admin) as server, server.transaction() as connection:
+            for statement in missing:
+                connection.exec_driver_sql(statement)
+        assert plant.open_rights() == []
+
+
+@pytest.mark.parametrize(
+    ("ahead", "said"),
+    [
+        (timedelta(days=3 * 365.25), "is 3 years ahead"),
+        (timedelta(days=-30), "is 30 days behind"),
+    ],
+)
+def test_a_bench_whose_clock_is_wrong_by_days_sends_nothing(
+    ahead: timedelta, said: str, plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, url = plant.register_bench("Bench 1")
+    data = filled(tmp_path / "data")
+    set_clock(monkeypatch, ahead)
+    with pytest.raises(InputError, match=said) as refused:
+        sent(data, url)
+    assert "NTP" in refused.value.remedy
+    assert counted(plant, "links") == 0
+    monkeypatch.undo()
+    assert sent(data, url).clock == ""
+
+
+def test_a_bench_whose_clock_is_wrong_by_minutes_is_told(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    _, url = plant.register_bench("Bench 1")
+    set_clock(monkeypatch, timedelta(minutes=10))
+    done = sent(filled(tmp_path / "data"), url)
+    assert "ahead of the plant's" in done.clock
+    assert done.entries > 0
+
+
+def test_a_bench_whose_entries_are_of_the_future_stands_out(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its clock was wrong when it measured, and right again when it sent."""
+    (_, url), (_, right) = plant.register_bench("Bench 1"), plant.register_bench("Bench 2")
+    sent(filled(tmp_path / "right", prefix="R"), right)
+    set_clock(monkeypatch, timedelta(days=1000), "torquebench.records.registry.database")
+    data = filled(tmp_path / "data")
+    monkeypatch.undo()
+    sent(data, url)
+    ahead, in_time = (state.ahead_s for state in plant.benches())
+    assert ahead == pytest.approx(1000 * 86_400, rel=0.01)
+    assert in_time == 0.0
+
+
+def set_clock(
+    monkeypatch: pytest.MonkeyPatch, ahead: timedelta, module: str = "torquebench_plant.forwarding"
+) -> None:
+    """Set the clock that a module reads."""
+
+    class Clock(datetime):
+        @classmethod
+        def now(cls, tz: Any = None) -> datetime:
+            return datetime.now(tz) + ahead
+
+    monkeypatch.setattr(f"{module}.datetime", Clock)
+
+
 def test_a_trigger_of_a_bench_never_acts_with_the_rights_of_the_administrator(
     plant: Plant, tmp_path: Path
 ) -> None:
     """A function with its owner's rights would fire a trigger of any table that it writes to."""
     _, url = plant.register_bench("Bench 1")
     sent(filled(tmp_path / "data"), url)
+    with plant.transaction() as connection:  # as on a server that takes no right from anybody
+        connection.exec_driver_sql(f'GRANT TEMPORARY ON DATABASE "{plant.url.database}" TO PUBLIC')
     with BenchLink(url) as link, link.transaction() as connection:
         for name in ("arriving", "folders", "runs", "results", "links", "benches"):
             connection.execute(text(f"CREATE TEMP TABLE {name} (run_id text, facts json)"))

@@ -40,11 +40,13 @@ def served(*options: str, **changes: str) -> Iterator[str]:
     with subprocess.Popen(
         command, stdout=subprocess.PIPE, text=True, env=environment(**changes), cwd="/"
     ) as process:
-        assert process.stdout is not None
-        found = re.search(r"http://\S+", process.stdout.readline())
-        assert found is not None
-        yield found[0]
-        process.terminate()
+        try:
+            assert process.stdout is not None
+            found = re.search(r"http://\S+", process.stdout.readline())
+            assert found is not None
+            yield found[0]
+        finally:
+            process.terminate()
 
 
 def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
@@ -58,22 +60,26 @@ def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
         times = re.findall(r"<td>(2026-\d\d-\d\d \d\d:\d\d)</td>", browser.get("/runs").text)
         assert times == sorted(times, reverse=True)
         assert len(set(times)) == 4
-        chosen = {"specimen_type": "RV-40E", "quantity": "backlash_arcmin", "upper": "1"}
+        chosen = {"specimen_type": "RV-40E", "quantity": "backlash", "upper": "1"}
         production = browser.get("/production", params=chosen)
         assert "Cpk" in production.text
         assert "<svg" in production.text
         chinese = browser.get("/production", params={**chosen, "lang": "zh"})
         assert "过程能力" in chinese.text
         assert "标准差" in chinese.text
+        for page in ("overview", "runs", "transducers", "production"):
+            shown = browser.get(f"/{page}", params={**chosen, "serial": "T-1", "lang": "zh"}).text
+            for heading in re.findall(r"<th scope=\"col\">([^<]*)|<label>([^<]*) <input", shown):
+                assert re.search(r"[\u4e00-\u9fff]", "".join(heading)), heading
         assert browser.get("/transducers", params={"serial": "T-1"}).status_code == 200
         table = browser.get("/runs.csv", params={"batch": "B1"})
         assert len(table.text.splitlines()) == 3
         assert browser.get("/charts.parquet", params=chosen).content[:4] == b"PAR1"
         wrong = browser.get("/production", params={**chosen, "quantity": "none"})
         assert wrong.status_code == 400
-        assert "backlash_arcmin" in wrong.text
+        assert "backlash" in wrong.text
         wrong = browser.get("/charts.csv", params={**chosen, "quantity": "none"})
-        assert (wrong.status_code, "backlash_arcmin" in wrong.text) == (400, True)
+        assert (wrong.status_code, "backlash" in wrong.text) == (400, True)
         assert browser.get("/transducers", params={"serial": "<script>"}).text.count("<script") == 0
         assert browser.get("/runs", params={"bench": "x"}).status_code == 400
         assert browser.get("/nothing").status_code == 404

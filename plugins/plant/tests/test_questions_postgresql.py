@@ -29,7 +29,7 @@ from torquebench_plant import (
 )
 from torquebench_plant.statistics import capability as capability_of
 
-BACKLASH = SpecimenFilter("RV-40E", "backlash_arcmin")
+BACKLASH = SpecimenFilter("RV-40E", "backlash")
 
 
 def transducer(serial: str = "T-1") -> Equipment:
@@ -69,6 +69,27 @@ def test_what_is_due_is_listed_with_its_bench(plant: Plant, tmp_path: Path) -> N
         ("CAL-1", "overdue", "2 Bench", "Hall 2"),
         ("T-1", "overdue", "2 Bench", "Hall 2"),
     ]
+
+
+def test_due_and_drift_name_the_same_day(plant: Plant, tmp_path: Path) -> None:
+    """A drift of 0.12 % a year leaves ±0.1 % about the last calibration before its year is over.
+
+    0.2.0 held it against the first value ever, and `due` knew nothing of it.
+    """
+    life_of_a_transducer(plant, tmp_path)
+    for tolerance, drifts in ((0.1, True), (0.5, False)):
+        by = date.fromisoformat(drift(plant, "T-1", tolerance).facts["calibrate again by"])
+        found = due(plant, 10_000, tolerance_percent=tolerance).rows()
+        (row,) = [each for each in found if each["serial"] == "T-1"]
+        assert row["due"] == by
+        assert row["remark"] == ("by its drift" if drifts else "")
+        stated = date(2027, 12, 1)
+        assert (by < stated) == drifts
+    last = date(2026, 12, 1)
+    leaves = date.fromisoformat(
+        drift(plant, "T-1", 0.1).facts["Span error clockwise leaves ±0.1 %"]
+    )
+    assert (leaves - last).days == pytest.approx(0.1 / 0.12175 * 365.25, rel=0.02)
 
 
 def test_a_transducer_is_followed_over_its_life_and_benches(plant: Plant, tmp_path: Path) -> None:
@@ -147,7 +168,7 @@ def test_production_is_judged(plant: Plant, tmp_path: Path) -> None:
         (expected.cpk, expected.cpk_interval[0])
     )
     assert [row["bench"] for row in benches] == ["1 Bench 1", "2 Bench 2", "3 Bench 3"]
-    narrow = capability(plant, SpecimenFilter("RV-40E", "backlash_arcmin", bench=2), lower=0.5)
+    narrow = capability(plant, SpecimenFilter("RV-40E", "backlash", bench=2), lower=0.5)
     assert narrow.rows()[0]["specimens"] == 12
     assert narrow.rows()[0]["cp"] is None
 
@@ -172,17 +193,17 @@ def test_benches_are_compared_by_a_travelling_specimen(plant: Plant, tmp_path: P
                 results = backlash_results("GOLD", value + 0.04 * (bench == 2))
                 add_run(registry, f"gold-{value}", "test-hysteresis", results)
             forward(registry, url)
-    found = compare(plant, "GOLD", "backlash_arcmin", reference=1).rows()
+    found = compare(plant, "GOLD", "backlash", reference=1).rows()
     assert [row["runs"] for row in found] == [2, 2, 2]
     u = 2.0 * np.hypot(0.025, 0.005)  # of a run, and scatter of the mean of two
     assert found[2]["en"] == pytest.approx(0.04 / np.hypot(u, u))
     assert found[0]["en"] == found[1]["en"] == 0.0
     with pytest.raises(InputError, match="reference bench 9"):
-        compare(plant, "GOLD", "backlash_arcmin", reference=9)
-    with pytest.raises(InputError, match="one of backlash_arcmin"):
-        compare(plant, "GOLD", "backlash")
-    with pytest.raises(InputError, match="no backlash_arcmin of RV-9"):
-        specimens(plant, SpecimenFilter("RV-9", "backlash_arcmin"))
+        compare(plant, "GOLD", "backlash", reference=9)
+    with pytest.raises(InputError, match="one of backlash"):
+        compare(plant, "GOLD", "lost_motion")
+    with pytest.raises(InputError, match="no backlash of RV-9"):
+        specimens(plant, SpecimenFilter("RV-9", "backlash"))
     (last,) = specimens(plant, BACKLASH).rows()
     assert last["bench"] == "3 Bench 3"  # a specimen that is tested again counts once
 

@@ -21,12 +21,12 @@ from torquebench.procedures.reducers.empty_run import EmptyRunSettings
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
 from torquebench.procedures.reducers.loop import BenchTwistSettings, HysteresisSettings
 from torquebench.procedures.reducers.setup import WarmUp
-from torquebench.records import RECORDING, Registry, RunFolder
+from torquebench.records import MANIFEST, RECORDING, Registry, RunFolder, sha256_of_file
 from torquebench.reducers import load_reducer
 from torquebench.station import Station
 from torquebench.uncertainty import Budget
 from torquebench_plant import Plant, differences, forward, reevaluate
-from torquebench_plant.reevaluation import BUDGETS_ONLY
+from torquebench_plant.reevaluation import BUDGETS_ONLY, RunTask, SealedFolder, reevaluate_run
 
 REDUCER = load_reducer("rv-40e")
 BEFORE = "20260105T000000Z-test-hysteresis-0000"
@@ -146,6 +146,27 @@ def test_every_test_is_evaluated_again_to_the_last_bit(
     assert any("passes" in name for name in json.loads(found[outcomes[2].run.run_id][0]))
 
 
+def test_results_that_were_changed_after_sealing_are_found(
+    tested: tuple[Plant, tuple[ReducerTestOutcome, ...]],
+) -> None:
+    """Of a test with a recording, too: its original results are those of its seal."""
+    plant, outcomes = tested
+    run_id = outcomes[0].run.run_id
+    found = plant.run(run_id)
+    manifest = sha256_of_file(outcomes[0].run.folder / MANIFEST)
+    task = RunTask(
+        found.bench_key, run_id, found.kind, plant.folders_url, SealedFolder(found.url, manifest)
+    )
+    assert reevaluate_run(task).problem == ""
+    file = Path(found.url.removeprefix("file://")) / "results.json"
+    content = file.read_bytes()
+    file.write_bytes(content + b" ")
+    try:
+        assert "results.json was changed after sealing" in reevaluate_run(task).problem
+    finally:
+        file.write_bytes(content)
+
+
 def test_processes_find_the_same_bits(
     tested: tuple[Plant, tuple[ReducerTestOutcome, ...]], tmp_path: Path
 ) -> None:
@@ -181,7 +202,7 @@ def test_a_folder_without_recording_says_what_was_evaluated(
     values, problem, remark = kept(plant, "serial")[BEFORE]
     assert (problem, remark) == ("", BUDGETS_ONLY)
     # A short test that lies within its limit passes conditionally, now as then.
-    assert json.loads(values)["backlash_arcmin passes"] == 0.0
+    assert json.loads(values)["backlash passes"] == 0.0
     assert differences(plant, "serial").notes == (f"1 run: {BUDGETS_ONLY}",)
 
 

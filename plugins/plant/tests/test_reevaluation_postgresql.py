@@ -7,11 +7,12 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from plugins.plant.tests.plant_bench import add_run, backlash_results
+from plugins.plant.tests.plant_bench import add_run, backlash_results, calibration_results
 from sqlalchemy import text
 from tests import postgresql_server
 from tests.system.command_line import run, widest_line
@@ -135,7 +136,7 @@ import os
 
 import dask
 
-from torquebench_plant.reevaluating import _pool
+from torquebench_plant.reevaluation import _pool
 from torquebench_plant.reevaluation import RunTask, SealedFolder
 
 
@@ -184,7 +185,7 @@ def test_what_changed_stands_beside_what_was_found(recorded: Plant) -> None:
             )
         )
     (row,) = differences(recorded, "other").rows()
-    assert (row["what"], row["earlier"], row["now"]) == ("backlash_arcmin value", 0.8, 0.9)
+    assert (row["what"], row["earlier"], row["now"]) == ("backlash value", 0.8, 0.9)
     (row,) = differences(recorded, "other", against="now").rows()
     assert row["change"] == pytest.approx(0.1)
 
@@ -203,8 +204,8 @@ def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
     empty = pa.table(columns).replace_schema_metadata({"torquebench.recording": json.dumps(header)})
     pq.write_table(empty, tmp_path / "empty.parquet")
     files = {RECORDING: (tmp_path / "empty.parquet").read_bytes()}
-    monkeypatch.setattr("torquebench_plant.reevaluating.PAGE", 3)
-    monkeypatch.setattr("torquebench_plant.reevaluating.CHUNK", 2)
+    monkeypatch.setattr("torquebench_plant.reevaluation.PAGE", 3)
+    monkeypatch.setattr("torquebench_plant.reevaluation.CHUNK", 2)
     _, link = plant.register_bench("Bench 1")
     with Registry.open(tmp_path / "data") as registry:
         for number in range(7):
@@ -226,6 +227,30 @@ def test_a_folder_that_no_evaluation_expects_holds_up_no_other(
     assert {run for run, _, problem in kept(plant, "odd") if problem} == {
         "20260104T000000Z-test-hysteresis-0003"
     }
+
+
+@pytest.mark.parametrize(
+    ("kind", "results", "said"),
+    [
+        ("test-hysteresis", backlash_results("S-1"), "no budget of backlash"),
+        ("test-hysteresis", {"quantities": [{}]}, "a value key is missing; reevaluation.py"),
+        ("test-hysteresis", None, "has no quantities"),
+        ("calibrate-output", calibration_results(), "has no document of its start"),
+        ("calibrate-output", {"data": {}}, "has other columns"),
+        ("verify-output", {"serial": "S-1"}, "holds no points"),
+    ],
+)
+def test_what_lacks_something_says_what(
+    kind: str, results: Any, said: str, plant: Plant, tmp_path: Path
+) -> None:
+    """0.2.0 answered "KeyError: 'budget'" and "StopIteration: "."""
+    _, link = plant.register_bench("Bench 1")
+    with Registry.open(tmp_path / "data") as registry:
+        add_run(registry, f"20260105T000000Z-{kind}-0000", kind, results)
+        assert forward(registry, link).problems == []
+    assert reevaluate(plant, "serial", label="lacking").problems == 1
+    (row,) = differences(plant, "lacking").rows()
+    assert said in row["what"]
 
 
 def test_a_changed_file_and_a_withdrawn_run_are_left_out(plant: Plant, tmp_path: Path) -> None:

@@ -1,3 +1,4 @@
+from .roles import SIDES as SIDES, Side as Side
 from .description import (
     BenchDescription as BenchDescription,
     default_bench as default_bench,

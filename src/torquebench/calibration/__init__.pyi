@@ -14,6 +14,7 @@ from .condition_cells import (
 )
 from .data import (
     OPTIONAL_COLUMNS as OPTIONAL_COLUMNS,
+    REQUIRED_COLUMNS as REQUIRED_COLUMNS,
     RANGE_MARGIN as RANGE_MARGIN,
     CalibrationData as CalibrationData,
     infer_branch as infer_branch,

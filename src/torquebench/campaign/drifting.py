@@ -50,7 +50,8 @@ class DriftSeries:
     moments, values : tuple
         The oldest first.
     tolerance : float
-        Tolerance about its first value, in its unit.
+        Tolerance in its unit: about the last calibration, which a chain is compensated by, or about
+        the first zero or check.
     chart, trend, prediction : ControlChart, Trend, DriftPrediction or None
         None where there are too few values.
     calibrations : bool
@@ -117,7 +118,7 @@ def drift_of(
     serial : str
         The transducer.
     tolerance_percent : float
-        Tolerance about the first value, in % (of the span; of the range for zeros and checks).
+        Tolerance in % (of the span; of the range for zeros and checks), as `DriftSeries` has it.
     base : int, optional
         Limits of the control charts from the first so many values; from all by default.
     models : sequence of ModelEntry
@@ -283,7 +284,9 @@ def _series(
         tolerance=tolerance,
         chart=chart,
         trend=find_trend(moments, values) if lasting else None,
-        prediction=predict_drift(moments, values, tolerance, centre=values[0])
+        prediction=predict_drift(
+            moments, values, tolerance, centre=values[-1 if calibrations else 0]
+        )
         if lasting and len(set(moments)) >= LEAST_VALUES
         else None,
         calibrations=calibrations,

@@ -171,7 +171,7 @@ def calibration_entry(folder: RunFolder, **remarks: str) -> CalibrationEntry:
     results, manifest = folder.results, folder.manifest
     performed = datetime.fromisoformat(manifest["sealed"])
     if "table" in metadata:  # measured elsewhere, and earlier
-        start = next(document for _, document in folder.documents("start"))
+        start = _start(folder)
         performed = datetime.fromtimestamp(float(start["time"]), performed.tzinfo)
     listed = [name for name in (MANIFEST, "table.csv") if (folder.path / name).is_file()]
     signature = metadata.get("signature")
@@ -261,9 +261,18 @@ def run_data(folder: RunFolder) -> CalibrationData:
         ) from error
 
 
+def _start(folder: RunFolder) -> dict[str, Any]:
+    """Return the document with which a run began."""
+    for _, document in folder.documents("start"):
+        return document
+    raise RecordError(
+        Message("{path} has no document of its start", folder.path), "a run that was begun"
+    )
+
+
 def run_profile(folder: RunFolder) -> Profile:
     """Return the profile that a calibration run has followed, options included."""
-    start = next(document for _, document in folder.documents("start"))
+    start = _start(folder)
     if "profile" not in start:
         raise RecordError(Message("{path} has no profile", folder.path), "a calibration run")
     return Profile.model_validate(start["profile"]["settings"])

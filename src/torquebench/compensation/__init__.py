@@ -7,7 +7,8 @@ hysteresis and proposes where to calibrate next.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__, __dir__, _public = lazy_loader.attach_stub(__name__, __file__)
+__all__ = ["RECOMMENDED", *_public]
 
 RECOMMENDED = "hybrid"
 """Kind of model that a calibration activates by default."""

@@ -30,7 +30,7 @@ from torquebench.panel.service import BenchService
 from torquebench.panel.stopping import StopFirst
 from torquebench.panel.turns import Turns
 
-__all__ = ["create_app", "listen", "serve", "storage_secret"]
+__all__ = ["create_app", "listen", "serve", "serve_application", "storage_secret"]
 
 SECRET_FILE = "panel-secret"
 GRACE_S = 3
@@ -129,6 +129,22 @@ def serve(
         server = _Server(config, service.unload_aside)
         on_ready(address.url(port))
         server.run(sockets=[listening])
+
+
+def serve_application(
+    app: ASGIApp, address: Address, on_ready: Callable[[str], None] = lambda _url: None
+) -> None:
+    """Serve pages without a bench, behind the panel's checks of hosts and headers, until Ctrl-C.
+
+    Raises
+    ------
+    InputError
+        The port is taken, or the address isn't one of this machine.
+    """
+    with listen(address) as listening:
+        guarded = Guard(app, address.hosts, secure=address.secure)
+        on_ready(address.url(int(listening.getsockname()[1])))
+        uvicorn.Server(uvicorn_config(guarded, address)).run(sockets=[listening])
 
 
 class _Server(uvicorn.Server):

@@ -1,5 +1,10 @@
 from .chain import (
     ChainHead as ChainHead,
+    Link as Link,
+    broken_links as broken_links,
+)
+from .edges.archive import (
+    EDGE_ARCHIVE as EDGE_ARCHIVE,
 )
 from .registry.database import (
     REGISTRY_FILE as REGISTRY_FILE,

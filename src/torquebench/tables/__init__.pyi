@@ -18,6 +18,7 @@ from .formats import (
     check_written as check_written,
     endings as endings,
     reads as reads,
+    write_table as write_table,
 )
 from .formats.text import (
     decode_text as decode_text,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import secrets
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -11,29 +12,41 @@ from typing import Any, Self
 
 from sqlalchemy import Connection, bindparam, func, insert, inspect, select, text, update
 from sqlalchemy.engine import URL, make_url
+from sqlalchemy.exc import SQLAlchemyError
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.records.chain import ChainHead, Link, broken_links
-from torquebench.records.registry.database import database_failures, engine_of, url_with_driver
+from torquebench.records import ChainHead, Link, broken_links
+from torquebench.records.registry import database_failures, engine_of, url_with_driver
 from torquebench_plant.folders import FolderStore
-from torquebench_plant.functions import BENCH_FUNCTIONS, functions
-from torquebench_plant.tables import (
+from torquebench_plant.schema import (
+    BENCH_FUNCTIONS,
     PLANT_SCHEMA,
     PLANT_VERSION,
     benches,
     folders,
     links,
-    mirrored,
     plant_metadata,
     runs,
     settings,
+    statements,
 )
 
-__all__ = ["BenchState", "Plant", "PlantDatabase", "PlantRun"]
-
-_KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
 CHUNK = 5000
+CLOCK_WARNED_S, CLOCK_REFUSED_S = 120.0, 86_400.0
+"""Differences between the clocks of bench and plant that are told, and that are refused, s."""
+CONNECTIONS = 20
+"""Largest number of connections of one role."""
+_OPEN_RIGHTS = """
+SELECT format('REVOKE TEMPORARY ON DATABASE %I FROM PUBLIC', datname) FROM pg_database
+  WHERE datname = current_database() AND has_database_privilege('public', oid, 'TEMP')
+UNION ALL SELECT 'REVOKE CREATE ON SCHEMA public FROM PUBLIC' FROM pg_namespace
+  WHERE nspname = 'public' AND has_schema_privilege('public', oid, 'CREATE')
+UNION ALL SELECT format('REVOKE EXECUTE ON FUNCTION %s FROM PUBLIC', oid::regprocedure)
+  FROM pg_proc WHERE pronamespace = 'pg_catalog'::regnamespace
+  AND proname IN ('lo_creat', 'lo_create', 'lo_from_bytea', 'lo_import')
+  AND has_function_privilege('public', oid, 'EXECUTE')
+"""
 
 
 @dataclass(frozen=True)
@@ -48,6 +61,9 @@ class BenchState:
         As it was registered.
     head : ChainHead
         End of its chain, as far as it has arrived.
+    ahead_s : float
+        How far the newest entry's time lies after the plant's present time, s; 0 for a clock that
+        is right.
     last_contact : datetime or None
         When it last sent something.
     runs, folders : int
@@ -65,6 +81,7 @@ class BenchState:
     runs: int
     folders: int
     replaced_by: int | None = None
+    ahead_s: float = 0.0
 
     @property
     def title(self) -> str:
@@ -247,7 +264,7 @@ class Plant(PlantDatabase):
             )
         connection.execute(text(f"CREATE SCHEMA {PLANT_SCHEMA}"))
         plant_metadata.create_all(connection, checkfirst=False)
-        for statement in functions(tuple(mirrored), _KEPT):
+        for statement in statements():
             connection.exec_driver_sql(statement)
         content = {
             "version": PLANT_VERSION,
@@ -260,6 +277,25 @@ class Plant(PlantDatabase):
         connection.execute(
             text(f"REVOKE ALL ON ALL FUNCTIONS IN SCHEMA {PLANT_SCHEMA} FROM PUBLIC")
         )
+        self._protect_disk(connection)
+
+    @staticmethod
+    def _protect_disk(connection: Connection) -> None:
+        """Take from everybody the rights to fill the disk beside the plant's tables.
+
+        What this role may not take is left, see `open_rights`.
+        """
+        for statement in connection.scalars(text(_OPEN_RIGHTS)).all():
+            with contextlib.suppress(SQLAlchemyError), connection.begin_nested():
+                connection.exec_driver_sql(statement)
+
+    def open_rights(self) -> list[str]:
+        """Return the statements by which the server's administrator protects the disk.
+
+        Without them a bench's role may store large objects or temporary tables of any size.
+        """
+        with self.transaction() as connection:
+            return list(connection.scalars(text(_OPEN_RIGHTS)))
 
     @staticmethod
     def _setting(connection: Connection, name: str) -> str:
@@ -295,6 +331,7 @@ class Plant(PlantDatabase):
         if not name.strip():
             raise InputError("a bench without a name", "a name")
         with self.transaction() as connection:
+            self._protect_disk(connection)
             if replaces is not None:
                 self._bench(connection, replaces)
             number = connection.scalar(
@@ -333,7 +370,9 @@ class Plant(PlantDatabase):
     def _add_role(self, connection: Connection, role: str, *rights: str) -> URL:
         """Create a role that may sign in, with rights in the plant's schema; return its URL."""
         password, quoted = secrets.token_urlsafe(24), _quoted(role)
-        connection.exec_driver_sql(f"CREATE ROLE {quoted} LOGIN PASSWORD '{password}'")
+        connection.exec_driver_sql(
+            f"CREATE ROLE {quoted} LOGIN CONNECTION LIMIT {CONNECTIONS} PASSWORD '{password}'"
+        )
         for right in (f"USAGE ON SCHEMA {PLANT_SCHEMA}", *rights):
             connection.exec_driver_sql(f"GRANT {right} TO {quoted}")
         return make_url(self.url).set(drivername="postgresql", username=role, password=password)
@@ -353,7 +392,21 @@ class Plant(PlantDatabase):
             select(func.count()).where(table.c.bench_key == benches.c.bench_key).scalar_subquery()
             for table in (runs, folders)
         )
-        query = select(benches, known.label("known"), arrived.label("arrived"))
+        newest = (
+            select(links.c.recorded)
+            .where(
+                links.c.bench_key == benches.c.bench_key,
+                links.c.sequence == benches.c.head_sequence,
+            )
+            .scalar_subquery()
+        )
+        query = select(
+            benches,
+            known.label("known"),
+            arrived.label("arrived"),
+            newest.label("newest"),
+            func.now().label("now"),
+        )
         query = query.order_by(benches.c.bench_key)
         with self.transaction() as connection:
             return [
@@ -367,6 +420,7 @@ class Plant(PlantDatabase):
                     runs=row.known,
                     folders=row.arrived,
                     replaced_by=row.replaced_by,
+                    ahead_s=_ahead_s(row.newest, row.now),
                 )
                 for row in connection.execute(query)
             ]
@@ -531,6 +585,14 @@ class Plant(PlantDatabase):
         with self.transaction() as connection:
             rows = connection.execute(query).all()
         return [said for url, manifest in rows for said in store.verify(url, manifest)]
+
+
+def _ahead_s(recorded: str | None, now: datetime) -> float:
+    """Return how far an entry's time lies in the future, s; 0 where it doesn't."""
+    if recorded is None:
+        return 0.0
+    ahead_s = (datetime.fromisoformat(recorded) - now).total_seconds()
+    return ahead_s if ahead_s > CLOCK_WARNED_S else 0.0
 
 
 _LISTED = tuple(each.name for each in fields(PlantRun) if each.name in runs.columns)

@@ -20,8 +20,7 @@ from urllib.parse import urlsplit
 from torquebench.atomic_write import replacing
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.records.edges.archive import EDGE_ARCHIVE
-from torquebench.records.runs.folder import MANIFEST
+from torquebench.records import EDGE_ARCHIVE, MANIFEST
 
 __all__ = ["FolderStore", "PushedFolder"]
 

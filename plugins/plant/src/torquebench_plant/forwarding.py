@@ -6,8 +6,9 @@ bench's hash chain, and sending continues from there; repeated data changes noth
 
 from __future__ import annotations
 
+import io
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -17,11 +18,11 @@ from sqlalchemy import text
 from sqlalchemy.engine import URL
 
 from torquebench.atomic_write import atomic_write
+from torquebench.calibration import OPTIONAL_COLUMNS, REQUIRED_COLUMNS
 from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, Progress
-from torquebench.records import Registry, RunFolder, UnavailableError, json_text
-from torquebench.records.chain import ChainHead
+from torquebench.records import ChainHead, Registry, RunFolder, UnavailableError, json_text
 from torquebench.records.registry import (
     DISCARDED,
     Activation,
@@ -29,11 +30,9 @@ from torquebench.records.registry import (
     ModelEntry,
     RunEnd,
 )
-from torquebench_plant.database import PlantDatabase
-from torquebench_plant.facts import facts_of, points_table
+from torquebench.units import DAY, DAYS_PER_YEAR, HOUR
+from torquebench_plant.database import CLOCK_REFUSED_S, CLOCK_WARNED_S, PlantDatabase
 from torquebench_plant.folders import FolderStore
-
-__all__ = ["LINK_FILE", "BenchLink", "Forwarded", "forward", "note_withdrawal"]
 
 LINK_FILE = "plant.json"
 """File in a data directory with the bench's identity in a plant, and the last sent link."""
@@ -61,6 +60,8 @@ class Forwarded:
         Local records that the plant has withdrawn, in words.
     problems : list of str
         Folders that couldn't be sent, and why; they are tried again next time.
+    clock : str
+        What is wrong with the bench's clock, in words; empty if it is right.
     """
 
     bench: str
@@ -70,11 +71,12 @@ class Forwarded:
     size: int = 0
     withdrawn: list[str] = field(default_factory=list)
     problems: list[str] = field(default_factory=list)
+    clock: str = ""
 
 
 @dataclass(frozen=True)
 class _Mine:
-    """Identity of this bench in the plant."""
+    """Identity of this bench in the plant, and how far its clock is ahead of the plant's, s."""
 
     number: int
     name: str
@@ -82,6 +84,7 @@ class _Mine:
     folders: str
     first_sha256: str | None
     head: ChainHead
+    ahead_s: float
 
 
 class BenchLink(PlantDatabase):
@@ -96,6 +99,9 @@ class BenchLink(PlantDatabase):
             The URL belongs to another bench.
         """
         with self.transaction() as connection:
+            now = connection.scalar(text("SELECT clock_timestamp()"))
+            assert now is not None
+            ahead_s = (datetime.now(UTC) - now).total_seconds()
             row = connection.execute(text("SELECT * FROM plant.my_bench()")).one_or_none()
         if row is None:
             raise InputError(
@@ -104,13 +110,26 @@ class BenchLink(PlantDatabase):
                 "register the bench, or ask the administrator of the plant's registry",
             )
         head = ChainHead(row.head_sequence, row.head_sha256)
-        return _Mine(row.bench_key, row.name, row.plant, row.folders, row.first_sha256, head)
+        return _Mine(
+            row.bench_key, row.name, row.plant, row.folders, row.first_sha256, head, ahead_s
+        )
 
     def append(self, entries: list[dict[str, Any]]) -> ChainHead:
         """Append links of the chain; the plant checks that they continue its last link."""
         query = text("SELECT sequence, sha256 FROM plant.append(CAST(:links AS json))")
-        with self.transaction() as connection:
-            row = connection.execute(query, {"links": json.dumps(entries)}).one()
+        try:
+            with self.transaction() as connection:
+                row = connection.execute(query, {"links": json.dumps(entries)}).one()
+        except RecordError as error:
+            if "first_sha256" in str(error.__cause__):
+                raise RecordError(
+                    "this data directory begins as that of another bench of the plant: it is a "
+                    "copy",
+                    "one bench, one data directory",
+                    "send from the other bench's directory with the other bench's URL; a new "
+                    "bench begins with an empty data directory",
+                ) from error
+            raise
         return ChainHead(row.sequence, row.sha256)
 
     def missing_folders(self) -> list[tuple[str, str]]:
@@ -166,7 +185,7 @@ def forward(
     with BenchLink(url) as link:
         mine = link.mine()
         _check_same(registry, mine)
-        done = Forwarded(f"{mine.number} {mine.name}", mine.head)
+        done = Forwarded(f"{mine.number} {mine.name}", mine.head, clock=_check_clock(mine))
         _send_entries(registry, link, done, progress)
         _note_link(registry, mine, done.head)
         for run_id, by, reason in link.withdrawals():
@@ -176,6 +195,28 @@ def forward(
         _send_folders(registry, link, mine, done, progress, told)
         _note_link(registry, mine, done.head)
     return done
+
+
+def _check_clock(mine: _Mine) -> str:
+    """Return what is wrong with the clock of this bench; refuse one that is wrong by days."""
+    if abs(mine.ahead_s) < CLOCK_WARNED_S:
+        return ""
+    units = ((DAYS_PER_YEAR * DAY, "years"), (DAY, "days"), (HOUR, "h"), (1.0, "s"))
+    unit_s, unit = next(each for each in units if abs(mine.ahead_s) >= each[0])
+    said = Message(
+        "the clock of this bench is {time:.3g} {unit} ahead of the plant's"
+        if mine.ahead_s > 0
+        else "the clock of this bench is {time:.3g} {unit} behind the plant's",
+        abs(mine.ahead_s) / unit_s,
+        unit,
+    )
+    if abs(mine.ahead_s) < CLOCK_REFUSED_S:
+        return said
+    raise InputError(
+        said,
+        "a clock within a day of the plant's: it dates what is due and what drifts",
+        "set the clock, best by NTP, and send again; the records stay here until then",
+    )
 
 
 def _check_same(registry: Registry, mine: _Mine) -> None:
@@ -341,3 +382,100 @@ def note_withdrawal(registry: Registry, run_id: str, *, by: str, reason: str) ->
                 registry.deactivate(*chain, operator=by, reason=because)
                 said += f"; model-{model.model_id} is out of use, calibrate again"
     return said
+
+
+# -- what the plant reads of a folder ----------------------------------------------------------
+
+_COLUMNS = (*REQUIRED_COLUMNS, *OPTIONAL_COLUMNS)
+
+
+@dataclass(frozen=True)
+class RunFacts:
+    """Results of a run that a plant uses.
+
+    Parameters
+    ----------
+    specimen_type, serial : str
+        Of the tested reducer; empty for other runs.
+    quantities : tuple of mapping
+        Of a reducer test: quantity, title, value, expanded uncertainty, unit, limit, verdict.
+    """
+
+    specimen_type: str = ""
+    serial: str = ""
+    quantities: tuple[Mapping[str, Any], ...] = ()
+
+
+def facts_of(results: Any) -> RunFacts:
+    """Return the facts in the content of a run's ``results.json``.
+
+    Examples
+    --------
+    >>> facts_of({"reducer": {"name": "RV-40E"}, "serial": "S-1", "quantities": [
+    ...     {"key": "backlash", "title": "Backlash", "value": 0.6, "unit": "arcmin",
+    ...      "expanded_uncertainty": 0.1}]}).quantities[0]["value"]
+    0.6
+    >>> facts_of(None)
+    RunFacts(specimen_type='', serial='', quantities=())
+    """
+    if not (isinstance(results, Mapping) and isinstance(results.get("quantities"), list)):
+        return RunFacts()
+    try:
+        return RunFacts(
+            specimen_type=str(results["reducer"]["name"]),
+            serial=str(results.get("serial") or ""),
+            quantities=tuple(
+                {
+                    "quantity": row["key"],
+                    "title": row["title"],
+                    "value": row["value"],
+                    "expanded_uncertainty": row.get("expanded_uncertainty"),
+                    "unit": row.get("unit", ""),
+                    "limit": row.get("limit") or "",
+                    "verdict": row.get("verdict") or "",
+                }
+                for row in results["quantities"]
+                if row.get("value") is not None
+            ),
+        )
+    except (AttributeError, KeyError, TypeError):  # of no version: it is kept, not understood
+        return RunFacts()
+
+
+def points_table(results: Any, started: datetime) -> bytes | None:
+    """Return the points of a calibration, check or verification as a Parquet file (zstd).
+
+    None where the run has none. Values common to all points (transducer, range) are columns, so
+    that thousands of such files form one table.
+
+    Parameters
+    ----------
+    results : object
+        Content of the run's ``results.json``.
+    started : datetime.datetime
+    """
+    data = results.get("data") if isinstance(results, Mapping) else None
+    if not (isinstance(data, Mapping) and data.get("reading_nm")):
+        return None
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    count = len(data["reading_nm"])
+    columns: dict[str, Any] = {
+        name: pa.array(
+            data.get(name) or [None] * count,
+            pa.int32() if name in ("series", "branch") else pa.float64(),
+        )
+        for name in _COLUMNS
+    }
+    constant = {
+        "range_nm": pa.scalar(float(data["range_nm"])),
+        "side": pa.scalar(str(data.get("side") or "")),
+        "transducer_serial": pa.scalar(str(data.get("transducer_serial") or "")),
+        "counter_identity": pa.scalar(str(data.get("counter_identity") or "")),
+        "started": pa.scalar(started, pa.timestamp("us", tz="UTC")),
+    }
+    columns |= {name: pa.repeat(value, count) for name, value in constant.items()}
+    sink = io.BytesIO()
+    pq.write_table(pa.table(columns), sink, compression="zstd")
+    return sink.getvalue()

@@ -1,6 +1,6 @@
 """Plant view in a browser: results of all benches, available without any bench.
 
-Pages are plain HTML, generated on the server from `torquebench_plant`; they only read.
+Pages are plain HTML, generated on the server; they only read.
 """
 
 from __future__ import annotations
@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import urlencode
 
-import uvicorn
 from fastapi import FastAPI, Request
 from fastapi.concurrency import run_in_threadpool
 from fastapi.responses import FileResponse, HTMLResponse, PlainTextResponse, Response
@@ -26,17 +25,50 @@ from torquebench.errors import InputError, TorquebenchError
 from torquebench.figures import COLOURS, new_figure, svg_text
 from torquebench.message import Message
 from torquebench.panel.address import Address
-from torquebench.panel.api import Guard
-from torquebench.panel.server import listen, uvicorn_config
-from torquebench.panel.text import Text, choose_language
+from torquebench.panel.server import serve_application
+from torquebench.panel.text import Language, choose_language
+from torquebench.translations import translated
 from torquebench_plant import Answer, Plant, SpecimenFilter
-
-__all__ = ["create_plant_view", "serve_plant_view"]
 
 STYLE = Path(__file__).with_name("view.css")
 SHOWN = 200
 """Most rows of a table on a page; the files hold all."""
-PAGES = ("overview", "runs", "transducers", "production", "comparison")
+PAGES = {
+    "overview": "Benches and due dates",
+    "runs": "Runs",
+    "transducers": "Transducers",
+    "production": "Production",
+    "comparison": "Comparison of benches",
+}
+"""Titles of the pages by their paths."""
+LANGUAGES: Mapping[Language, tuple[str, str]] = {"en": ("en", "English"), "zh": ("zh-CN", "中文")}
+"""Tag and name of each language."""
+HEADINGS = {
+    "last_contact": "Heard from (UTC)",
+    "run_id": "Run",
+    "started": "Started (UTC)",
+    "specimen_type": "Type",
+    "serial": "Serial number",
+    "when": "When (UTC)",
+    "span_error_percent": "Span error, %",
+    "expanded_uncertainty": "U",
+    "cp": "Cp (capability)",
+    "cp_low": "Cp from",
+    "cp_high": "Cp to",
+    "cpk": "Cpk (capability)",
+    "cpk_low": "Cpk from",
+    "cpk_high": "Cpk to",
+    "ewma": "Weighted average (EWMA)",
+    "ewma_lower": "EWMA, lower limit",
+    "ewma_upper": "EWMA, upper limit",
+    "what": "Item",
+    "p_value": "Probability by chance",
+    "en": "Deviation number E_n",
+    "lower": "Lower limit",
+    "upper": "Upper limit",
+    "reference": "Reference bench",
+}
+"""Headings of columns whose name doesn't say enough."""
 _FORMS: Mapping[str, tuple[str, ...]] = {
     "runs": ("bench", "kind", "status", "specimen_type", "serial", "batch", "operator"),
     "transducers": ("serial", "kind"),
@@ -183,8 +215,8 @@ def create_plant_view(plant: Plant, password: str = "") -> FastAPI:
             return await run_in_threadpool(_file, plant, name, ending, wanted)
         language = choose_language(wanted.get("lang"), request.headers.get("accept-language"))
         if page not in PAGES:
-            return HTMLResponse(_frame(Text(language), "overview", ""), 404)
-        return await run_in_threadpool(_page, plant, Text(language), page, wanted)
+            return HTMLResponse(_frame(language, "overview", ""), 404)
+        return await run_in_threadpool(_page, plant, language, page, wanted)
 
     return app
 
@@ -209,10 +241,7 @@ def serve_plant_view(
             "a password, or the loopback address",
             "set TORQUEBENCH_VIEW_PASSWORD",
         )
-    with listen(address) as listening:
-        guarded = Guard(create_plant_view(plant, password), address.hosts, secure=address.secure)
-        on_ready(address.url(int(listening.getsockname()[1])))
-        uvicorn.Server(uvicorn_config(guarded, address)).run(sockets=[listening])
+    serve_application(create_plant_view(plant, password), address, on_ready)
 
 
 def _file(plant: Plant, name: str, ending: str, wanted: Wanted) -> Response:
@@ -229,70 +258,87 @@ def _file(plant: Plant, name: str, ending: str, wanted: Wanted) -> Response:
     return FileResponse(path, filename=f"{name}.{ending}", background=done)
 
 
-def _page(plant: Plant, text: Text, page: str, wanted: Wanted) -> HTMLResponse:
-    parts, status = [_form(text, page, wanted)], 200
+def _page(plant: Plant, language: Language, page: str, wanted: Wanted) -> HTMLResponse:
+    parts, status = [_form(language, page, wanted)], 200
     for name in _ON_PAGE[page]:
         try:
-            found = ANSWERS[name](plant, wanted)
+            answer = ANSWERS[name](plant, wanted)
         except TorquebenchError as error:
-            said, more = text.refusal(error)
-            parts.append(f'<p class="problem" role="alert">{escape(said)}<br>{escape(more)}</p>')
+            parts.append(_refusal(language, error))
             status = _status(error)
             break
-        if found is not None:
-            parts.append(_section(text, name, found, wanted))
-    return HTMLResponse(_frame(text, page, "".join(parts)), status)
+        if answer is not None:
+            parts.append(_section(language, name, answer, wanted))
+    return HTMLResponse(_frame(language, page, "".join(parts)), status)
 
 
 def _status(error: TorquebenchError) -> int:
     return 400 if isinstance(error, InputError) else 503
 
 
-def _section(text: Text, name: str, found: Answer, wanted: Wanted) -> str:
-    simulated = f" · {text('frame.simulated')}" if found.simulated else ""
-    title = text("plant.benches") if name == "benches" else text.core(found.title)
-    title = text("plant.runs") if name == "runs" else title
+def _say(language: Language, said: str) -> str:
+    """Return a text of the plant or of the core in a language, for HTML."""
+    return escape(translated(said, language))
+
+
+def _refusal(language: Language, error: TorquebenchError) -> str:
+    more = [_say(language, Message("Allowed: {allowed}", error.allowed))] if error.allowed else []
+    more += [_say(language, error.remedy)] if error.remedy else []
+    found = _say(language, error.found)
+    return f'<p class="problem" role="alert">{found}<br>{"; ".join(more)}</p>'
+
+
+def _section(language: Language, name: str, answer: Answer, wanted: Wanted) -> str:
+    simulated = f" · {_say(language, 'simulated')}" if answer.simulated else ""
     facts = "".join(
-        f"<dt>{escape(text.core(key))}</dt><dd>{escape(_shown(value, text))}</dd>"
-        for key, value in found.facts.items()
+        f"<dt>{_say(language, key)}</dt><dd>{_shown(value, language)}</dd>"
+        for key, value in answer.facts.items()
     )
-    notes = "".join(f"<p>{escape(text.core(said))}</p>" for said in found.notes)
+    notes = "".join(f"<p>{_say(language, said)}</p>" for said in answer.notes)
     asked = urlencode({key: value for key, value in wanted.items() if key != "lang"})
     files = " · ".join(
         f'<a href="/{name}.{ending}?{escape(asked)}">{ending.upper()}</a>'
         for ending in ("csv", "parquet")
     )
-    figure = _figure(text, found) if name == "charts" else ""
+    figure = _figure(language, answer) if name == "charts" else ""
     return (
-        f"<section><h2>{escape(title)}{simulated}</h2>{notes}<dl>{facts}</dl>{figure}"
-        f"{_table(text, found)}<p>{files}</p></section>"
+        f"<section><h2>{_say(language, answer.title)}{simulated}</h2>{notes}<dl>{facts}</dl>"
+        f"{figure}{_table(language, answer)}<p>{files}</p></section>"
     )
 
 
-def _table(text: Text, found: Answer) -> str:
-    rows = found.rows()
-    kept = [name for name in found.columns if any(row[name] not in (None, "") for row in rows)]
-    shown = found.shown(SHOWN)
-    head = "".join(f'<th scope="col">{escape(_heading(text, name))}</th>' for name in kept)
-    body = "".join(
-        "<tr>" + "".join(f"<td>{escape(_shown(row[name], text))}</td>" for name in kept) + "</tr>"
-        for row in (reversed(shown) if found.in_time else shown)
-    )
+def _table(language: Language, answer: Answer) -> str:
+    rows = answer.rows()
     if not rows:
-        return f"<p>{escape(text('plant.nothing'))}</p>"
-    key = "plant.last" if found.in_time else "plant.first"
-    more = text(key, shown=SHOWN, all=len(rows)) if len(rows) > SHOWN else ""
+        return f"<p>{_say(language, 'Nothing')}</p>"
+    kept = [name for name in answer.columns if any(row[name] not in (None, "") for row in rows)]
+    shown = answer.shown(SHOWN)
+    head = "".join(f'<th scope="col">{_heading(language, name)}</th>' for name in kept)
+    body = "".join(
+        "<tr>" + "".join(f"<td>{_shown(row[name], language)}</td>" for name in kept) + "</tr>"
+        for row in (reversed(shown) if answer.in_time else shown)
+    )
+    more = Message(
+        "The last {shown} of {all} rows; the files hold all."
+        if answer.in_time
+        else "The first {shown} of {all} rows; the files hold all.",
+        SHOWN,
+        len(rows),
+    )
     return (
         f'<div class="wide"><table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-        f"</div><p>{escape(more)}</p>"
+        f"</div><p>{_say(language, more) if len(rows) > SHOWN else ''}</p>"
     )
 
 
-def _heading(text: Text, name: str) -> str:
-    return text.title(text.maybe(f"plant.column_{name}", name.replace("_", " ")))
+def _heading(language: Language, name: str) -> str:
+    words = name.replace("_", " ")
+    heading = HEADINGS.get(name) or words.capitalize()
+    known = language == "en" or translated(heading, language) != heading
+    return _say(language, heading if known else words)  # the core's own words begin small
 
 
-def _shown(value: Any, text: Text) -> str:
+def _shown(value: Any, language: Language) -> str:
     if value is None:
         return "-"
     if isinstance(value, datetime):
@@ -301,52 +347,50 @@ def _shown(value: Any, text: Text) -> str:
         return value.isoformat()
     if isinstance(value, float):
         return f"{value:.4g}"
-    return text.core(value if isinstance(value, str) else str(value))
+    return _say(language, value if isinstance(value, str) else str(value))
 
 
-def _figure(text: Text, found: Answer) -> str:
+def _figure(language: Language, answer: Answer) -> str:
     """Return both control charts, one above the other."""
     figure, (single, moving) = new_figure(2.4, 2)
-    values = found.columns["value"]
-    single.plot(values, ".", color=COLOURS[0], markersize=3)
+    single.plot(answer.columns["value"], ".", color=COLOURS[0], markersize=3)
     for name in ("lower limit of single values", "centre", "upper limit of single values"):
-        single.axhline(found.facts[name], color=COLOURS[1], linewidth=0.8)
-    moving.plot(found.columns["ewma"], color=COLOURS[0], linewidth=1.0)
+        single.axhline(answer.facts[name], color=COLOURS[1], linewidth=0.8)
+    moving.plot(answer.columns["ewma"], color=COLOURS[0], linewidth=1.0)
     for name in ("ewma_lower", "ewma_upper"):
-        moving.plot(found.columns[name], color=COLOURS[1], linewidth=0.8)
-    label = escape(text("plant.charts"))
+        moving.plot(answer.columns[name], color=COLOURS[1], linewidth=0.8)
+    label = _say(language, "Control charts")
     return f'<div role="img" aria-label="{label}">{svg_text(figure)}</div>'
 
 
-def _form(text: Text, page: str, wanted: Wanted) -> str:
+def _form(language: Language, page: str, wanted: Wanted) -> str:
     fields = _FORMS.get(page)
     if fields is None:
         return ""
     inputs = "".join(
-        f"<label>{escape(_heading(text, name))} "
+        f"<label>{_heading(language, name)} "
         f'<input name="{name}" value="{escape(wanted.get(name, ""))}"></label> '
         for name in fields
     )
-    language = f'<input type="hidden" name="lang" value="{text.language}">'
-    show = escape(text("plant.show"))
-    return f'<form method="get" action="/{page}">{inputs}{language}<button>{show}</button></form>'
+    chosen = f'<input type="hidden" name="lang" value="{language}">'
+    show = _say(language, "Show")
+    return f'<form method="get" action="/{page}">{inputs}{chosen}<button>{show}</button></form>'
 
 
-def _frame(text: Text, page: str, content: str) -> str:
+def _frame(language: Language, page: str, content: str) -> str:
     links = "".join(
-        f'<a href="/{name}?lang={text.language}"'
-        f"{' aria-current=page' if name == page else ''}>{escape(text(f'plant.{name}'))}</a>"
-        for name in PAGES
+        f'<a href="/{name}?lang={language}"{" aria-current=page" if name == page else ""}>'
+        f"{_say(language, title)}</a>"
+        for name, title in PAGES.items()
     )
     others = "".join(
-        f'<a href="/{page}?lang={each}" lang="{each}">{escape(Text(each)("name.language"))}</a>'
-        for each in ("en", "zh")
-        if each != text.language
+        f'<a href="/{page}?lang={each}" lang="{each}">{name}</a>'
+        for each, (_, name) in LANGUAGES.items()
+        if each != language
     )
-    title = escape(text("plant.title"))
-    tag = {"en": "en", "zh": "zh-CN"}[text.language]
+    title = _say(language, "Plant")
     return (
-        f'<!DOCTYPE html><html lang="{tag}"><head><meta charset="utf-8">'
+        f'<!DOCTYPE html><html lang="{LANGUAGES[language][0]}"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width">'
         f"<title>{title} · torquebench</title>"
         '<link rel="stylesheet" href="/view.css"></head>'

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import UTC, date, datetime
 
 from torquebench import __version__
-from torquebench.bench.roles import SIDES
+from torquebench.bench import SIDES
 from torquebench.errors import TorquebenchError
 from torquebench.panel.beside import ServedBench
 from torquebench.panel.service import (

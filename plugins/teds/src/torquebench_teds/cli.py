@@ -10,9 +10,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.markup import escape
 
-from torquebench.cli.answers import ANSWERS, Record
-from torquebench.cli.options import HELP_MARKUP, check_output
-from torquebench.cli.terminal.console import answer, narrow_table, out, say, say_file, warn
+from torquebench.cli.extension import (
+    ANSWERS,
+    HELP_MARKUP,
+    Record,
+    answer,
+    check_output,
+    narrow_table,
+    out,
+    say,
+    say_file,
+    warn,
+)
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -105,7 +114,7 @@ def read(
     What this version doesn't know is kept bit by bit, and `write` writes it again.
     """
     from torquebench.atomic_write import atomic_write
-    from torquebench.records.files import json_text
+    from torquebench.records import json_text
     from torquebench_teds import sheet_to_json
 
     check_output(result, memory)

@@ -15,7 +15,7 @@ from torquebench_teds.bits import Constant, Single
 from torquebench_teds.templates import CALIBRATION_CURVE, TEMPLATES, TORQUE, Array, Field
 
 if TYPE_CHECKING:
-    from torquebench.compensation.table import CompensationTable
+    from torquebench.compensation import CompensationTable
     from torquebench_teds.sheet import Section
 
 __all__ = ["CurveFit", "fit_curve", "torque_span"]

@@ -1,3 +1,8 @@
+from .database import (
+    database_failures as database_failures,
+    engine_of as engine_of,
+    url_with_driver as url_with_driver,
+)
 from .entries import (
     Activation as Activation,
     CalibrationEntry as CalibrationEntry,

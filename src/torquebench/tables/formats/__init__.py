@@ -17,6 +17,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, Protocol
 
+from torquebench.atomic_write import atomic_file
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -38,6 +39,7 @@ __all__ = [
     "split_part",
     "table_schema",
     "tables_by_length",
+    "write_table",
     "written",
 ]
 
@@ -216,6 +218,26 @@ def check_written(path: Path) -> None:
     if found is None or found.writer is None:
         raise InputError(path.name, written(), "choose one of these endings")
     check_installed(found, path.name)
+
+
+def write_table(path: Path, columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write columns of one length in the format that the ending of the file's name states.
+
+    Raises
+    ------
+    InputError
+        The ending names no format that is written, or the file can't be written.
+    """
+    check_written(path)
+    import pyarrow as pa
+
+    table = pa.table({name: list(values) for name, values in columns.items()})
+    chosen = format_of(path) or formats()[0]
+    assert chosen.writer is not None
+    with atomic_file(path) as file:
+        writer = chosen.writer(file, table.schema, {})
+        writer.write(table)
+        writer.close()
 
 
 def check_installed(chosen: Format, name: str) -> None:

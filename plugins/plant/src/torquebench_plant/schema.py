@@ -1,12 +1,14 @@
-"""Tables of a plant's registry: the rows sent by benches, and tables derived from them.
+"""Tables and functions of a plant's registry.
 
 A bench sends the links of its hash chain, which are stored unchanged. The database derives all
-other tables from those links (`torquebench_plant.functions`), so that a bench can't write rows that
-aren't in its chain.
+other tables from those links (``functions.sql``), so that a bench can't write rows that aren't in
+its chain.
 """
 
 from __future__ import annotations
 
+import re
+from importlib import resources
 from typing import Any
 
 from sqlalchemy import (
@@ -30,22 +32,6 @@ from sqlalchemy.types import Date, TypeEngine
 
 from torquebench.records.registry import Document, UtcDateTime, metadata
 from torquebench.records.registry import links as chain
-
-__all__ = [
-    "PLANT_SCHEMA",
-    "PLANT_VERSION",
-    "batches",
-    "benches",
-    "folders",
-    "links",
-    "mirrored",
-    "plant_metadata",
-    "reevaluations",
-    "results",
-    "runs",
-    "settings",
-    "withdrawals",
-]
 
 PLANT_SCHEMA = "plant"
 PLANT_VERSION = "1"
@@ -224,3 +210,30 @@ mirrored = {
     table.name: _mirror(table) for table in metadata.sorted_tables if table.name not in _OTHERWISE
 }
 """The plant's tables of a bench's rows, by the bench's name of the table."""
+
+KEPT = ("links", "results", "folders", "withdrawals", "reevaluations", *mirrored)
+"""Tables whose rows can't be changed or removed."""
+
+BENCH_FUNCTIONS = (
+    "my_bench()",
+    "append(json)",
+    "my_missing_folders(integer)",
+    "my_withdrawals()",
+    "arrived(json)",
+)
+"""Functions that a bench's role may call."""
+
+
+def statements() -> list[str]:
+    """Return the statements that make the functions and protect what was written."""
+    text = resources.files(__package__).joinpath("functions.sql").read_text(encoding="utf-8")
+    names = ", ".join(f"'{name}'" for name in mirrored)
+    text = text.replace("{mirrored}", f"ARRAY[{names}]")
+    return [
+        *re.split(r"\n\n(?=(?:--.*\n)?CREATE)", text)[1:],
+        *(
+            f'CREATE TRIGGER no_changes BEFORE UPDATE OR DELETE OR TRUNCATE ON plant."{name}" '
+            "FOR EACH STATEMENT EXECUTE FUNCTION plant.no_changes()"
+            for name in KEPT
+        ),
+    ]

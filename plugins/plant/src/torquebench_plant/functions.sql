@@ -1,23 +1,8 @@
-"""Functions of the plant's database: check the chain, store rows, separate the benches.
+-- Functions of the plant's database: check the chain, store rows, separate the benches.
+-- A bench signs in with its own role, which may call only the functions granted to it. They identify
+-- the bench by that role, so that it can add only its own rows. {mirrored} stands for the names of
+-- the tables whose rows are noted as a bench has them.
 
-A bench signs in with its own role, which may call only the functions below. They identify the bench
-by that role, so that it can add only its own rows.
-"""
-
-from __future__ import annotations
-
-__all__ = ["BENCH_FUNCTIONS", "functions"]
-
-BENCH_FUNCTIONS = (
-    "my_bench()",
-    "append(json)",
-    "my_missing_folders(integer)",
-    "my_withdrawals()",
-    "arrived(json)",
-)
-"""Functions that a bench's role may call."""
-
-_MY_BENCH = """
 CREATE FUNCTION plant.my_bench() RETURNS TABLE(
   bench_key integer, name text, plant text, folders text, first_sha256 text,
   head_sequence bigint, head_sha256 text)
@@ -27,77 +12,47 @@ LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
     (SELECT content FROM plant.settings WHERE settings.name = 'folders'),
     b.first_sha256, b.head_sequence, b.head_sha256
   FROM plant.benches b WHERE b.role = session_user AND b.replaced_by IS NULL
-$$
-"""
+$$;
 
-# The covered content of a link, laid out as in `records.chain.Link.expected_sha256`.
-_EXPECTED = """
+-- The covered content of a link, laid out as in `records.chain.Link.expected_sha256`.
 CREATE FUNCTION plant.expected_sha256(link plant.links) RETURNS text
 LANGUAGE sql IMMUTABLE AS $$
   SELECT encode(sha256(convert_to(
     '[' || link.sequence || ',' || to_json(link."table") || ',' || link.key || ','
     || to_json(link.recorded) || ',' || to_json(link.content) || ','
     || to_json(link.previous_sha256) || ']', 'UTF8')), 'hex')
-$$
-"""
+$$;
 
-_AS_JSON = r"""
 CREATE FUNCTION plant.as_json(content text) RETURNS jsonb
 LANGUAGE sql IMMUTABLE AS $$
   SELECT CASE WHEN position('\u0000' IN content) = 0 THEN content::jsonb
     ELSE regexp_replace(content, '(?<!\\)((\\\\)*)\\u0000', '\1\\ufffd', 'g')::jsonb END
-$$
-"""
+$$;
 
-_APPEND = """
-CREATE FUNCTION plant.append(links json) RETURNS TABLE(sequence bigint, sha256 text)
-LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
-#variable_conflict use_column
+-- A sealed folder is identified by its manifest's hash, whichever bench's registry has the run.
+CREATE FUNCTION plant.mark_withdrawn(bench integer, after bigint) RETURNS void
+LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
 DECLARE
-  mine plant.benches;
-  wrong record;
-  first_new bigint;
+  said record;
 BEGIN
-  SELECT * INTO mine FROM plant.benches b
-    WHERE b.role = session_user AND b.replaced_by IS NULL FOR UPDATE;
-  IF NOT FOUND THEN
-    RAISE EXCEPTION '% is no bench of this plant', session_user USING ERRCODE = 'TB001';
-  END IF;
-  -- What is known already is left out: sending it again changes nothing.
-  INSERT INTO plant.links
-    SELECT mine.bench_key, each.* FROM json_to_recordset(append.links) AS each(
-      sequence bigint, "table" text, key bigint, recorded text, content text,
-      previous_sha256 text, sha256 text)
-    WHERE each.sequence > mine.head_sequence;
-  SELECT checked.sequence, checked."table", checked.key INTO wrong FROM (
-    SELECT l.sequence, l."table", l.key,
-      l.sequence = lag(l.sequence, 1, mine.head_sequence) OVER ordered + 1
-      AND l.previous_sha256 = lag(l.sha256, 1, mine.head_sha256) OVER ordered
-      AND l.sha256 = plant.expected_sha256(l) AS holds
-    FROM plant.links l
-    WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence
-    WINDOW ordered AS (ORDER BY l.sequence)) AS checked
-  WHERE NOT checked.holds ORDER BY checked.sequence LIMIT 1;
-  IF FOUND THEN
-    RAISE EXCEPTION 'entry % (% %) doesn''t continue the chain that the plant has up to entry %',
-      wrong.sequence, wrong."table", wrong.key, mine.head_sequence USING ERRCODE = 'TB002';
-  END IF;
-  PERFORM plant.note_rows(mine.bench_key, mine.head_sequence);
-  UPDATE plant.benches b SET
-    head_sequence = last.sequence, head_sha256 = last.sha256, last_contact = now(),
-    first_sha256 = coalesce(b.first_sha256, (
-      SELECT l.sha256 FROM plant.links l WHERE l.bench_key = mine.bench_key AND l.sequence = 1))
-  FROM (SELECT mine.head_sequence AS sequence, mine.head_sha256 AS sha256
-    UNION ALL (SELECT l.sequence, l.sha256 FROM plant.links l
-      WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence)
-    ORDER BY 1 DESC LIMIT 1) AS last
-  WHERE b.bench_key = mine.bench_key;
-  RETURN QUERY SELECT b.head_sequence, b.head_sha256 FROM plant.benches b
-    WHERE b.bench_key = mine.bench_key;
-END $$
-"""
+  FOR said IN
+    SELECT w.* FROM plant.links l
+      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = l.key
+      JOIN plant.withdrawals w ON w.manifest_sha256 = r.manifest_sha256
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
+    UNION
+    SELECT w.* FROM plant.links l
+      JOIN plant.amendments a ON a.bench_key = bench AND a.id = l.key AND a.subject = 'run_ends'
+      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = a.subject_key
+      JOIN plant.withdrawals w ON w.bench_key = bench AND w.run_id = r.run_id
+    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
+  LOOP
+    UPDATE plant.runs r SET withdrawn = said.withdrawn, withdrawn_by = said.withdrawn_by,
+        withdrawn_reason = said.reason
+      WHERE r.withdrawn IS NULL AND r.manifest_sha256 = said.manifest_sha256;
+  END LOOP;
+END $$;
 
-_NOTE_ROWS = """
 CREATE FUNCTION plant.note_rows(bench integer, after bigint) RETURNS void
 LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
 DECLARE
@@ -167,36 +122,54 @@ BEGIN
         WHERE r.serial = known.serial AND r.batch <> known.batch;
     END LOOP;
   END IF;
-END $$
-"""
+END $$;
 
-# A sealed folder is identified by its manifest's hash, whichever bench's registry has the run.
-_MARK_WITHDRAWN = """
-CREATE FUNCTION plant.mark_withdrawn(bench integer, after bigint) RETURNS void
-LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
+CREATE FUNCTION plant.append(links json) RETURNS TABLE(sequence bigint, sha256 text)
+LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
+#variable_conflict use_column
 DECLARE
-  said record;
+  mine plant.benches;
+  wrong record;
+  first_new bigint;
 BEGIN
-  FOR said IN
-    SELECT w.* FROM plant.links l
-      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = l.key
-      JOIN plant.withdrawals w ON w.manifest_sha256 = r.manifest_sha256
-    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'run_ends'
-    UNION
-    SELECT w.* FROM plant.links l
-      JOIN plant.amendments a ON a.bench_key = bench AND a.id = l.key AND a.subject = 'run_ends'
-      JOIN plant.runs r ON r.bench_key = bench AND r.end_id = a.subject_key
-      JOIN plant.withdrawals w ON w.bench_key = bench AND w.run_id = r.run_id
-    WHERE l.bench_key = bench AND l.sequence > after AND l."table" = 'amendments'
-  LOOP
-    UPDATE plant.runs r SET withdrawn = said.withdrawn, withdrawn_by = said.withdrawn_by,
-        withdrawn_reason = said.reason
-      WHERE r.withdrawn IS NULL AND r.manifest_sha256 = said.manifest_sha256;
-  END LOOP;
-END $$
-"""
+  SELECT * INTO mine FROM plant.benches b
+    WHERE b.role = session_user AND b.replaced_by IS NULL FOR UPDATE;
+  IF NOT FOUND THEN
+    RAISE EXCEPTION '% is no bench of this plant', session_user USING ERRCODE = 'TB001';
+  END IF;
+  -- What is known already is left out: sending it again changes nothing.
+  INSERT INTO plant.links
+    SELECT mine.bench_key, each.* FROM json_to_recordset(append.links) AS each(
+      sequence bigint, "table" text, key bigint, recorded text, content text,
+      previous_sha256 text, sha256 text)
+    WHERE each.sequence > mine.head_sequence;
+  SELECT checked.sequence, checked."table", checked.key INTO wrong FROM (
+    SELECT l.sequence, l."table", l.key,
+      l.sequence = lag(l.sequence, 1, mine.head_sequence) OVER ordered + 1
+      AND l.previous_sha256 = lag(l.sha256, 1, mine.head_sha256) OVER ordered
+      AND l.sha256 = plant.expected_sha256(l) AS holds
+    FROM plant.links l
+    WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence
+    WINDOW ordered AS (ORDER BY l.sequence)) AS checked
+  WHERE NOT checked.holds ORDER BY checked.sequence LIMIT 1;
+  IF FOUND THEN
+    RAISE EXCEPTION 'entry % (% %) doesn''t continue the chain that the plant has up to entry %',
+      wrong.sequence, wrong."table", wrong.key, mine.head_sequence USING ERRCODE = 'TB002';
+  END IF;
+  PERFORM plant.note_rows(mine.bench_key, mine.head_sequence);
+  UPDATE plant.benches b SET
+    head_sequence = last.sequence, head_sha256 = last.sha256, last_contact = now(),
+    first_sha256 = coalesce(b.first_sha256, (
+      SELECT l.sha256 FROM plant.links l WHERE l.bench_key = mine.bench_key AND l.sequence = 1))
+  FROM (SELECT mine.head_sequence AS sequence, mine.head_sha256 AS sha256
+    UNION ALL (SELECT l.sequence, l.sha256 FROM plant.links l
+      WHERE l.bench_key = mine.bench_key AND l.sequence > mine.head_sequence)
+    ORDER BY 1 DESC LIMIT 1) AS last
+  WHERE b.bench_key = mine.bench_key;
+  RETURN QUERY SELECT b.head_sequence, b.head_sha256 FROM plant.benches b
+    WHERE b.bench_key = mine.bench_key;
+END $$;
 
-_WITHDRAW = """
 CREATE FUNCTION plant.withdraw(bench integer, run text, who text, why text) RETURNS integer
 LANGUAGE plpgsql SET search_path = plant, pg_temp AS $$
 DECLARE
@@ -212,10 +185,8 @@ BEGIN
       OR r.manifest_sha256 = manifest);
   GET DIAGNOSTICS marked = ROW_COUNT;
   RETURN marked;
-END $$
-"""
+END $$;
 
-_MY_WITHDRAWALS = """
 CREATE FUNCTION plant.my_withdrawals() RETURNS TABLE(run_id text, withdrawn_by text, reason text)
 LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
   SELECT r.run_id, r.withdrawn_by, r.withdrawn_reason FROM plant.runs r
@@ -224,10 +195,8 @@ LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
     SELECT 1 FROM plant.amendments a WHERE a.bench_key = r.bench_key AND a.subject = 'run_ends'
       AND a.subject_key = r.end_id AND a.changes ->> 'status' = 'discarded')
   ORDER BY r.id
-$$
-"""
+$$;
 
-_MISSING = """
 CREATE FUNCTION plant.my_missing_folders(most integer) RETURNS TABLE(
   run_id text, manifest_sha256 text)
 LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
@@ -236,10 +205,8 @@ LANGUAGE sql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
   WHERE r.manifest_sha256 IS NOT NULL AND NOT EXISTS (
     SELECT 1 FROM plant.folders f WHERE f.bench_key = r.bench_key AND f.run_id = r.run_id)
   ORDER BY r.id LIMIT most
-$$
-"""
+$$;
 
-_ARRIVED = """
 CREATE FUNCTION plant.arrived(pushed json) RETURNS bigint
 LANGUAGE plpgsql SECURITY DEFINER SET search_path = plant, pg_temp AS $$
 DECLARE
@@ -296,43 +263,9 @@ BEGIN
           unit text, "limit" text, verdict text))
   SELECT count(*) INTO added FROM noted;
   RETURN added;
-END $$
-"""
+END $$;
 
-_NO_CHANGES = """
 CREATE FUNCTION plant.no_changes() RETURNS trigger LANGUAGE plpgsql AS $$
 BEGIN
   RAISE EXCEPTION 'rows of % are never changed or removed', TG_TABLE_NAME;
-END $$
-"""
-
-
-def functions(mirrored: tuple[str, ...], kept: tuple[str, ...]) -> list[str]:
-    """Return the statements that make the plant's functions, in their order.
-
-    Parameters
-    ----------
-    mirrored : tuple of str
-        Tables whose rows are noted as a bench has them.
-    kept : tuple of str
-        Tables whose rows can't be changed or removed.
-    """
-    names = ", ".join(f"'{name}'" for name in mirrored)
-    return [
-        _MY_BENCH,
-        _EXPECTED,
-        _AS_JSON,
-        _MARK_WITHDRAWN,
-        _NOTE_ROWS.replace("{mirrored}", f"ARRAY[{names}]"),
-        _APPEND,
-        _WITHDRAW,
-        _MY_WITHDRAWALS,
-        _MISSING,
-        _ARRIVED,
-        _NO_CHANGES,
-        *(
-            f'CREATE TRIGGER no_changes BEFORE UPDATE OR DELETE OR TRUNCATE ON plant."{name}" '
-            "FOR EACH STATEMENT EXECUTE FUNCTION plant.no_changes()"
-            for name in kept
-        ),
-    ]
+END $$;

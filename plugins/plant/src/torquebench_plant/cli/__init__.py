@@ -1,1 +1,0 @@
-"""`torquebench plant`: sending and asking in the registry of many benches."""
