@@ -7,10 +7,13 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Callable
+from typing import TypeVar
 
 from torquebench.bench.drivers.base import DriveState, Identity, Side
 from torquebench.bench.drivers.links import SwitchingTime, check_drive_order, drive_timeout
 from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.modbus.device_map import device_map
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus.modules import (
     AnglesOptions,
@@ -189,30 +192,26 @@ def _temperature(request: InstrumentRequest) -> ModbusTemperature:
             "every probe of the list `temperatures`",
             "add its register",
         )
-    return ModbusTemperature(_link(request, options), options)
+    device = device_map(options, request.section)
+    with _link(request, options).kept() as link:
+        return ModbusTemperature(link, options, device)
 
 
 def _readout(request: InstrumentRequest) -> ModbusReadout:
     return ModbusReadout(_link(request, request.read(ModbusOptions)))
 
 
-def _modes(request: InstrumentRequest) -> ModbusModes:
-    options: DigitalOptions = request.read(DigitalOptions)
-    return ModbusModes(_link(request, options), options.travel_s)
+Digital = TypeVar("Digital", ModbusModes, ModbusClamp, ModbusRail, ModbusSupply)
 
 
-def _clamp(request: InstrumentRequest) -> ModbusClamp:
-    options: DigitalOptions = request.read(DigitalOptions)
-    return ModbusClamp(_link(request, options), options.travel_s)
+def _digital(kind: type[Digital]) -> Callable[[InstrumentRequest], Digital]:
+    """Return the opener of a module with coils and contacts."""
 
+    def opened(request: InstrumentRequest) -> Digital:
+        options: DigitalOptions = request.read(DigitalOptions)
+        return kind(_link(request, options), options, device_map(options, request.section))
 
-def _rail(request: InstrumentRequest) -> ModbusRail:
-    options: DigitalOptions = request.read(DigitalOptions)
-    return ModbusRail(_link(request, options), options.travel_s)
-
-
-def _supply(request: InstrumentRequest) -> ModbusSupply:
-    return ModbusSupply(_link(request, request.read(ModbusOptions)))
+    return opened
 
 
 def _angles(request: InstrumentRequest) -> ModbusAngles:
@@ -227,10 +226,10 @@ PLUGIN = DriverPlugin(
         "drive": _drive,
         "temperature": _temperature,
         "reference": _readout,
-        "modes": _modes,
-        "clamp": _clamp,
-        "rail": _rail,
-        "supply": _supply,
+        "modes": _digital(ModbusModes),
+        "clamp": _digital(ModbusClamp),
+        "rail": _digital(ModbusRail),
+        "supply": _digital(ModbusSupply),
         "angles": _angles,
     },
 )

@@ -122,6 +122,14 @@ class ModbusLink(Link[Any]):
         ).registers
         return self._complete(found, count)
 
+    def holding_registers(self, first: int, count: int) -> list[int]:
+        """Read holding registers (function 3)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_holding_registers(place, count=count, device_id=unit)
+        ).registers
+        return self._complete(found, count)
+
     def write(self, first: int, values: list[int]) -> None:
         """Write holding registers (function 16), all at once."""
         place, unit = self._base + first, self._unit
@@ -132,6 +140,14 @@ class ModbusLink(Link[Any]):
         place, unit = self._base + first, self._unit
         found = self._exchange(
             lambda client: client.read_discrete_inputs(place, count=count, device_id=unit)
+        ).bits
+        return [bool(bit) for bit in self._complete(found, count)]
+
+    def coils(self, first: int, count: int) -> list[bool]:
+        """Read coils (function 1)."""
+        place, unit = self._base + first, self._unit
+        found = self._exchange(
+            lambda client: client.read_coils(place, count=count, device_id=unit)
         ).bits
         return [bool(bit) for bit in self._complete(found, count)]
 

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Mapping
-from typing import Annotated, ClassVar, Literal
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, ClassVar, Literal, cast
 
 import numpy as np
 from pydantic import Field
 
 from torquebench.bench.drivers.base import Identity, Mode, RailPosition, Side
 from torquebench.bench.drivers.modbus import register_map
+from torquebench.bench.drivers.modbus.device_map import DeviceMap, MappedOptions, ValueMap
 from torquebench.bench.drivers.modbus.link import ModbusLink, ModbusOptions
 from torquebench.bench.drivers.modbus.register_map import Coil, Contact
 from torquebench.bench.drivers.sample_clock import SampleClock
@@ -53,28 +54,59 @@ class _Module:
         self._link.close()
 
 
-class TemperatureOptions(ModbusOptions):
-    """Probes by name: the input register of each, signed, hundredths of a degree."""
+class TemperatureOptions(MappedOptions):
+    """Probes by name: the channel of each in the device's map."""
 
-    probes: Mapping[str, Annotated[int, Field(ge=0, le=125)]] = Field(min_length=1)
+    probes: Mapping[str, Annotated[int, Field(ge=0, le=1000)]] = Field(min_length=1)
     interval_s: Annotated[float, Field(ge=0.0, le=60.0, description="s")] = 1.0
 
 
-class ModbusTemperature(_Module):
+class _Mapped(_Module):
+    """An instrument whose registers and bits are where its map says."""
+
+    def __init__(self, link: ModbusLink, options: MappedOptions, device: DeviceMap) -> None:
+        super().__init__(link)
+        self._map = device
+        self._serial = options.serial
+
+    def identity(self) -> Identity:
+        """Read its name plate; without one, return what map and description state."""
+        if self._map.name_plate:
+            return super().identity()
+        return Identity(
+            self.ROLE,
+            self._map.manufacturer or "unknown",
+            self._map.model or "unknown",
+            self._serial or "unknown",
+            "unknown",
+            {"address": self._link.address},
+        )
+
+
+class ModbusTemperature(_Mapped):
     """Temperature probes on a Modbus module, read every `interval_s`.
 
-    A probe that is broken or doesn't answer is missing from the answer, which the supervisor
-    judges: it is never an old value.
+    A probe that is broken, implausible or doesn't answer is missing from the answer, which the
+    supervisor judges: it is never an old value.
+
+    Raises
+    ------
+    BenchError
+        On opening, a probe reads an implausible temperature: the map isn't the device's.
     """
 
     ROLE = "temperature"
 
-    def __init__(self, link: ModbusLink, options: TemperatureOptions) -> None:
-        super().__init__(link)
+    def __init__(self, link: ModbusLink, options: TemperatureOptions, device: DeviceMap) -> None:
+        super().__init__(link, options, device)
         self._probes = dict(options.probes)
         self._interval_s = options.interval_s
         self._asked = -math.inf
         self._answer: dict[str, float] = {}
+        values = device.values
+        for name, words in self._words().items():
+            if not (_broken(values, words) or values.is_plausible(values.temperature_c(words))):
+                raise _implausible(link, name, values, words)
 
     def temperatures(self) -> Mapping[str, float]:
         """Ask for all probes: name to °C."""
@@ -82,22 +114,84 @@ class ModbusTemperature(_Module):
         if now - self._asked < self._interval_s:
             return self._answer
         try:
-            words = self._link.input_registers(0, max(self._probes.values()) + 1)
+            found = self._words()
         except BenchError:
             self._answer = {}
             return self._answer
         self._asked = now
-        hundredths = {name: _signed(words[place]) for name, place in self._probes.items()}
+        values = self._map.values
         self._answer = {
-            name: value / 100.0
-            for name, value in hundredths.items()
-            if value != register_map.PROBE_BROKEN
+            name: temperature
+            for name, words in found.items()
+            if not _broken(values, words)
+            and values.is_plausible(temperature := values.temperature_c(words))
         }
         return self._answer
 
+    def _words(self) -> dict[str, list[int]]:
+        """Read the registers of every probe; adjacent channels in one request."""
+        values, link = self._map.values, self._link
+        read = link.input_registers
+        if values.function == "holding registers":
+            read = link.holding_registers
+        found: dict[str, list[int]] = {}
+        for block in _adjacent(sorted({values.register(k) for k in self._probes.values()}), values):
+            words = read(block[0], block[-1] - block[0] + values.width)
+            for name, channel in self._probes.items():
+                start = values.register(channel) - block[0]
+                if values.register(channel) in block:
+                    found[name] = words[start : start + values.width]
+        return found
 
-def _signed(word: int) -> int:
-    return word - 65536 if word >= 32768 else word
+
+MOST_REGISTERS = 125
+"""Registers that one request may ask for."""
+
+
+def _adjacent(registers: list[int], values: ValueMap) -> list[list[int]]:
+    """Group registers of channels into blocks without a gap that a request may ask for."""
+    blocks: list[list[int]] = []
+    for register in registers:
+        last = blocks[-1] if blocks else []
+        joined = bool(last) and register == last[-1] + values.width
+        if joined and register - last[0] + values.width <= MOST_REGISTERS:
+            last.append(register)
+        else:
+            blocks.append([register])
+    return blocks
+
+
+def _broken(values: ValueMap, words: Sequence[int]) -> bool:
+    return values.number(words) in values.broken
+
+
+def _implausible(link: ModbusLink, name: str, values: ValueMap, words: Sequence[int]) -> BenchError:
+    """Return the error of a probe out of its range, with what would explain it alone."""
+    others = [
+        (change, temperature)
+        for change, temperature in values.readings_of_other_maps(words)
+        if values.is_plausible(temperature)
+    ]
+    remedy = Message("compare type, word order, scale and unit with the manual, or mend the probe")
+    if len(others) == 1:
+        change, temperature = others[0]
+        remedy = Message(
+            "with {change} it reads {temperature:.1f} °C: compare the map with the manual",
+            change,
+            temperature,
+        )
+    low, high = values.plausible
+    return BenchError(
+        Message(
+            "{name}: probe {probe} reads {found:.4g} °C (registers {words})",
+            link.name,
+            name,
+            values.temperature_c(words),
+            " ".join(map(str, words)),
+        ),
+        Message("{low:g} to {high:g} °C, the plausible range of its map", low, high),
+        remedy,
+    )
 
 
 class ModbusReadout(_Module):
@@ -153,29 +247,91 @@ class ModbusReadout(_Module):
         return clock.take(torque, until_s, timed_s, lost)
 
 
-class DigitalOptions(ModbusOptions):
-    """Mode conversion or clamp: how long its travel may take."""
+CoilName = Literal[
+    "input_driven", "input_locked", "output_driven", "output_locked", "clamp", "rail"
+]
+ContactName = Literal[
+    "input_free",
+    "input_driven",
+    "input_locked",
+    "output_free",
+    "output_driven",
+    "output_locked",
+    "clamp_closed",
+    "clamp_pressure",
+    "clamp_open",
+    "rail_end",
+    "rail_away",
+    "supply_on",
+]
 
+
+class DigitalOptions(MappedOptions):
+    """Coils and contacts by name: the channel of each in the device's map.
+
+    Those that aren't named have the channels of `Coil` and `Contact`. Inverted contacts are closed
+    where the device says 0.
+    """
+
+    coils: Mapping[CoilName, Annotated[int, Field(ge=0, le=1000)]] = Field(default_factory=dict)
+    contacts: Mapping[ContactName, Annotated[int, Field(ge=0, le=1000)]] = Field(
+        default_factory=dict
+    )
+    inverted: tuple[ContactName, ...] = ()
     travel_s: Annotated[float, Field(gt=0.0, le=120.0, description="s")] = 10.0
 
 
-class _Travelling(_Module):
-    """A module that moves something, and how long its travel may take."""
+class _Digital(_Mapped):
+    """A module with coils and contacts."""
 
-    def __init__(self, link: ModbusLink, travel_s: float) -> None:
-        super().__init__(link)
-        self._travel_s = travel_s
+    def __init__(self, link: ModbusLink, options: DigitalOptions, device: DeviceMap) -> None:
+        super().__init__(link, options, device)
+        self._travel_s = options.travel_s
+        self._coils, self._contacts = options.coils, options.contacts
+        self._inverted = frozenset(options.inverted)
+
+    def _made(self, *contacts: Contact) -> list[bool]:
+        """Ask which contacts are closed; adjacent ones in one request."""
+        bits = self._map.contacts
+        read = self._link.coils if bits.function == "coils" else self._link.contacts
+        names = [cast("ContactName", contact.name.lower()) for contact in contacts]
+        places = [
+            bits.first + self._contacts.get(name, contact)
+            for name, contact in zip(names, contacts, strict=True)
+        ]
+        if places == list(range(places[0], places[0] + len(places))):
+            found = read(places[0], len(places))
+        else:
+            found = [read(place, 1)[0] for place in places]
+        return [bit != (name in self._inverted) for bit, name in zip(found, names, strict=True)]
+
+    def _switch(self, values: Mapping[Coil, bool]) -> None:
+        """Set coils, adjacent ones at once, those to be cleared first."""
+        first = self._map.coils.first
+        places = {
+            first + self._coils.get(cast("CoilName", coil.name.lower()), coil): value
+            for coil, value in values.items()
+        }
+        ordered = sorted(places)
+        if ordered == list(range(ordered[0], ordered[0] + len(ordered))):
+            self._link.switch(ordered[0], [places[place] for place in ordered])
+            return
+        for place in sorted(ordered, key=lambda place: places[place]):
+            self._link.switch(place, [places[place]])
 
 
-_MODE_COILS: dict[Mode, list[bool]] = {
-    "free": [False, False],
-    "driven": [True, False],
-    "locked": [False, True],
-}
 _CONTACTS: tuple[Mode, ...] = ("free", "driven", "locked")
+_SIDE_COILS: Mapping[Side, tuple[Coil, Coil]] = {
+    "input": (Coil.INPUT_DRIVEN, Coil.INPUT_LOCKED),
+    "output": (Coil.OUTPUT_DRIVEN, Coil.OUTPUT_LOCKED),
+}
+_SIDE_CONTACTS: Mapping[Side, tuple[Contact, Contact, Contact]] = {
+    "input": (Contact.INPUT_FREE, Contact.INPUT_DRIVEN, Contact.INPUT_LOCKED),
+    "output": (Contact.OUTPUT_FREE, Contact.OUTPUT_DRIVEN, Contact.OUTPUT_LOCKED),
+}
 
 
-class ModbusModes(_Travelling):
+class ModbusModes(_Digital):
     """The test-mode conversion: coils command it, discrete inputs give the reached state."""
 
     ROLE = "modes"
@@ -188,8 +344,8 @@ class ModbusModes(_Travelling):
         BenchError
             It isn't reached in time.
         """
-        coil = Coil.INPUT_DRIVEN if side == "input" else Coil.OUTPUT_DRIVEN
-        self._link.switch(coil, _MODE_COILS[mode])
+        driven, locked = _SIDE_COILS[side]
+        self._switch({driven: mode == "driven", locked: mode == "locked"})
         _await(
             lambda: self._reached(side) == [mode],
             self._travel_s,
@@ -221,19 +377,18 @@ class ModbusModes(_Travelling):
         return reached[0]
 
     def _reached(self, side: Side) -> list[Mode]:
-        first = Contact.INPUT_FREE if side == "input" else Contact.OUTPUT_FREE
-        made = self._link.contacts(first, 3)
+        made = self._made(*_SIDE_CONTACTS[side])
         return [mode for mode, contact in zip(_CONTACTS, made, strict=True) if contact]
 
 
-class ModbusClamp(_Travelling):
+class ModbusClamp(_Digital):
     """The hydraulic clamp: one coil, three contacts."""
 
     ROLE = "clamp"
 
     def set_clamped(self, clamped: bool) -> None:
         """Close or open the clamp and return when it is reached; raises `BenchError` if not."""
-        self._link.switch(Coil.CLAMP, [clamped])
+        self._switch({Coil.CLAMP: clamped})
         word = "closed" if clamped else "open"
         _await(
             lambda: self.clamped() == clamped,
@@ -249,7 +404,9 @@ class ModbusClamp(_Travelling):
         BenchError
             It states open and closed at the same time.
         """
-        closed, pressure, opened = self._link.contacts(Contact.CLAMP_CLOSED, 3)
+        closed, pressure, opened = self._made(
+            Contact.CLAMP_CLOSED, Contact.CLAMP_PRESSURE, Contact.CLAMP_OPEN
+        )
         if closed and opened:
             raise BenchError(
                 Message("{name} is open and closed", self._link.name),
@@ -259,14 +416,14 @@ class ModbusClamp(_Travelling):
         return closed and pressure
 
 
-class ModbusRail(_Travelling):
+class ModbusRail(_Digital):
     """The guide rail of the input module: one coil, a contact at each end."""
 
     ROLE = "guide_rail"
 
     def move(self, position: RailPosition) -> None:
         """Move to "end" or "away" and return when it is there; raises `BenchError` if not."""
-        self._link.switch(Coil.RAIL, [position == "end"])
+        self._switch({Coil.RAIL: position == "end"})
         _await(
             lambda: self.position() == position,
             self._travel_s,
@@ -281,7 +438,7 @@ class ModbusRail(_Travelling):
         BenchError
             It states both end positions at the same time.
         """
-        at_end, away = self._link.contacts(Contact.RAIL_END, 2)
+        at_end, away = self._made(Contact.RAIL_END, Contact.RAIL_AWAY)
         if at_end and away:
             raise BenchError(
                 Message("{name} is at both ends", self._link.name),
@@ -291,14 +448,14 @@ class ModbusRail(_Travelling):
         return "end" if at_end else "away" if away else "between"
 
 
-class ModbusSupply(_Module):
+class ModbusSupply(_Digital):
     """The drives' supply: one contact."""
 
     ROLE = "power_supply"
 
     def supplies(self) -> bool:
         """Ask whether it is on."""
-        return bool(self._link.contacts(Contact.SUPPLY_ON, 1)[0])
+        return self._made(Contact.SUPPLY_ON)[0]
 
 
 def _await(reached: Callable[[], bool], within_s: float, failure: str) -> None:
