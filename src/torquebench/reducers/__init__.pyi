@@ -42,21 +42,18 @@ from .running.friction_fit import (
 from .loops.evaluation import (
     evaluate_hysteresis as evaluate_hysteresis,
 )
-from .loops.findings import (
-    OpenLoopError as OpenLoopError,
-)
 from .loops.results import (
+    LOST_MOTION_RULES as LOST_MOTION_RULES,
+    Feature as Feature,
     HysteresisResult as HysteresisResult,
     KeyPoint as KeyPoint,
     LoopCurve as LoopCurve,
     LoopFeatures as LoopFeatures,
-    StiffnessRegions as StiffnessRegions,
-)
-from .loops.rules import (
-    LOST_MOTION_RULES as LOST_MOTION_RULES,
     LoopSettings as LoopSettings,
     LoopUncertainty as LoopUncertainty,
     LostMotionRule as LostMotionRule,
+    OpenLoopError as OpenLoopError,
+    StiffnessRegions as StiffnessRegions,
 )
 from .breakaway.change_point import (
     FirstMotion as FirstMotion,

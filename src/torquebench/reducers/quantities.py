@@ -164,8 +164,12 @@ class ReducerResult(Protocol):
         """Return the values that the data sheet limits; those without a limit may be left out."""
 
 
+NOTHING = 1e-12
+"""Standard uncertainty, as a share of the value, that only rounding shows."""
+
+
 def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Budget:
-    """Combine independent contributions into a budget.
+    """Combine independent contributions into a budget; without any, U is unknown: infinite.
 
     Examples
     --------
@@ -175,6 +179,8 @@ def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Bu
     """
     parts = [part for part in contributions if part.standard_uncertainty > 0.0]
     variance = sum(part.standard_uncertainty**2 for part in parts)
+    if not variance**0.5 > NOTHING * abs(value):
+        return Budget(float(value), inf, inf, (), unit)
     freedom = inf
     if parts:
         freedom = float(

@@ -1,10 +1,11 @@
 """Verdicts on results against a data sheet, with guard bands."""
 
 from dataclasses import dataclass
+from math import inf, isfinite, nan
 
 from torquebench.reducers.description import ReducerDescription
 from torquebench.reducers.quantities import LimitedQuantity, ReducerResult
-from torquebench.uncertainty import Budget, Decision, Tolerance, decide
+from torquebench.uncertainty import Budget, Decision, Tolerance, Verdict, decide
 
 __all__ = ["QuantityVerdict", "verdicts"]
 
@@ -60,10 +61,17 @@ def _verdict(limited: LimitedQuantity) -> QuantityVerdict:
         for sign, limit in (("≥", lower), ("≤", upper))
         if limit is not None
     ]
-    decision = decide(
-        estimate.value,
-        estimate.expanded_uncertainty(),
-        Tolerance(lower, upper),
-        degrees_of_freedom=estimate.degrees_of_freedom,
-    )
+    if isfinite(estimate.standard_uncertainty):
+        decision = decide(
+            estimate.value,
+            estimate.expanded_uncertainty(),
+            Tolerance(lower, upper),
+            degrees_of_freedom=estimate.degrees_of_freedom,
+        )
+    else:  # nothing is certain with an unknown uncertainty
+        inside = (lower is None or estimate.value >= lower) and (
+            upper is None or estimate.value <= upper
+        )
+        verdict = Verdict.CONDITIONAL_PASS if inside else Verdict.CONDITIONAL_FAIL
+        decision = Decision(verdict, estimate.value, inf, lower, upper, inf, nan)
     return QuantityVerdict(limited.key, limited.title, estimate, ", ".join(words), decision)

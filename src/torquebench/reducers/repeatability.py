@@ -9,17 +9,14 @@ __all__ = ["errors_of_means", "over_positions"]
 
 
 def over_positions(
-    values: NDArray[np.float64], position: NDArray[np.float64]
+    values: NDArray[np.float64], position: NDArray[np.float64], *, noise: float = 0.0
 ) -> tuple[float, list[Contribution]]:
     """Return the mean over positions, and the contributions of loops and positions.
 
     The scatter of loops at one position and the scatter between positions beyond it are separate
-    (random effects); with equal numbers of loops the value is the mean of all.
-
-    Parameters
-    ----------
-    values, position : array of float, shape (n,)
-        Value and label of the position of each loop.
+    (random effects); with equal numbers of loops the value is the mean of all. `noise` is the
+    standard uncertainty of a loop's value by its own samples: what one loop can tell, and the least
+    that several can scatter.
 
     Examples
     --------
@@ -32,12 +29,14 @@ def over_positions(
     means = np.bincount(index, weights=values) / count
     value = float(means.mean())
     freedom = values.size - names.size
+    within = float(np.sum((values - means[index]) ** 2)) / freedom if freedom else 0.0
     parts = []
-    within = 0.0
-    if freedom > 0:
-        within = float(np.sum((values - means[index]) ** 2)) / freedom
-        error = (within * float(np.sum(1.0 / count))) ** 0.5 / names.size
-        parts.append(Contribution("loops", error, freedom))
+    mean_of = float(np.sum(1.0 / count)) ** 0.5 / names.size
+    if within > noise**2:
+        parts.append(Contribution("loops", within**0.5 * mean_of, freedom))
+    else:
+        within = noise**2
+        parts.append(Contribution("noise", noise * mean_of))
     if names.size > 1:
         between = float(np.var(means, ddof=1)) - within * float(np.mean(1.0 / count))
         error = (max(between, 0.0) / names.size) ** 0.5

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torquebench.reducers import LoopSettings, evaluate_hysteresis
-from torquebench.reducers.loops.ripple import Record, find_ripple, outermost, without_ripple
+from torquebench.reducers.loops.branches import Recording
+from torquebench.reducers.loops.ripple import find_ripple, outermost, without_ripple
 
 RATED = 400.0
 STIFFNESS = 4e5
@@ -82,7 +83,8 @@ def test_outermost_samples_lie_on_the_steady_branch(amplitude, seed):
 @pytest.mark.parametrize("noise", [0.0, 0.5, 3.0])
 def test_noise_and_steps_are_no_ripple(noise):
     torque, angle = loops(0.0, noise=noise)
-    record = Record(torque, angle, np.zeros(torque.size), None)
+    nothing = np.zeros(torque.size)
+    record = Recording(torque, angle, nothing, nothing)
     same, ripple = without_ripple(record)
     assert ripple is None
     assert same is record

@@ -97,6 +97,7 @@ def test_the_mean_of_specimens_has_the_errors_of_the_calibration():
     parts = [Contribution("any name", 0.5, shared=Shared.CALIBRATION)]
     values = {name: budget(value, "N·m", parts) for name, value in (("A", 100.0), ("B", 100.0))}
     assert compare_specimens("x", values).mean.standard_uncertainty == pytest.approx(0.5)
+    parts.append(Contribution("loops", 0.01))
     far = {"A": 1.0, "B": 1.01, "C": 1.02, "D": 1.5}
     every = {name: budget(value, "N·m", parts) for name, value in far.items()}
     assert compare_specimens("x", every).outliers == ("D",)

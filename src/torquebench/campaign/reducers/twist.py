@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.bench.roles import Side
 from torquebench.message import Message
 from torquebench.procedures.reducers.loop import BenchTwistRecording
-from torquebench.reducers.loops.branches import turning_points
+from torquebench.reducers.preparation import turning_points
 
 __all__ = ["TwistCompliance", "twist_compliance", "twist_compliances"]
 

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns
+from torquebench.reducers.preparation import finite_columns
 
 __all__ = ["FirstMotion", "first_motion"]
 

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.breakaway.change_point import first_motion
-from torquebench.reducers.columns import finite_columns, labels
+from torquebench.reducers.preparation import finite_columns, labels
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns
+from torquebench.reducers.preparation import finite_columns
 from torquebench.reducers.efficiencies.grid import interpolated, weights_at
 from torquebench.reducers.efficiencies.points import (
     EfficiencyPoint,

@@ -1,16 +1,38 @@
-"""Cuts records of torque and angle into loops of a rising and a falling branch."""
+"""Cuts recordings of torque and angle into loops of a rising and a falling branch, less drift.
 
-from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+A branch is reduced to knots: its samples, the levels at which a stepped torque stood, or the
+places at which a coarse angle changes its count. A knot of an angle that counts is exact, but for
+the torque between the samples beside it; the mean of a count isn't.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.reducers.loops.local_fit import Branch
+from torquebench.reducers.preparation import (
+    levels_of,
+    moving_mean,
+    noise_of,
+    turning_points,
+)
 
-__all__ = ["RawLoop", "cut_loops", "moving_mean", "smoothed", "turning_points"]
+__all__ = [
+    "Drift",
+    "RawLoop",
+    "Recording",
+    "averaged",
+    "branch_of",
+    "cut_loops",
+    "drift_of",
+    "steady_drift",
+]
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -20,110 +42,127 @@ LONGEST_MEAN = 0.02
 """Largest part of a record between two reversals that is averaged against noise."""
 FULL_SPAN = 0.8
 """A branch is complete if it spans this share of the widest."""
-TURN_SHARE = 0.25
-"""The torque reverses where it returns by this share of its range."""
 AT_THE_END = 0.9
 """A labelled loop begins and ends within this share of its largest torque."""
+COUNTED = 0.5
+"""Share of unchanged counts from which on an angle is read where it changes."""
+SETTLED = 0.5
+"""Part of a level's samples that is left out while the angle may still follow the torque."""
+
+
+@dataclass(frozen=True, eq=False)
+class Recording:
+    """Torque (N·m) and angle (rad) in the order of measurement.
+
+    `less` is to be subtracted from the angle (twist of the bench, drift), once it was reduced to
+    knots. `step_rad` is the visible step of the angle's counts, 0 for none; `loop` the number of
+    the loop at its position, if stated.
+    """
+
+    torque: Floats
+    angle: Floats
+    position: Floats
+    less: Floats
+    loop: Floats | None = None
+    time: Floats | None = None
+    step_rad: float = 0.0
+
+    def at(self, rows: Indices) -> Recording:
+        """Return some of the samples."""
+        loop, time = (None if each is None else each[rows] for each in (self.loop, self.time))
+        return Recording(
+            self.torque[rows],
+            self.angle[rows],
+            self.position[rows],
+            self.less[rows],
+            loop,
+            time,
+            self.step_rad,
+        )
+
+    def changed(self, torque: Floats, angle: Floats) -> Recording:
+        """Return other torques and corrected angles, which don't show counts any more."""
+        nothing = np.zeros(angle.size)
+        return replace(self, torque=torque, angle=angle, less=nothing, step_rad=0.0)
+
+    def place(self, loops: Sequence[RawLoop]) -> Floats:
+        """Return the time of each sample in loops since the first began."""
+        time = np.arange(self.torque.size, dtype=np.float64)
+        if self.time is not None and np.all(np.diff(self.time[loops[0].rows[0] :]) >= 0.0):
+            time = self.time
+        ends = [time[each.rows[[0, -1]]] for each in loops]
+        span = float(ends[-1][1] - ends[0][0]) / len(loops)
+        return np.asarray((time - ends[0][0]) / max(span, 1e-300))
+
+    def positions(self) -> list[Indices]:
+        """Return the samples of each output position, in the order of measurement."""
+        _, first = np.unique(self.position, return_index=True)
+        return [np.flatnonzero(self.position == self.position[k]) for k in np.sort(first)]
 
 
 @dataclass(frozen=True, eq=False)
 class RawLoop:
-    """Samples of one loop.
+    """Samples of one loop: rows while the torque rises and falls, in time order.
 
-    Parameters
-    ----------
-    position : float
-        Label of the output position.
-    number : int
-        From 1 at each position.
-    rising, falling : array of int
-        Rows of the record, in time order, while the torque rises and falls.
+    Of a single cycle 0 → +T → −T → 0 one branch consists of two pieces, the cycle's last before its
+    first.
     """
 
     position: float
     number: int
-    rising: Indices
-    falling: Indices
+    rising: tuple[Indices, ...]
+    falling: tuple[Indices, ...]
+
+    @property
+    def rows(self) -> Indices:
+        """All rows, in time order."""
+        return np.sort(np.concatenate([*self.rising, *self.falling]))
 
 
-def moving_mean(values: Floats, width: int) -> Floats:
-    """Return means over so many samples around each; the ends continue as they are."""
-    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
-    return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
-
-
-def turning_points(torque: Floats) -> Indices:
-    """Return the samples at which a torque turns, the first and the last sample included.
-
-    Examples
-    --------
-    >>> turning_points(np.array([0.0, 1.0, 2.0, 1.0, -1.0, -2.0, 0.0])).tolist()
-    [0, 2, 5, 6]
-    """
-    smooth = moving_mean(torque, max(1, torque.size // 400))
-    least = TURN_SHARE * float(np.ptp(smooth))
-    turns, direction, extreme = [0], 0, 0
-    lowest = highest = 0
-    for k, value in enumerate(smooth.tolist()):
-        if direction == 0:
-            lowest = k if value < smooth[lowest] else lowest
-            highest = k if value > smooth[highest] else highest
-            if value > smooth[lowest] + least:
-                direction, extreme = 1, k
-            elif value < smooth[highest] - least:
-                direction, extreme = -1, k
-        elif direction * (value - smooth[extreme]) > 0:
-            extreme = k
-        elif direction * (smooth[extreme] - value) > least:
-            turns.append(extreme)
-            direction, extreme = -direction, k
-    return np.array(sorted({*turns, torque.size - 1}), dtype=np.intp)
-
-
-def smoothed(torque: Floats, angle: Floats, branches: int) -> tuple[Floats, Floats, int]:
+def averaged(recording: Recording) -> tuple[Recording, int]:
     """Average noisy torque and its angle over neighbouring samples, as far as it is needed.
 
     Noise of the torque blurs a loop where it is steep, which no fit of angle against torque can
-    undo. Both are averaged over the same odd number of samples, which is also returned: 1 where
-    the noise is below 0.4 % of the largest torque.
-
-    Parameters
-    ----------
-    torque, angle : array of float, shape (n,)
-        In the order of measurement, at one position.
-    branches : int
-        Number of times that the torque runs from one end to the other.
+    undo. Both are averaged over the same odd number of samples, which is also returned: 1 where the
+    noise is below 0.4 % of the largest torque.
     """
-    if torque.size < 32:
-        return torque, angle, 1
-    noise = float(np.median(np.abs(np.diff(torque, 2)))) / (0.6745 * 6.0**0.5)
-    quiet = QUIET_SHARE * float(np.quantile(np.abs(torque), 0.99))
-    longest = int(LONGEST_MEAN * torque.size / max(branches, 1))
-    width = min(int((noise / quiet) ** 2) + 1, longest) if noise > quiet else 1
-    width -= 1 - width % 2
-    if width < 3:
-        return torque, angle, 1
-    return moving_mean(torque, width), moving_mean(angle, width), width
+    torque, angle, widest = recording.torque.copy(), recording.angle - recording.less, 1
+    for rows in recording.positions():
+        load = torque[rows]
+        if load.size < 32 or levels_of(load):
+            continue
+        branches = max(turning_points(load).size - 1, 1)
+        noise, quiet = noise_of(load), QUIET_SHARE * float(np.quantile(np.abs(load), 0.99))
+        longest = int(LONGEST_MEAN * load.size / branches)
+        width = min(int((noise / quiet) ** 2) + 1, longest) if noise > quiet else 1
+        width -= 1 - width % 2
+        if width >= 3:
+            torque[rows], angle[rows] = moving_mean(load, width), moving_mean(angle[rows], width)
+            widest = max(widest, width)
+    if widest == 1:
+        return recording, 1
+    return recording.changed(torque, angle), widest
 
 
-def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator[RawLoop]:
-    """Yield the loops of a record, position by position in the order of measurement.
+# -- cutting ----------------------------------------------------------------------------------
+
+
+def cut_loops(recording: Recording) -> Iterator[RawLoop]:
+    """Yield the loops of a recording, position by position in the order of measurement.
 
     Labelled loops that begin and end at their largest torque aren't cut. All others are cut at the
     torque's reversals: the part before the first complete branch (from zero, or a preload) doesn't
-    belong to any loop.
-
-    Raises
-    ------
-    InputError
-        Where a position holds no whole loop.
+    belong to any loop, but that of a single cycle 0 → +T → −T → 0.
     """
-    _, first = np.unique(position, return_index=True)
-    for label in position[np.sort(first)]:
-        rows = np.flatnonzero(position == label)
-        found = None if loop is None else _labelled(torque, rows, loop[rows])
+    torque = recording.torque
+    for rows in recording.positions():
+        label = float(recording.position[rows[0]])
+        found = None
+        if recording.loop is not None:
+            found = _labelled(torque, rows, recording.loop[rows])
         if found is None:
-            found = _cut(torque, rows)
+            parts = _parts(torque[rows], rows)
+            found = _cut(torque, parts) or _single_cycle(torque, parts)
         if not found:
             raise InputError(
                 Message(
@@ -137,15 +176,18 @@ def cut_loops(torque: Floats, position: Floats, loop: Floats | None) -> Iterator
                 "record −T → 0 → +T → 0 → −T, three loops by preference",
             )
         for number, (rising, falling) in enumerate(found, 1):
-            yield RawLoop(float(label), number, rising, falling)
+            yield RawLoop(label, number, rising, falling)
+
+
+Pieces = tuple[Indices, ...]
 
 
 def _labelled(
-    torque: Floats, rows: Indices, labels: Floats
-) -> list[tuple[Indices, Indices]] | None:
+    torque: Floats, rows: Indices, numbers: Floats
+) -> list[tuple[Pieces, Pieces]] | None:
     found = []
-    for label in dict.fromkeys(labels.tolist()):
-        mine = rows[labels == label]
+    for number in dict.fromkeys(numbers.tolist()):
+        mine = rows[numbers == number]
         end = float(np.max(np.abs(torque[mine])))
         ends = np.abs(torque[mine[[0, -1]]])
         if mine.size < 8 or np.any(ends < AT_THE_END * end):
@@ -155,28 +197,212 @@ def _labelled(
         falling = [part for sign, part in parts if sign < 0]
         if not rising or not falling:
             return None
-        found.append((np.concatenate(rising), np.concatenate(falling)))
+        found.append(((np.concatenate(rising),), (np.concatenate(falling),)))
     return found
 
 
 def _parts(torque: Floats, rows: Indices) -> list[tuple[int, Indices]]:
+    """Cut at the torque's reversals; both parts at a reversal have the level where it stood."""
     turns = turning_points(torque)
+    levels = levels_of(torque)
+    begins, ends = turns.copy(), turns.copy()
+    if levels:
+        stops = np.array([part.stop for part in levels])
+        at = np.minimum(np.searchsorted(stops, turns, side="right"), len(levels) - 1)
+        begins = np.minimum(turns, np.array([part.start for part in levels])[at])
+        ends = np.maximum(turns, stops[at] - 1)
     return [
-        (1 if torque[stop] > torque[start] else -1, rows[start : stop + 1])
-        for start, stop in pairwise(turns.tolist())
+        (1 if torque[turns[k + 1]] > torque[turns[k]] else -1, rows[begins[k] : ends[k + 1] + 1])
+        for k in range(turns.size - 1)
     ]
 
 
-def _cut(torque: Floats, rows: Indices) -> list[tuple[Indices, Indices]]:
-    parts = _parts(torque[rows], rows)
-    spans = [abs(float(torque[part[-1]] - torque[part[0]])) for _, part in parts]
-    whole = [
-        part for part, span in zip(parts, spans, strict=True) if span >= FULL_SPAN * max(spans)
-    ]
+def _span(torque: Floats, part: Indices) -> float:
+    return abs(float(torque[part[-1]] - torque[part[0]]))
+
+
+def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
+    widest = max(_span(torque, part) for _, part in parts)
+    whole = [(sign, part) for sign, part in parts if _span(torque, part) >= FULL_SPAN * widest]
     found = []
-    for first, second in zip(whole[::2], whole[1::2], strict=False):
-        rising = first[1] if first[0] > 0 else second[1]
-        falling = second[1] if first[0] > 0 else first[1]
-        if first[0] != second[0]:
-            found.append((rising, falling))
+    for (sign, first), (other, second) in zip(whole[::2], whole[1::2], strict=False):
+        if sign != other:
+            found.append(((first,), (second,)) if sign > 0 else ((second,), (first,)))
     return found
+
+
+def _single_cycle(
+    torque: Floats, parts: list[tuple[int, Indices]]
+) -> list[tuple[Pieces, Pieces]]:
+    """Return the loop of a cycle that begins and ends near zero, between both ends."""
+    if len(parts) != 3:
+        return []
+    (sign, first), (_, middle), (_, last) = parts
+    end = 0.5 * _span(torque, middle)
+    if min(_span(torque, first), _span(torque, last)) < FULL_SPAN * end:
+        return []
+    return [((last, first), (middle,))] if sign > 0 else [((middle,), (last, first))]
+
+
+# -- knots ------------------------------------------------------------------------------------
+
+
+def branch_of(recording: Recording, rows: Indices) -> Branch:
+    """Reduce the samples of one branch to knots."""
+    torque, angle, step = recording.torque[rows], recording.angle[rows], recording.step_rad
+    less = recording.less[rows]
+    levels = levels_of(torque)
+    if levels:
+        return _of_levels(torque, angle, less, levels, step)
+    if step > 0.0 and np.mean(np.diff(angle) == 0.0) >= COUNTED:
+        return _of_counts(torque, angle, less, step)
+    angle = angle - less
+    noise = float(np.hypot(noise_of(angle), _slope(torque, angle) * noise_of(torque)))
+    return Branch(torque, angle, noise, 0.0)
+
+
+def _slope(torque: Floats, angle: Floats) -> float:
+    span = float(np.ptp(torque))
+    return float(np.ptp(angle)) / span if span else 0.0
+
+
+def _of_levels(
+    torque: Floats, angle: Floats, less: Floats, levels: list[slice], step: float
+) -> Branch:
+    """Return the settled means at levels of torque; of a coarse torque those of each count."""
+    inside = sum(abs(float(angle[part][-1] - angle[part][0])) for part in levels)
+    ramped = inside > 0.5 * float(np.ptp(angle))
+    kept = []
+    for part in levels:
+        size = part.stop - part.start
+        kept.append(slice(part.start + (0 if ramped else int(SETTLED * size)), part.stop))
+    load, twist = (np.array([column[part].mean() for part in kept]) for column in (torque, angle))
+    scatter = np.concatenate([np.diff(angle[part]) for part in kept])
+    noise = float(np.sqrt(np.mean(scatter**2) / 2.0)) if scatter.size else 0.0
+    if ramped:
+        noise = noise_of(angle)
+    count = float(np.mean([part.stop - part.start for part in kept]))
+    twist = twist - np.array([less[part].mean() for part in kept])
+    return Branch(load, twist, noise / count**0.5, step / 12.0**0.5, sparse=True)
+
+
+def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Branch:
+    """Return the torques at which a counted angle passes from one count to the next.
+
+    The passage lies where as many samples before it are beyond as there are short of it after it:
+    chatter between two counts doesn't move it. Passages whose chatter reaches an end of the branch
+    don't count.
+    """
+    turn = 1.0 if angle[-1] >= angle[0] else -1.0
+    count = np.rint(turn * (angle - angle[0]) / step).astype(np.int64)
+    lowest, highest = int(count.min()), int(count.max())
+    passed = np.arange(lowest, highest)
+    below = np.cumsum(np.bincount(count - lowest, minlength=highest - lowest + 1))[:-1]
+    first = np.searchsorted(np.maximum.accumulate(count), passed, side="right")
+    last = np.searchsorted(np.minimum.accumulate(count[::-1])[::-1], passed, side="right") - 1
+    inside = (first > 0) & (last < count.size - 1)
+    chatter = float(np.mean((last - first + 1)[inside])) if inside.any() else 0.0
+    place, begin = np.unique(below[inside], return_index=True)
+    passed = passed[inside]
+    end = np.append(begin[1:], passed.size) - 1
+    middle = 0.5 * (passed[begin] + passed[end]) + 0.5
+    load, subtracted = (0.5 * (each[place - 1] + each[place]) for each in (torque, less))
+    between = float(np.median(np.abs(np.diff(torque)))) * _slope(torque, angle)
+    # Variance of a rank: that of the samples beside it, and of those that chatter about it.
+    return Branch(
+        load,
+        angle[0] + turn * step * middle - subtracted,
+        between * (0.15 * chatter) ** 0.5,
+        between / 12.0**0.5,
+        sparse=True,
+    )
+
+
+# -- drift ------------------------------------------------------------------------------------
+
+BINS = 24
+HIGHEST_DEGREE = 3
+BENDS = 9.0
+"""Gain in variance, in residual variances, from which on a drift has a further degree."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """Drift of the angle at one position: what is subtracted from each sample, and its size.
+
+    `share` is the standard uncertainty of what is subtracted, as a share of it.
+    """
+
+    rad: Floats
+    per_loop_rad: float
+    share: float
+
+    @property
+    def significant(self) -> bool:
+        """Whether there is one."""
+        return self.per_loop_rad != 0.0 and self.share < 1.0 / 3.0
+
+
+def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float) -> Drift:
+    """Return half the gap of a single loop as a steady drift.
+
+    The gap may be drift, or a beginning that wasn't on the loop yet: U covers both.
+    """
+    return Drift(0.5 * gap_rad * recording.place([loop]), gap_rad, 1.0 / 3.0**0.5)
+
+
+def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
+    """Find the drift in which loops of one position differ at equal torque on equal branches.
+
+    A polynomial of time of a degree below the number of loops, beside a line of angle over torque
+    in each part of each branch.
+    """
+    sides = [(0, each.rising) for each in loops] + [(1, each.falling) for each in loops]
+    rows = np.concatenate([piece for _, pieces in sides for piece in pieces])
+    kind = np.concatenate(
+        [np.full(piece.size, side) for side, pieces in sides for piece in pieces]
+    )
+    place = recording.place(loops)
+    torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+    low, high = float(torque.min()), float(torque.max())
+    bins = int(np.clip(rows.size / (12 * len(loops)), 4, BINS))
+    part = np.clip(((torque - low) / (high - low) * bins).astype(np.int64), 0, bins - 1)
+    cell = part + bins * kind
+    left = _partialled(cell, torque, angle)
+    degrees = min(HIGHEST_DEGREE, len(loops) - 1)
+    powers = np.column_stack([place ** (k + 1) for k in range(degrees)])
+    basis = np.column_stack([_partialled(cell, torque, powers[rows, k]) for k in range(degrees)])
+    free = rows.size - 2 * np.unique(cell).size
+    best: tuple[Floats, Floats, float] | None = None
+    for degree in range(1, degrees + 1):
+        part_of = basis[:, :degree]
+        solution, *_ = np.linalg.lstsq(part_of, left, rcond=None)
+        squares = float(np.sum((left - part_of @ solution) ** 2))
+        variance = squares / max(free - degree, 1)
+        if best is not None and best[2] - squares <= BENDS * variance:
+            break
+        best = solution, variance * np.linalg.pinv(part_of.T @ part_of), squares
+    assert best is not None
+    solution, covariance, _ = best
+    whole = np.array([float(len(loops)) ** k for k in range(solution.size)])
+    spread = float(np.sqrt(max(float(whole @ covariance @ whole), 0.0)))
+    size = float(whole @ solution)
+    return Drift(powers[:, : solution.size] @ solution, size, spread / max(abs(size), 1e-300))
+
+
+def _partialled(cell: NDArray[np.int64], torque: Floats, values: Floats) -> Floats:
+    """Return what a line over torque in each cell leaves."""
+    count = np.maximum(np.bincount(cell), 1)
+
+    def centred(column: Floats) -> Floats:
+        return np.asarray(column - (np.bincount(cell, weights=column) / count)[cell])
+
+    load, value = centred(torque), centred(values)
+    squares = np.bincount(cell, weights=load**2)
+    slope = np.divide(
+        np.bincount(cell, weights=load * value),
+        squares,
+        out=np.zeros_like(squares),
+        where=squares > 1e-12 * max(float(squares.max()), 1e-300),
+    )
+    return np.asarray(value - slope[cell] * load)

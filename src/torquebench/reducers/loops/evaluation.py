@@ -1,7 +1,9 @@
 """Torque-angle loops: stiffness, backlash, lost motion and hysteresis loss, with uncertainties."""
 
-from collections.abc import Callable
-from dataclasses import replace
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import inf
 
 import numpy as np
@@ -9,24 +11,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns, labels
-from torquebench.reducers.loops.branches import cut_loops, smoothed, turning_points
+from torquebench.reducers.loops.branches import (
+    Drift,
+    RawLoop,
+    Recording,
+    averaged,
+    cut_loops,
+    drift_of,
+    steady_drift,
+)
 from torquebench.reducers.loops.features import features_of, key_points_of
-from torquebench.reducers.loops.findings import (
+from torquebench.reducers.loops.flange_torque import FlangeInertia, torque_at_flange
+from torquebench.reducers.loops.results import (
+    Feature,
+    HysteresisResult,
+    LoopFeatures,
+    LoopSettings,
+    LoopUncertainty,
+    StiffnessRegions,
     check_closure,
     check_columns,
     loop_findings,
 )
-from torquebench.reducers.loops.flange_torque import FlangeInertia, torque_at_flange
-from torquebench.reducers.loops.results import HysteresisResult, LoopFeatures, StiffnessRegions
-from torquebench.reducers.loops.ripple import (
-    NOTHING_LEFT,
-    Record,
-    RippleLeft,
-    what_it_hid,
-    without_ripple,
-)
-from torquebench.reducers.loops.rules import LoopSettings, LoopUncertainty
+from torquebench.reducers.loops.ripple import NOTHING_LEFT, RippleLeft, what_it_hid, without_ripple
+from torquebench.reducers.preparation import Samples, step_of
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
@@ -34,6 +42,8 @@ from torquebench.uncertainty import Budget, Shared
 from torquebench.units import ARCMIN, NM_PER_RAD_OF_NM_PER_ARCMIN
 
 __all__ = ["evaluate_hysteresis"]
+
+Floats = NDArray[np.float64]
 
 
 def evaluate_hysteresis(
@@ -49,15 +59,18 @@ def evaluate_hysteresis(
     time_s: ArrayLike | None = None,
     flange: FlangeInertia | None = None,
     uncertainty: LoopUncertainty | None = None,
+    row: ArrayLike | None = None,
+    keep_outliers: bool = False,
 ) -> HysteresisResult:
-    """Evaluate torque-angle loops, input locked and output loaded.
+    """Evaluate torque-angle loops, one side locked and torque at the output.
 
-    Branches are fitted locally (`LocalLines`); stiffness is ΔT/Δθ by least squares over its
-    interval on the branches that are being loaded. Values are means over the loops of a position
-    and over positions (the worst position if the rule requires it); a torque uncertainty becomes an
-    angle uncertainty through the local slope of the loop. If the torque has a ripple, branches are
-    evaluated at the outermost angles (`loop_ripple`), with the torque less the one that accelerates
-    a known flange (`torque_at_flange`).
+    Branches are fitted locally; stiffness is ΔT/Δθ by least squares over its interval on the
+    branches that are being loaded. Values are means over the loops of a position and over positions
+    (the worst position if the rule requires it); a torque uncertainty becomes an angle uncertainty
+    through the local slope of the loop. A torque by levels is evaluated by its levels, a coarse
+    angle where it changes its count. Drift between loops is removed and named. If the torque has a
+    ripple, branches are evaluated at the outermost angles, with the torque less the one that
+    accelerates a known flange (`torque_at_flange`).
 
     Parameters
     ----------
@@ -77,134 +90,179 @@ def evaluate_hysteresis(
     bench_compliance_rad_per_nm : float
         The bench's own twist per torque between the encoder and the reducer, which is subtracted.
     resolution_rad : float
-        Step of the angle's counts: it narrows a loop that is read where the angle is outermost.
+        Step of the angle's counts, where it is known; the visible one by default.
     time_s : array of float, shape (n,), optional
-        At an even rate but for gaps; only needed with `flange`.
+        For drift between loops; with `flange` at an even rate but for gaps.
     flange : FlangeInertia, optional
         Rotating parts between the transducer and the reducer.
     uncertainty : LoopUncertainty, optional
-        Of torque, angle and compliance; by default none, so that only repeatability counts.
+        Of torque, angle and compliance; by default none, so that U has only what the recording
+        shows.
+    row : array of int, shape (n,), optional
+        Number of each sample in its file, for messages.
+    keep_outliers : bool
+        Evaluate single samples far from their neighbours with the others.
 
     Raises
     ------
     InputError
-        Where the data can't be used: not finite, no whole loop, a loop that doesn't close,
-        swapped columns, a loop that never reaches the stiffness interval, a flange without times.
+        Where the data can't be used: no whole loop, a loop that doesn't close, swapped columns, a
+        loop that never reaches the stiffness interval, a flange without times.
     """
-    torque, measured = finite_columns(16, torque_nm=torque_nm, angle_rad=angle_rad)
-    place = labels(position, torque.size, 0.0, "position")
-    number = None if loop is None else labels(loop, torque.size, 0.0, "loop")
-    demanded = None if demanded_nm is None else labels(demanded_nm, torque.size, 0.0, "demand")
-    known = uncertainty or LoopUncertainty()
-    angle = measured - bench_compliance_rad_per_nm * torque
-    for label in np.unique(place):
-        here = place == label
-        check_columns(torque[here], angle[here], settings.rated_torque_nm)
-    findings = torque_saturation(torque, demanded)
-    if flange is not None:
-        torque, known = _at_reducer(time_s, torque, angle, flange, known, resolution_rad)
-    record = Record(torque, angle, place, number)
-    steady, ripple = without_ripple(record, resolution_rad)
-    loops, blurred = _loops(steady, settings)
-    left = NOTHING_LEFT
-    if ripple is not None:
-        left, found = what_it_hid(
-            ripple, loops, _loops(record, settings)[0], at_reducer=flange is not None
-        )
-        findings.append(found)
-    check_closure(loops, settings)
-    findings += [*blurred, *loop_findings(loops, settings)]
-    stiffness, positive, negative = _stiffnesses(loops, settings, known)
-    return HysteresisResult(
-        settings=settings,
-        stiffness=stiffness,
-        stiffness_positive=positive,
-        stiffness_negative=negative,
-        backlash=_backlash(loops, known, left),
-        lost_motion=_lost_motion(loops, settings, known, left),
-        energy=_energy(loops, known, left),
-        regions=_regions(loops, settings, known),
-        loops=tuple(loops),
-        key_points=key_points_of(loops[0], settings),
-        findings=tuple(findings),
-    )
-
-
-def _at_reducer(
-    time_s: ArrayLike | None,
-    torque: NDArray[np.float64],
-    angle: NDArray[np.float64],
-    flange: FlangeInertia,
-    known: LoopUncertainty,
-    resolution_rad: float,
-) -> tuple[NDArray[np.float64], LoopUncertainty]:
-    """Return the torque at the reducer, and its uncertainty."""
-    if time_s is None:
+    if flange is not None and time_s is None:
         raise InputError(
             Message("a flange of {flange}, but no times", flange),
             "the time of each sample: how fast the flange swings follows from it",
             "give the times, or leave the flange's inertia out",
         )
-    at_reducer, added = torque_at_flange(
-        time_s, torque, angle, flange, angle_uncertainty_rad=resolution_rad / 12.0**0.5
+    samples = Samples.of(
+        16,
+        row=row,
+        keep=keep_outliers,
+        torque_nm=torque_nm,
+        angle_rad=angle_rad,
+        position=position,
+        loop=loop,
+        demand=demanded_nm,
+        time_s=time_s,
     )
-    branch = float(np.hypot(known.torque_branch_nm, np.sqrt(np.mean(added**2))))
-    return at_reducer, replace(known, torque_branch_nm=branch)
-
-
-def _loops(record: Record, settings: LoopSettings) -> tuple[list[LoopFeatures], list[Finding]]:
-    """Cut a record into loops and evaluate each of them."""
-    torque, angle, blurred = _less_noise(record.torque_nm, record.angle_rad, record.position)
-    return [
-        features_of(raw, torque, angle, settings)
-        for raw in cut_loops(torque, record.position, record.loop)
-        if raw.number > settings.settling_loops
-    ], blurred
-
-
-def _less_noise(
-    torque: NDArray[np.float64], angle: NDArray[np.float64], place: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64], list[Finding]]:
-    """Average noisy torques over time at each position, with a remark."""
-    torque, angle = torque.copy(), angle.copy()
-    widest = 1
+    place = samples.get("position", 0.0)
     for label in np.unique(place):
         here = place == label
-        branches = turning_points(torque[here]).size - 1
-        torque[here], angle[here], width = smoothed(torque[here], angle[here], branches)
-        widest = max(widest, width)
-    if widest == 1:
-        return torque, angle, []
-    return (
-        torque,
-        angle,
-        [
+        check_columns(
+            samples["torque_nm"][here], samples["angle_rad"][here], settings.rated_torque_nm
+        )
+    samples = samples.screened(place, torque=samples["torque_nm"], angle=samples["angle_rad"])
+    columns, torque = samples.columns, samples["torque_nm"]
+    findings = [*samples.findings, *torque_saturation(torque, columns.get("demand"))]
+    known = uncertainty or LoopUncertainty()
+    angle, less = samples["angle_rad"], bench_compliance_rad_per_nm * torque
+    step = resolution_rad or step_of(samples["angle_rad"])
+    if flange is not None:
+        torque, added = torque_at_flange(
+            samples["time_s"], torque, angle - less, flange, angle_uncertainty_rad=step / 12.0**0.5
+        )
+        branch = float(np.hypot(known.torque_branch_nm, np.sqrt(np.mean(added**2))))
+        known = replace(known, torque_branch_nm=branch)
+    where = samples.get("position", 0.0)
+    times = columns.get("time_s")
+    recording = Recording(torque, angle, where, less, columns.get("loop"), times, step)
+    steady, ripple = without_ripple(recording, step)
+    evaluated = _evaluated(steady, settings)
+    left = NOTHING_LEFT
+    if ripple is not None:
+        rippling = _evaluated(recording, settings).loops
+        left, found = what_it_hid(
+            ripple, evaluated.loops, rippling, at_reducer=flange is not None
+        )
+        findings.append(found)
+    loops = evaluated.loops
+    findings += [*evaluated.findings, *loop_findings(loops, settings)]
+    quantity = _Quantities(evaluated, settings, known, left)
+    stiffness, positive, negative = quantity.stiffnesses()
+    return HysteresisResult(
+        settings=settings,
+        stiffness=stiffness,
+        stiffness_positive=positive,
+        stiffness_negative=negative,
+        backlash=quantity.backlash(),
+        lost_motion=quantity.lost_motion(),
+        energy=quantity.energy(),
+        regions=quantity.regions(),
+        loops=loops,
+        key_points=key_points_of(loops[0], settings),
+        findings=tuple(findings),
+    )
+
+
+NEGLIGIBLE = 1e-4
+"""Drift from loop to loop, as a share of the loop's width, that isn't subtracted."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Evaluated:
+    """Loops less the drift between them, and the same with it; the drift's share of uncertainty."""
+
+    loops: tuple[LoopFeatures, ...]
+    drifting: tuple[LoopFeatures, ...]
+    share: Mapping[float, float]
+    findings: tuple[Finding, ...]
+
+
+def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
+    """Cut a recording into loops, subtract the drift between them, and read each of them."""
+    recording, width = averaged(recording)
+    findings: list[Finding] = []
+    if width > 1:
+        findings.append(
             Finding(
                 "noisy torque",
                 Message(
                     "torque and angle were averaged over {count} neighbouring samples, "
                     "because noise of the torque blurs the loop where it is steep",
-                    widest,
+                    width,
                 ),
                 "filter both channels alike, or ramp more slowly",
             )
-        ],
+        )
+    cut = [raw for raw in cut_loops(recording) if raw.number > settings.settling_loops]
+    drifting = tuple(features_of(raw, recording, settings) for raw in cut)
+    check_closure(drifting, settings)
+    less, shares = recording.less.copy(), {}
+    for label in dict.fromkeys(raw.position for raw in cut):
+        mine = [raw for raw in cut if raw.position == label]
+        features = [each for each in drifting if each.position == label]
+        drift = _drift_at(recording, mine, features)
+        width_rad = float(np.mean([each.width_rad for each in features]))
+        if abs(drift.per_loop_rad) * (1.0 + 3.0 * drift.share) <= NEGLIGIBLE * width_rad:
+            continue
+        rows = recording.position == label
+        less[rows] += drift.rad[rows]
+        shares[label] = drift.share
+        if drift.significant or len(mine) == 1:
+            findings.append(_drift_finding(drift, len(mine), width_rad))
+    if not shares:
+        return _Evaluated(drifting, drifting, {}, tuple(findings))
+    recording = replace(recording, less=less)
+    loops = tuple(features_of(raw, recording, settings) for raw in cut)
+    return _Evaluated(loops, drifting, shares, tuple(findings))
+
+
+def _drift_at(
+    recording: Recording, loops: Sequence[RawLoop], features: Sequence[LoopFeatures]
+) -> Drift:
+    if len(loops) > 1:
+        return drift_of(recording, loops)
+    gap, noise = features[0].closure_rad, features[0].closure_noise_rad
+    return steady_drift(recording, loops[0], gap if abs(gap) > 3.0 * noise else 0.0)
+
+
+def _drift_finding(drift: Drift, loops: int, width_rad: float) -> Finding:
+    size, share = drift.per_loop_rad / ARCMIN, 100.0 * abs(drift.per_loop_rad) / width_rad
+    if loops == 1:
+        return Finding(
+            "gap of a single loop",
+            Message(
+                "the loop's end is {gap:.3g} arcmin off its start ({share:.2g} % of its width): "
+                "half of it is subtracted as drift, and U covers none and all of it",
+                size,
+                share,
+            ),
+            "record three loops, after a preload to the rated torque",
+        )
+    return Finding(
+        "drift",
+        Message(
+            "the angle drifts by {drift:.3g} arcmin from loop to loop ({share:.2g} % of the "
+            "width): subtracted",
+            size,
+            share,
+        ),
+        "let the temperature settle, check clamps and encoder for creep",
     )
 
 
-def _over(
-    loops: list[LoopFeatures], value: Callable[[LoopFeatures], float]
-) -> tuple[float, list[Contribution]]:
-    values = np.array([value(each) for each in loops])
-    return over_positions(values, np.array([each.position for each in loops]))
-
-
-def _mean(loops: list[LoopFeatures], value: Callable[[LoopFeatures], float]) -> float:
-    return float(np.mean([value(each) for each in loops]))
-
-
-def _arcmin(value: float, parts: list[Contribution]) -> Budget:
-    return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
+# -- budgets ----------------------------------------------------------------------------------
 
 
 def _scaled(parts: list[Contribution], factor: float) -> list[Contribution]:
@@ -213,185 +271,197 @@ def _scaled(parts: list[Contribution], factor: float) -> list[Contribution]:
     ]
 
 
-def _scale(known: LoopUncertainty, factor: float) -> tuple[Contribution, Contribution]:
-    """Return contributions of errors in proportion to the torque."""
-    return (
-        Contribution("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
-        Contribution("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
-    )
+@dataclass(frozen=True, eq=False)
+class _Quantities:
+    """Values of all loops with their budgets."""
 
+    evaluated: _Evaluated
+    settings: LoopSettings
+    known: LoopUncertainty
+    left: RippleLeft
 
-def _branch(known: LoopUncertainty, factor: float) -> tuple[Contribution, Contribution]:
-    """Return contributions of errors of one branch of a loop against the other."""
-    return (
-        Contribution("torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION),
-        Contribution("loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING),
-    )
-
-
-def _backlash(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:
-    value, parts = _over(loops, lambda each: each.backlash_rad)
-    slope = _mean(loops, lambda each: abs(each.slope_at_zero_rad_per_nm))
-    tilt = _mean(loops, lambda each: abs(each.slope_difference_at_zero_rad_per_nm))
-    positions = len({each.position for each in loops})
-    parts += [
-        *_branch(known, 2.0**0.5 * slope),
-        Contribution(
-            "torque zero", known.torque_zero_nm * tilt / positions**0.5, shared=Shared.ZEROING
-        ),
-        Contribution("angle", 2.0**0.5 * known.angle_rad, shared=Shared.MOUNTING),
-        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
-        Contribution("local fit", _mean(loops, lambda each: each.backlash_error_rad)),
-        Contribution("torque ripple", left.backlash_rad),
-    ]
-    return _arcmin(value, parts)
-
-
-def _lost_motion(
-    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty, left: RippleLeft
-) -> Budget:
-    rule = settings.lost_motion_rule
-    chosen = loops
-    if rule.positions == "worst":
-        by_position = {
-            label: [each for each in loops if each.position == label]
-            for label in dict.fromkeys(each.position for each in loops)
-        }
-        chosen = max(by_position.values(), key=lambda each: _mean(each, _lost))
-    value, parts = _over(chosen, _lost)
-    slope = _mean(chosen, lambda each: abs(each.slope_at_lost_motion_rad_per_nm))
-    share = rule.share * settings.rated_torque_nm
-    positions = len({each.position for each in chosen})
-    parts += [
-        # The residual of a compensated step at reversal is equal on both branches and has the
-        # torque's sign: both ends add.
-        *_branch(known, 2.0 * slope),
-        Contribution(
-            "torque zero", known.torque_zero_nm * slope / positions**0.5, shared=Shared.ZEROING
-        ),
-        *_scale(known, 2.0 * share * slope),
-        Contribution("angle", known.angle_rad, shared=Shared.MOUNTING),
-        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
-        Contribution(
-            "bench compliance",
-            known.bench_compliance_rad_per_nm * 2.0 * share,
-            inf,
-            -1.0,
-            Shared.CALIBRATION,
-        ),
-        Contribution("local fit", _mean(chosen, lambda each: each.lost_motion_error_rad)),
-        Contribution("torque ripple", left.lost_motion_rad),
-    ]
-    return _arcmin(value, parts)
-
-
-def _lost(each: LoopFeatures) -> float:
-    return each.lost_motion_rad
-
-
-def _stiffness_budget(
-    value: float,
-    repeats: list[Contribution],
-    torque_range_nm: float,
-    known: LoopUncertainty,
-    *,
-    per: float,
-    unit: str,
-) -> Budget:
-    """Budget of a stiffness in N·m/rad, divided by `per` into its unit."""
-    angle_range = torque_range_nm / abs(value)
-    parts = [
-        *repeats,
-        *_scale(known, abs(value)),
-        *_branch(known, 2.0**0.5 / torque_range_nm * abs(value)),
-        Contribution(
-            "angle",
-            2.0**0.5 * known.angle_rad / angle_range * abs(value),
-            inf,
-            -1.0,
-            Shared.MOUNTING,
-        ),
-        Contribution(
-            "angle scale", known.angle_relative * abs(value), inf, -1.0, Shared.CALIBRATION
-        ),
-        Contribution(
-            "bench compliance",
-            known.bench_compliance_rad_per_nm * value**2,
-            shared=Shared.CALIBRATION,
-        ),
-    ]
-    return budget(value / per, unit, _scaled(parts, 1.0 / per))
-
-
-def _of_compliances(
-    loops: list[LoopFeatures], stiffness: Callable[[LoopFeatures], float]
-) -> tuple[float, list[Contribution]]:
-    """Return the stiffness from the mean compliance: angles averaged at equal torque."""
-    compliance, parts = _over(loops, lambda each: 1.0 / stiffness(each))
-    return 1.0 / compliance, _scaled(parts, 1.0 / compliance**2)
-
-
-def _stiffnesses(
-    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
-) -> tuple[Budget, Budget, Budget]:
-    low, high = settings.stiffness_interval
-    reach = (high - low) * settings.rated_torque_nm
-
-    def both(each: LoopFeatures) -> float:
-        # The mean of compliances: equal torques on both sides, angles averaged.
-        positive, negative = each.stiffness_positive_nm_per_rad, each.stiffness_negative_nm_per_rad
-        return 2.0 / (1.0 / positive + 1.0 / negative)
-
-    found = []
-    for choose in (
-        both,
-        lambda each: each.stiffness_positive_nm_per_rad,
-        lambda each: each.stiffness_negative_nm_per_rad,
-    ):
-        value, parts = _of_compliances(loops, choose)
-        found.append(
-            _stiffness_budget(
-                value, parts, reach, known, per=NM_PER_RAD_OF_NM_PER_ARCMIN, unit="N·m/arcmin"
-            )
+    def _over(
+        self, choose: Callable[[LoopFeatures], Feature], position: float | None = None
+    ) -> tuple[float, list[Contribution]]:
+        """Return the mean of a feature over loops and positions, and what the loops show of it."""
+        pairs = [
+            (each, other)
+            for each, other in zip(self.evaluated.loops, self.evaluated.drifting, strict=True)
+            if position is None or each.position == position
+        ]
+        features = [choose(each) for each, _ in pairs]
+        value, parts = over_positions(
+            np.array([each.value for each in features]),
+            np.array([each.position for each, _ in pairs]),
+            noise=float(np.sqrt(np.mean([each.noise**2 for each in features]))),
         )
-    return found[0], found[1], found[2]
+        drift = np.mean(
+            [
+                self.evaluated.share.get(each.position, 0.0) * (of.value - choose(other).value)
+                for of, (each, other) in zip(features, pairs, strict=True)
+            ]
+        )
+        common = (
+            ("resolution", float(np.mean([each.step for each in features]))),
+            ("between samples", float(np.mean([each.between for each in features]))),
+            ("drift", abs(float(drift))),
+        )
+        return value, [*parts, *(Contribution(name, size) for name, size in common)]
+
+    def _mean(self, value: Callable[[LoopFeatures], float]) -> float:
+        return float(np.mean([value(each) for each in self.evaluated.loops]))
+
+    @property
+    def _positions(self) -> list[float]:
+        return list(dict.fromkeys(each.position for each in self.evaluated.loops))
+
+    def _scale(self, factor: float) -> list[Contribution]:
+        """Return contributions of errors in proportion to the torque."""
+        known = self.known
+        return [
+            Contribution("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
+            Contribution("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
+        ]
+
+    def _branch(self, factor: float) -> list[Contribution]:
+        """Return contributions of errors of one branch of a loop against the other."""
+        known = self.known
+        return [
+            Contribution(
+                "torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION
+            ),
+            Contribution(
+                "loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING
+            ),
+        ]
+
+    def _angle(self, value: float, factor: float) -> list[Contribution]:
+        """Return contributions of the encoder's errors at single angles, and of its scale."""
+        known = self.known
+        return [
+            Contribution("angle", known.angle_rad * factor, shared=Shared.MOUNTING),
+            Contribution(
+                "angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION
+            ),
+        ]
+
+    def _zero(self, slope: float, positions: int) -> Contribution:
+        size = self.known.torque_zero_nm * slope / positions**0.5
+        return Contribution("torque zero", size, shared=Shared.ZEROING)
+
+    def backlash(self) -> Budget:
+        """Loop width at zero torque, arcmin."""
+        value, parts = self._over(lambda each: each.backlash)
+        tilt = self._mean(lambda each: each.slope_difference_at_zero)
+        parts += [
+            *self._branch(2.0**0.5 * self._mean(lambda each: each.slope_at_zero)),
+            self._zero(tilt, len(self._positions)),
+            *self._angle(value, 2.0**0.5),
+            Contribution("torque ripple", self.left.backlash_rad),
+        ]
+        return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
+
+    def lost_motion(self) -> Budget:
+        """Lost motion by the rule, arcmin."""
+        rule = self.settings.lost_motion_rule
+        positions, worst = self._positions, None
+        if rule.positions == "worst":
+            worst = max(positions, key=lambda label: self._over(_lost_motion, label)[0])
+        value, parts = self._over(_lost_motion, worst)
+        slope = self._mean(lambda each: each.slope_at_lost_motion)
+        reach = 2.0 * rule.share * self.settings.rated_torque_nm
+        twist = self.known.bench_compliance_rad_per_nm * reach
+        parts += [
+            # The residual of a compensated step at reversal is equal on both branches and has the
+            # torque's sign: both ends add.
+            *self._branch(2.0 * slope),
+            self._zero(slope, len(positions) if worst is None else 1),
+            *self._scale(reach * slope),
+            *self._angle(value, 1.0),
+            Contribution("bench compliance", twist, inf, -1.0, Shared.CALIBRATION),
+            Contribution("torque ripple", self.left.lost_motion_rad),
+        ]
+        return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
+
+    def energy(self) -> Budget:
+        """Hysteresis loss of a cycle, J."""
+        value, parts = self._over(lambda each: each.energy)
+        load = self._mean(lambda each: 2.0 * each.largest_torque_nm)
+        parts += [
+            *self._scale(abs(value)),
+            *self._branch(2.0**0.5 * self._mean(lambda each: each.width_rad)),
+            *self._angle(value, 2.0**0.5 * load),
+            Contribution("torque ripple", self.left.energy_j),
+        ]
+        return budget(value, "J", parts)
+
+    def _stiffness(
+        self,
+        choose: Callable[[LoopFeatures], Feature],
+        reach_nm: float,
+        *,
+        per: float = NM_PER_RAD_OF_NM_PER_ARCMIN,
+        unit: str = "N·m/arcmin",
+    ) -> Budget:
+        """Return the stiffness from the mean compliance: angles averaged at equal torque."""
+        compliance, shown = self._over(choose)
+        value = 1.0 / compliance
+        known, angle_range = self.known, reach_nm * abs(compliance)
+        parts = [
+            *_scaled(shown, value**2),
+            *self._scale(abs(value)),
+            *self._branch(2.0**0.5 / reach_nm * abs(value)),
+            Contribution(
+                "angle",
+                2.0**0.5 * known.angle_rad / angle_range * abs(value),
+                inf,
+                -1.0,
+                Shared.MOUNTING,
+            ),
+            Contribution(
+                "angle scale", known.angle_relative * abs(value), inf, -1.0, Shared.CALIBRATION
+            ),
+            Contribution(
+                "bench compliance",
+                known.bench_compliance_rad_per_nm * value**2,
+                shared=Shared.CALIBRATION,
+            ),
+        ]
+        return budget(value / per, unit, _scaled(parts, 1.0 / per))
+
+    def stiffnesses(self) -> tuple[Budget, Budget, Budget]:
+        """Stiffness over the interval: of both sides, positive and negative."""
+        low, high = self.settings.stiffness_interval
+        reach = (high - low) * self.settings.rated_torque_nm
+        return (
+            self._stiffness(lambda each: each.compliance, reach),
+            self._stiffness(lambda each: each.compliance_positive, reach),
+            self._stiffness(lambda each: each.compliance_negative, reach),
+        )
+
+    def regions(self) -> StiffnessRegions | None:
+        """Stiffness in three regions, if requested."""
+        if self.settings.region_torques_nm is None:
+            return None
+        first, second = self.settings.region_torques_nm
+        largest = min(each.largest_torque_nm for each in self.evaluated.loops)
+        budgets: list[Budget | None] = []
+        for k, reach in enumerate((first, second - first, largest - second)):
+            if any(each.regions[k] is None for each in self.evaluated.loops):
+                budgets.append(None)
+                continue
+            budgets.append(self._stiffness(_region(k), reach, per=1.0, unit="N·m/rad"))
+        return StiffnessRegions(first, second, *budgets)
 
 
-def _regions(
-    loops: list[LoopFeatures], settings: LoopSettings, known: LoopUncertainty
-) -> StiffnessRegions | None:
-    if settings.region_torques_nm is None:
-        return None
-    first, second = settings.region_torques_nm
-    largest = min(each.largest_torque_nm for each in loops)
-    budgets: list[Budget | None] = []
-    for k, reach in enumerate((first, second - first, largest - second)):
-        if any(np.isnan(each.regions_nm_per_rad[k]) for each in loops):
-            budgets.append(None)
-            continue
-        value, parts = _of_compliances(loops, _region(k))
-        budgets.append(_stiffness_budget(value, parts, reach, known, per=1.0, unit="N·m/rad"))
-    return StiffnessRegions(first, second, budgets[0], budgets[1], budgets[2])
+def _lost_motion(loop: LoopFeatures) -> Feature:
+    return loop.lost_motion
 
 
-def _region(number: int) -> Callable[[LoopFeatures], float]:
-    return lambda each: float(each.regions_nm_per_rad[number])
+def _region(number: int) -> Callable[[LoopFeatures], Feature]:
+    def choose(loop: LoopFeatures) -> Feature:
+        region = loop.regions[number]
+        assert region is not None
+        return region
 
-
-def _energy(loops: list[LoopFeatures], known: LoopUncertainty, left: RippleLeft) -> Budget:
-    value, parts = _over(loops, lambda each: each.energy_j)
-    twist = _mean(loops, _twist)
-    load = _mean(loops, lambda each: 2.0 * each.largest_torque_nm)
-    parts += [
-        *_scale(known, abs(value)),
-        Contribution("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
-        *_branch(known, 2.0**0.5 * twist),
-        Contribution("angle", 2.0**0.5 * known.angle_rad * load, shared=Shared.MOUNTING),
-        Contribution("torque ripple", left.energy_j),
-    ]
-    return budget(value, "J", parts)
-
-
-def _twist(each: LoopFeatures) -> float:
-    ends: NDArray[np.float64] = np.concatenate([each.curve.rising_rad, each.curve.falling_rad])
-    return float(np.ptp(ends))
+    return choose

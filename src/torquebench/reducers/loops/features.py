@@ -1,69 +1,97 @@
-"""Features of one torque-angle loop: widths, slopes, energy."""
+"""Features of one torque-angle loop: widths, compliances, energy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.loops.branches import RawLoop
-from torquebench.reducers.loops.local_fit import LocalLines
-from torquebench.reducers.loops.results import KeyPoint, LoopCurve, LoopFeatures
-from torquebench.reducers.loops.rules import LoopSettings
+from torquebench.reducers.loops.branches import RawLoop, Recording, branch_of
+from torquebench.reducers.loops.local_fit import Branch, LocalLines, Reading, read
+from torquebench.reducers.loops.results import (
+    Feature,
+    KeyPoint,
+    LoopCurve,
+    LoopFeatures,
+    LoopSettings,
+)
+from torquebench.reducers.preparation import levels_of, noise_of
 
 __all__ = ["features_of", "key_points_of"]
 
 Floats = NDArray[np.float64]
+Pieces = Sequence[Branch]
 CURVE_POINTS = 401
 REACHED = 0.97
 """Share of the stiffness interval's upper end that the torque has to reach."""
+LEAST_OF_LINE = 3
+"""Knots of the line through a stiffness interval."""
 
 
-def features_of(
-    raw: RawLoop, torque: Floats, angle: Floats, settings: LoopSettings
-) -> LoopFeatures:
-    """Read one loop: local fits on both branches, widths, stiffnesses and energy.
-
-    Raises
-    ------
-    InputError
-        Where the torque doesn't pass zero or doesn't reach the stiffness interval, or a branch
-        holds too few samples.
-    """
-    rising = (torque[raw.rising], angle[raw.rising])
-    falling = (torque[raw.falling], angle[raw.falling])
-    low = max(float(rising[0].min()), float(falling[0].min()))
-    high = min(float(rising[0].max()), float(falling[0].max()))
+def features_of(raw: RawLoop, recording: Recording, settings: LoopSettings) -> LoopFeatures:
+    """Read one loop: local fits on both branches, widths, compliances and energy."""
+    torque = recording.torque
+    sides = (raw.rising, raw.falling)
+    ends = [torque[np.concatenate(pieces)] for pieces in sides]
+    low, high = max(float(each.min()) for each in ends), min(float(each.max()) for each in ends)
     _check_range(raw, low, high, settings)
-    half = settings.window_share * max(high, -low)
-    up = LocalLines(*rising, settings.least_samples, half)
-    down = LocalLines(*falling, settings.least_samples, half)
-    curve = _curve(up, down, low, high)
+    rising, falling = ([branch_of(recording, rows) for rows in pieces] for pieces in sides)
+    widest = settings.window_share * max(high, -low)
     share = settings.lost_motion_rule.share * settings.rated_torque_nm
-    places = np.array([0.0, share, -share])
-    first_nm, last_nm = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
-    at_up, at_down = up.curved_at(places), down.curved_at(places)
-    middle = 0.5 * (at_up.value + at_down.value)
-    energy = float(np.trapezoid(curve.falling_rad - curve.rising_rad, curve.torque_nm))
+    places = (0.0, share, -share)
+    up = [_read(rising, place, widest) for place in places]
+    down = [_read(falling, place, widest) for place in places]
+    curve = _curve(rising, falling, low, high, widest)
+    first, last = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
+    closure, noise = _closure(raw, recording)
     return LoopFeatures(
         position=raw.position,
         loop=raw.number,
         curve=curve,
-        backlash_rad=float(at_down.value[0] - at_up.value[0]),
-        lost_motion_rad=float(middle[1] - middle[2]),
-        stiffness_positive_nm_per_rad=_stiffness(rising, 1, first_nm, last_nm, settings),
-        stiffness_negative_nm_per_rad=_stiffness(falling, -1, first_nm, last_nm, settings),
-        regions_nm_per_rad=_regions(rising, falling, min(high, -low), settings),
-        energy_j=energy,
-        closure_rad=_closure(raw, torque, angle, up, down),
-        slope_at_zero_rad_per_nm=0.5 * float(at_up.slope[0] + at_down.slope[0]),
-        slope_at_lost_motion_rad_per_nm=0.25
-        * float(at_up.slope[1:].sum() + at_down.slope[1:].sum()),
-        slope_difference_at_zero_rad_per_nm=float(at_down.slope[0] - at_up.slope[0]),
+        backlash=_combined([down[0], up[0]], [1.0, -1.0]),
+        lost_motion=_combined([up[1], down[1], up[2], down[2]], [0.5, 0.5, -0.5, -0.5]),
+        compliance_positive=_compliance(rising, 1, first, last),
+        compliance_negative=_compliance(falling, -1, first, last),
+        regions=_regions(rising, falling, min(high, -low), settings),
+        energy=_energy(rising, falling, raw, recording),
+        closure_rad=closure,
+        closure_noise_rad=noise,
+        slope_at_zero=0.5 * abs(up[0].slope + down[0].slope),
+        slope_at_lost_motion=0.25 * abs(sum(each.slope for each in (*up[1:], *down[1:]))),
+        slope_difference_at_zero=abs(down[0].slope - up[0].slope),
         largest_torque_nm=min(high, -low),
-        backlash_error_rad=float(np.hypot(at_up.standard_error[0], at_down.standard_error[0])),
-        lost_motion_error_rad=0.5
-        * float(np.sqrt(np.sum(at_up.standard_error[1:] ** 2 + at_down.standard_error[1:] ** 2))),
     )
+
+
+def _read(pieces: Pieces, place: float, widest: float) -> Reading:
+    """Read a branch; of a single cycle the piece that remembers the other end, where it reaches.
+
+    The cycle's beginning joins the loop somewhere: there, the gap between both counts as half.
+    """
+    if len(pieces) == 1:
+        return read(pieces[0], place, widest)
+    last, first = pieces
+    if float(last.torque.min()) <= place <= float(last.torque.max()):
+        return read(last, place, widest)
+    begun, ends = read(first, place, widest), [read(each, 0.0, widest) for each in pieces]
+    gap = ends[0].value - ends[1].value
+    noise = float(np.linalg.norm([begun.noise, 0.5 * ends[0].noise, 0.5 * ends[1].noise]))
+    between = float(np.hypot(begun.between, gap / 12.0**0.5))
+    return Reading(begun.value + 0.5 * gap, begun.slope, noise, begun.step, between)
+
+
+def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:
+    value = sum(w * each.value for w, each in zip(weights, readings, strict=True))
+
+    def parts(name: str) -> list[float]:
+        return [abs(w) * getattr(each, name) for w, each in zip(weights, readings, strict=True)]
+
+    # What hides between samples is alike on both branches.
+    noise, step = (float(np.linalg.norm(parts(name))) for name in ("noise", "step"))
+    return Feature(float(value), noise, step, sum(parts("between")))
 
 
 def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) -> None:
@@ -91,84 +119,190 @@ def _check_range(raw: RawLoop, low: float, high: float, settings: LoopSettings) 
         )
 
 
-def _curve(up: LocalLines, down: LocalLines, low: float, high: float) -> LoopCurve:
+def _curve(rising: Pieces, falling: Pieces, low: float, high: float, widest: float) -> LoopCurve:
     # Twice as dense around zero, where backlash is.
     even = np.linspace(low, high, CURVE_POINTS)
     near = np.linspace(0.1 * low, 0.1 * high, CURVE_POINTS // 2)
     grid = np.unique(np.concatenate([even, near]))
-    rising, falling = up.at(grid), down.at(grid)
-    return LoopCurve(
-        grid, rising.value, falling.value, rising.standard_error, falling.standard_error
-    )
+    columns = []
+    for pieces in (rising, falling):
+        angle = LocalLines(pieces[-1], widest).at(grid).value
+        if len(pieces) == 2:
+            of_last = LocalLines(pieces[0], widest).at(grid).value
+            sign = -1.0 if pieces[0].torque.mean() < 0.0 else 1.0
+            angle = np.where(sign * grid >= 0.0, of_last, angle)
+        columns.append(angle)
+    return LoopCurve(grid, *columns)
 
 
-def _stiffness(
-    branch: tuple[Floats, Floats],
-    sign: int,
-    low_nm: float,
-    high_nm: float,
-    settings: LoopSettings,
-) -> float:
-    """Return ΔT/Δθ by least squares over an interval of the loading branch, N·m/rad."""
-    torque, angle = branch
-    load = sign * torque
-    inside = (load >= low_nm) & (load <= high_nm)
-    if np.count_nonzero(inside) < settings.least_samples:
+def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Feature:
+    """Return Δθ/ΔT by least squares over an interval of the loading branch, rad/(N·m)."""
+    branch = max(pieces, key=lambda each: float(np.max(sign * each.torque)))
+    load = sign * branch.torque
+    inside = (load >= low_nm * (1.0 - 1e-9)) & (load <= high_nm * (1.0 + 1e-9))
+    if np.count_nonzero(inside) < LEAST_OF_LINE:
         raise InputError(
             Message(
-                "{count} samples between {lower_nm:.4g} and {upper_nm:.4g} N·m",
+                "{count} samples, levels or counts between {lower_nm:.4g} and {upper_nm:.4g} N·m",
                 np.count_nonzero(inside),
                 low_nm,
                 high_nm,
             ),
-            Message("at least {limit}", settings.least_samples),
-            "record more samples per loop",
+            Message("at least {limit}", LEAST_OF_LINE),
+            "record more samples per loop, or use a finer encoder",
         )
-    x = torque[inside] - torque[inside].mean()
-    y = angle[inside] - angle[inside].mean()
-    slope = float(x @ y) / float(x @ x)
+    x, y, weight = _on_interval(load, sign * branch.angle, low_nm, high_nm)
+    slope, gain = _line(x, y, weight)
+    # What may hide between knots: the same by every other of them, and by none but their own.
+    others = [_line(*_on_interval(load[::2], sign * branch.angle[::2], low_nm, high_nm))[0]]
+    if branch.sparse:
+        others.append(_line(load[inside], sign * branch.angle[inside], np.ones(inside.sum()))[0])
+    apart = max(abs(slope - other) for other in others)
+    noise = branch.noise * gain
+    between = float(np.sqrt(max(apart**2 - (3.0 * noise) ** 2, 0.0) / 3.0))
+    if len(pieces) == 2 and branch is pieces[1]:
+        # The beginning of a single cycle joins the loop somewhere before its end.
+        bend = _gap(pieces) / float(np.ptp(branch.torque))
+        slope, between = slope + 0.5 * bend, float(np.hypot(between, bend / 12.0**0.5))
     if slope == 0.0:
         raise InputError(
             "an angle that doesn't follow the torque",
             "an angle that changes with the torque",
             "check the encoder and the columns",
         )
-    return 1.0 / slope
+    # Steps of an angle that beat with those of the torque tilt the whole line.
+    return Feature(slope, noise, branch.step * 2.0**0.5 / float(np.ptp(x)), between)
+
+
+def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
+    """Return the slope of a weighted line, and its gain of independent noise."""
+    x, y = (each - np.average(each, weights=weight) for each in (x, y))
+    squares = float(weight @ x**2)
+    return float(weight @ (x * y)) / squares, float(np.linalg.norm(weight * x)) / squares
+
+
+def _on_interval(
+    torque: Floats, angle: Floats, low: float, high: float
+) -> tuple[Floats, Floats, Floats]:
+    """Return the knots of an interval with its ends, and their shares of the interval."""
+    order = np.argsort(torque, kind="stable")
+    x, y = torque[order], angle[order]
+    ends = np.array([low, high])
+    if not (x[0] <= low and high <= x[-1]):
+        reach = 0.5 * (high - low)  # no further than half of the interval beyond the knots
+        ends = np.array([max(low, float(x[0]) - reach), min(high, float(x[-1]) + reach)])
+    inside = (x > ends[0]) & (x < ends[1])
+    x, y = (
+        np.concatenate([part[:1], column[inside], part[1:]])
+        for part, column in ((ends, x), (_extended(ends, x, y), y))
+    )
+    return x, y, 0.5 * (np.diff(x, prepend=x[0]) + np.diff(x, append=x[-1]))
+
+
+def _extended(place: Floats, x: Floats, y: Floats) -> Floats:
+    """Interpolate, and extend the outermost lines."""
+    value = np.interp(place, x, y)
+    for end, other in ((0, 1), (-1, -2)):
+        beyond = place < x[0] if end == 0 else place > x[-1]
+        if np.any(beyond) and x[end] != x[other]:
+            slope = (y[end] - y[other]) / (x[end] - x[other])
+            value = np.where(beyond, y[end] + slope * (place - x[end]), value)
+    return np.asarray(value)
 
 
 def _regions(
-    rising: tuple[Floats, Floats],
-    falling: tuple[Floats, Floats],
-    largest: float,
-    settings: LoopSettings,
-) -> Floats:
-    found = np.full(3, np.nan)
+    rising: Pieces, falling: Pieces, largest: float, settings: LoopSettings
+) -> tuple[Feature | None, ...]:
     if settings.region_torques_nm is None:
-        return found
+        return (None, None, None)
     first, second = settings.region_torques_nm
-    ends = [(0.0, first), (first, second), (second, largest)]
-    for k, (low, high) in enumerate(ends):
-        if min(high, largest) < low + 0.1 * (second - first):
+    found: list[Feature | None] = []
+    for low, high in ((0.0, first), (first, second), (second, largest)):
+        top = min(high, largest)
+        if top < low + 0.1 * (second - first):
+            found.append(None)
             continue
-        both = [
-            1.0 / _stiffness(branch, sign, low, min(high, largest), settings)
-            for branch, sign in ((rising, 1), (falling, -1))
+        sides = (_compliance(rising, 1, low, top), _compliance(falling, -1, low, top))
+        found.append(
+            Feature(
+                0.5 * sum(each.value for each in sides),
+                0.5 * float(np.hypot(*(each.noise for each in sides))),
+                0.5 * float(np.hypot(*(each.step for each in sides))),
+            )
+        )
+    return tuple(found)
+
+
+def _energy(
+    rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording
+) -> Feature:
+    """Return the area of the loop: that of its samples in time, of a stepped torque its levels."""
+    step = recording.step_rad
+    if levels_of(recording.torque[raw.rising[0]]):
+        branches = [*rising, *falling]
+    else:
+        less = recording.less
+        branches = [
+            Branch(
+                recording.torque[rows],
+                (recording.angle - less)[rows],
+                noise_of((recording.angle - less)[rows]),
+                0.0,
+            )
+            for rows in (*raw.rising, *raw.falling)
         ]
-        found[k] = 1.0 / float(np.mean(both))
-    return found
+    squares = steps = 0.0
+    for branch in branches:
+        squares += float(np.sum(np.diff(branch.torque) ** 2)) * branch.noise**2
+        # Steps of an angle that beat with those of the torque lift a whole branch.
+        steps += (float(np.ptp(branch.torque)) * branch.step) ** 2
+    area, coarser = (_area(branches, every) for every in (1, 2))
+    hidden = max((area - coarser) ** 2 - 9.0 * squares, 0.0) / 3.0
+    # A count that the ends of a branch cut is known to a part of it only.
+    x, y = (np.concatenate([getattr(each, name) for each in branches]) for name in ("torque", "angle"))
+    per_count = step * float(np.ptp(x)) / max(float(np.ptp(y)), 1e-300)
+    steps = float(np.hypot(steps**0.5, step * per_count / 8.0 * (4.0 / 3.0) ** 0.5))
+    between = 0.0
+    for pieces in (rising, falling):
+        if len(pieces) == 2:
+            # The beginning of a single cycle joins the loop somewhere before its end.
+            gap = _gap(pieces) * float(np.ptp(pieces[1].torque))
+            area += 0.25 * gap
+            between = gap / 4.0 / 3.0**0.5
+    return Feature(area, squares**0.5, steps, float(np.hypot(between, hidden**0.5)))
 
 
-def _closure(
-    raw: RawLoop, torque: Floats, angle: Floats, up: LocalLines, down: LocalLines
-) -> float:
-    """Return the angle at the end of the loop less the one at its start, at equal torque."""
-    rows = np.sort(np.concatenate([raw.rising, raw.falling]))
-    count = max(4, rows.size // 100)
-    start, end = rows[:count], rows[-count:]
-    first, last = float(torque[start].mean()), float(torque[end].mean())
-    lines = up if raw.rising[-1] > raw.falling[-1] else down
-    slope = float(lines.at([0.5 * (first + last)]).slope[0])
-    return float(angle[end].mean() - angle[start].mean()) - slope * (last - first)
+def _area(branches: Sequence[Branch], every: int) -> float:
+    """Return the area of a loop by every so manyth knot and the ends of its branches."""
+    path = []
+    for branch in branches:
+        rows = np.unique(np.append(np.arange(0, branch.torque.size, every), branch.torque.size - 1))
+        path.append((branch.torque[rows], branch.angle[rows]))
+    x, y = (np.concatenate(column) for column in zip(*path, strict=True))
+    return 0.5 * float(np.sum(x * np.roll(y, -1) - np.roll(x, -1) * y))
+
+
+def _gap(pieces: Pieces) -> float:
+    """Return how far the beginning of a single cycle is off its end."""
+    return abs(float(pieces[1].angle[0] - pieces[0].angle[-1]))
+
+
+def _closure(raw: RawLoop, recording: Recording) -> tuple[float, float]:
+    """Return the angle at the loop's end less that at its start, at equal torque, and its noise."""
+    if len(raw.rising) != len(raw.falling):
+        return 0.0, 0.0
+    rows = raw.rows
+    torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+    count = max(1, rows.size // 100)
+    start, end = slice(0, count), slice(-count, None)
+    nearest = slice(-(rows.size // 16 + 4), None)
+    load = torque[nearest]
+    slope = float(np.polyfit(load, angle[nearest], 1)[0]) if np.ptp(load) > 0.0 else 0.0
+    apart = slope * float(torque[end].mean() - torque[start].mean())
+    gap = float(angle[end].mean() - angle[start].mean()) - apart
+    noise = float(np.hypot(noise_of(angle), slope * noise_of(torque))) * (2.0 / count) ** 0.5
+    # At a reversal the slope changes by a half of itself or so.
+    return gap, float(np.linalg.norm([noise, recording.step_rad / 6.0**0.5, 0.3 * apart]))
 
 
 def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPoint, ...]:
@@ -177,6 +311,7 @@ def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPo
     share = rule.share * settings.rated_torque_nm
     percent = Message("{share:g} %", 100 * rule.share)
     low, high = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
+    high = min(high, features.largest_torque_nm)
     marks = [
         ("θ↑(0)", 0.0, curve.rising_rad),
         ("θ↓(0)", 0.0, curve.falling_rad),
@@ -185,9 +320,9 @@ def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPo
         (f"θ↑(−{percent})", -share, curve.rising_rad),
         (f"θ↓(−{percent})", -share, curve.falling_rad),
         ("stiffness, lower end", low, curve.rising_rad),
-        ("stiffness, upper end", min(high, features.largest_torque_nm), curve.rising_rad),
+        ("stiffness, upper end", high, curve.rising_rad),
         ("stiffness, lower end", -low, curve.falling_rad),
-        ("stiffness, upper end", -min(high, features.largest_torque_nm), curve.falling_rad),
+        ("stiffness, upper end", -high, curve.falling_rad),
     ]
     return tuple(
         KeyPoint(label, place, float(np.interp(place, curve.torque_nm, branch)))

@@ -1,4 +1,6 @@
-"""Local straight lines through a branch of a loop, with windows as wide as the data allow."""
+"""Readings of a loop's branch at a torque: local fits with windows as wide as the knots allow."""
+
+from __future__ import annotations
 
 from dataclasses import dataclass
 
@@ -8,90 +10,167 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["LocalFit", "LocalLines"]
+__all__ = ["Branch", "LocalFit", "LocalLines", "Reading", "read"]
 
 Floats = NDArray[np.float64]
-GROWTH = 1.5
-CONFIDENCE = 2.5
+GROWTH = 1.3
+CONFIDENCE = 1.5
 """Standard errors within which fits of neighbouring windows must agree."""
-BEND = 4.0
-"""A window with this multiple of the narrower one's variance contains a bend, not more noise."""
+BIAS = 2.0**0.5
+"""Factor on the standard error: a window that just agrees has a bias of about one of them."""
+LEAST_KNOTS = 3
+"""Knots of a branch."""
+
+
+@dataclass(frozen=True, eq=False)
+class Branch:
+    """A branch as knots: angle (rad) over torque (N·m), in the order of measurement.
+
+    `noise` and `step` are standard uncertainties of a knot's angle: of independent noise, and of
+    steps that may be alike in every loop. `sparse` knots are as good as interpolated between.
+    """
+
+    torque: Floats
+    angle: Floats
+    noise: float
+    step: float
+    sparse: bool = False
+
+    def __post_init__(self) -> None:
+        if self.torque.size < LEAST_KNOTS:
+            raise InputError(
+                Message("{size} samples, levels or counts in a branch of a loop", self.torque.size),
+                Message("at least {limit}", LEAST_KNOTS),
+                "record more samples per loop, or use a finer encoder",
+            )
+
+
+@dataclass(frozen=True)
+class Reading:
+    """A branch's angle at a torque, rad: value, slope per N·m, and standard uncertainties.
+
+    `noise` averages over loops; `step` and `between` (what may happen between knots) don't.
+    """
+
+    value: float
+    slope: float
+    noise: float
+    step: float
+    between: float
 
 
 @dataclass(frozen=True, eq=False)
 class LocalFit:
-    """Values of local lines.
-
-    Parameters
-    ----------
-    value, slope, standard_error : array of float, shape (n,)
-        At each place; the slope per unit of the abscissa.
-    """
+    """Values, slopes and standard errors of local lines at some places."""
 
     value: Floats
     slope: Floats
     standard_error: Floats
 
 
+def read(branch: Branch, place: float, widest: float) -> Reading:
+    """Read a branch at a torque by a local parabola.
+
+    The window grows as long as all fits so far agree within their standard errors (intersection of
+    confidence intervals: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997)
+    135), up to a half width of `widest`. What may happen between the knots beside the place is
+    bounded by the chord between them and the lines that lead to them from either side.
+    """
+    order = np.argsort(branch.torque, kind="stable")
+    x, y = branch.torque[order], branch.angle[order]
+    distance = np.abs(x - place)
+    after = int(np.clip(np.searchsorted(x, place), 1, x.size - 1))
+    half = float(distance[after - 1 : after + 1].max()) * (1.0 + 1e-9)
+    sigma = float(np.hypot(branch.noise, branch.step))
+    low, high = -np.inf, np.inf
+    best: tuple[float, float, float] | None = None
+    while True:
+        inside = np.flatnonzero(distance <= half)
+        value, slope, gain = _parabola(x[inside] - place, y[inside])
+        reach = CONFIDENCE * sigma * gain
+        low, high = max(low, value - reach), min(high, value + reach)
+        if best is not None and low > high:
+            break
+        best = value, slope, gain
+        if half >= widest or inside.size == x.size:
+            break
+        half = min(half * GROWTH, max(widest, half))
+    value, slope, gain = best
+    between = _between(x, y, place, value, sigma)
+    return Reading(value, slope, BIAS * branch.noise * gain, BIAS * branch.step * gain, between)
+
+
+def _parabola(x: Floats, y: Floats) -> tuple[float, float, float]:
+    """Return value and slope at 0 of the least squares, and the value's gain of independent noise.
+
+    A parabola from six knots on, a line through fewer.
+    """
+    scale = max(float(np.max(np.abs(x))), 1e-300)
+    if np.ptp(x) <= 1e-12 * scale:
+        return float(y.mean()), 0.0, float(y.size**-0.5)
+    basis = np.vander(x / scale, 3 if np.unique(x).size >= 6 else 2, increasing=True)
+    weights = np.linalg.pinv(basis)
+    value, slope = weights[0] @ y, weights[1] @ y
+    return float(value), float(slope / scale), float(np.sqrt(np.sum(weights[0] ** 2)))
+
+
+def _between(x: Floats, y: Floats, place: float, value: float, sigma: float) -> float:
+    """Return the standard uncertainty of what may happen between knots, beyond their noise."""
+    torque, first = np.unique(x, return_index=True)
+    if torque.size < 3:
+        return 0.0
+    angle = np.add.reduceat(y, first) / np.diff(np.append(first, y.size))
+    after = int(np.clip(np.searchsorted(torque, place), 1, torque.size - 1))
+    lines = []
+    for a, b in ((after - 1, after), (after - 2, after - 1), (after, after + 1)):
+        if a >= 0 and b < torque.size:
+            slope = (angle[b] - angle[a]) / (torque[b] - torque[a])
+            lines.append(float(angle[a] + slope * (place - torque[a])))
+    if torque[after - 1] <= place <= torque[after]:
+        lines = np.clip(lines, *sorted((angle[after - 1], angle[after]))).tolist()
+    apart = max(abs(each - value) for each in lines)
+    return float(np.sqrt(max(apart**2 - (4.0 * sigma) ** 2, 0.0) / 3.0))
+
+
 class LocalLines:
-    """Local linear regression of a branch: angle against torque.
+    """Local straight lines through a branch at many torques, for its curve.
 
-    The window at each place grows from the least number of samples as long as all fits so far
-    agree within their standard errors (intersection of confidence intervals: Goldenshluger and
-    Nemirovski, Mathematical Methods of Statistics 6 (1997) 135), so that backlash isn't smeared
-    and straight parts are averaged. Sums are accumulated once, so a fit costs no pass over the
-    data.
-
-    Parameters
-    ----------
-    abscissa, value : array of float, shape (n,)
-        In any order.
-    least_samples : int
-        In each window.
-    largest_half_width : float
-        Of a window, in the abscissa's unit; wider only where it holds too few samples.
+    As `read`, but by lines, and with sums that are accumulated once: a fit costs no pass over the
+    samples.
 
     Examples
     --------
     >>> torque = np.linspace(-10.0, 10.0, 2001)
     >>> angle = np.where(torque < 0.0, torque, torque + 1.0)  # a jump of 1 at zero
-    >>> fit = LocalLines(torque, angle, 8, 1.0).at([-0.1, 0.1, 5.0])
+    >>> fit = LocalLines(Branch(torque, angle, 0.0, 0.0), 1.0).at([-0.1, 0.1, 5.0])
     >>> fit.value.round(6).tolist(), fit.slope.round(6).tolist()
     ([-0.1, 1.1, 6.0], [1.0, 1.0, 1.0])
     """
 
-    def __init__(
-        self, abscissa: Floats, value: Floats, least_samples: int, largest_half_width: float
-    ) -> None:
-        if abscissa.size < least_samples:
-            raise InputError(
-                Message("{size} samples in a branch of a loop", abscissa.size),
-                Message("at least {limit}", least_samples),
-                "record more samples per loop",
-            )
-        order = np.argsort(abscissa, kind="stable")
-        self._x = abscissa[order]
-        self._y = value[order]
-        self._least = least_samples
-        self._widest = largest_half_width
-        self._offset = float(value.mean())
-        y = value[order] - self._offset
-        # Noise from second differences, in which a bend doesn't count.
-        rough = np.zeros_like(y)
-        rough[1:-1] = np.diff(y, 2) ** 2 / 6.0
-        sums = np.column_stack([np.ones_like(y), self._x, self._x**2, y, self._x * y, rough])
-        self._sums = np.vstack([np.zeros(6), np.cumsum(sums, axis=0)])
+    def __init__(self, branch: Branch, widest: float) -> None:
+        order = np.argsort(branch.torque, kind="stable")
+        self._x, y = branch.torque[order], branch.angle[order]
+        self._sparse, self._y = branch.sparse, y
+        self._sigma, self._widest = float(np.hypot(branch.noise, branch.step)), widest
+        self._offset = float(y.mean())
+        y = y - self._offset
+        sums = np.column_stack([np.ones_like(y), self._x, self._x**2, y, self._x * y])
+        self._sums = np.vstack([np.zeros(5), np.cumsum(sums, axis=0)])
 
     def at(self, places: ArrayLike) -> LocalFit:
-        """Return the local lines at places, array of float, shape (n,)."""
+        """Return the local lines at places, shape (n,)."""
         x = np.atleast_1d(np.asarray(places, dtype=np.float64))
+        if self._sparse:
+            value = np.interp(x, self._x, self._y)
+            slope = np.gradient(value, x) if x.size > 1 else np.zeros(1)
+            return LocalFit(value, slope, np.full(x.size, self._sigma))
         half = self._least_half_width(x)
         best = self._lines(x, half)
         low = best.value - CONFIDENCE * best.standard_error
         high = best.value + CONFIDENCE * best.standard_error
         open_ = half < self._widest
         while np.any(open_):
-            half = np.where(open_, np.minimum(half * GROWTH, self._widest), half)
+            half = np.where(open_, np.minimum(half * 1.5, self._widest), half)
             wider = self._lines(x, half)
             low = np.maximum(low, wider.value - CONFIDENCE * wider.standard_error)
             high = np.minimum(high, wider.value + CONFIDENCE * wider.standard_error)
@@ -104,49 +183,9 @@ class LocalLines:
             open_ = agree & (half < self._widest)
         return best
 
-    def curved_at(self, places: ArrayLike) -> LocalFit:
-        """Return local parabolas at places: the same choice of windows, without bias by a bend.
-
-        For the few places at which a loop is evaluated; slower than `at`.
-        """
-        x = np.atleast_1d(np.asarray(places, dtype=np.float64))
-        half = self._least_half_width(x)
-        found = [self._curved(place, least) for place, least in zip(x, half, strict=True)]
-        value, slope, error, _ = zip(*found, strict=True)
-        return LocalFit(np.array(value), np.array(slope), np.array(error))
-
-    def _curved(self, place: float, half: float) -> tuple[float, float, float, float]:
-        best = self._parabola(place, half)
-        low, high = -np.inf, np.inf
-        while True:
-            reach = CONFIDENCE * best[2]
-            low, high = max(low, best[0] - reach), min(high, best[0] + reach)
-            if half >= self._widest:
-                return best
-            half = min(half * GROWTH, self._widest)
-            wider = self._parabola(place, half)
-            if wider[3] > BEND * best[3]:
-                return best
-            reach = CONFIDENCE * wider[2]
-            if max(low, wider[0] - reach) > min(high, wider[0] + reach):
-                return best
-            best = wider
-
-    def _parabola(self, place: float, half: float) -> tuple[float, float, float, float]:
-        left = int(np.searchsorted(self._x, place - half, side="left"))
-        right = int(np.searchsorted(self._x, place + half, side="right"))
-        x = (self._x[left:right] - place) / half
-        y = self._y[left:right]
-        basis = np.column_stack([np.ones_like(x), x, x**2])
-        inverse = np.linalg.pinv(basis)
-        value, slope, _ = inverse @ y
-        rough = float(np.sum(np.diff(y, 2) ** 2)) / 6.0 / max(y.size - 2, 1)
-        error = float(np.sqrt(rough * np.sum(inverse[0] ** 2)))
-        return float(value), float(slope / half), error, rough
-
     def _least_half_width(self, places: Floats) -> Floats:
         """Return the smallest half width around each place that contains enough samples."""
-        size, need = self._x.size, self._least
+        size, need = self._x.size, min(8, self._x.size)
         middle = np.searchsorted(self._x, places)
         starts = np.clip(middle[:, None] - np.arange(need + 1), 0, size - need)
         first, last = self._x[starts], self._x[starts + need - 1]
@@ -157,17 +196,15 @@ class LocalLines:
     def _lines(self, x: Floats, half: Floats) -> LocalFit:
         left = np.searchsorted(self._x, x - half, side="left")
         right = np.searchsorted(self._x, x + half, side="right")
-        n, sx, sxx, sy, sxy, rough = (self._sums[right] - self._sums[left]).T
+        n, sx, sxx, sy, sxy = (self._sums[right] - self._sums[left]).T
         mean_x, mean_y = sx / n, sy / n
         spread = np.maximum(sxx / n - mean_x**2, 0.0)
         flat = spread <= 1e-18 * max(float(np.max(np.abs(self._x))), 1e-300) ** 2
-        slope = np.where(flat, 0.0, (sxy / n - mean_x * mean_y) / np.where(flat, 1.0, spread))
-        variance = np.maximum(rough, 0.0) / np.maximum(n - 2, 1)
-        leverage = 1.0 / n + np.where(
-            flat, 0.0, (x - mean_x) ** 2 / (n * np.where(flat, 1.0, spread))
-        )
+        spread = np.where(flat, 1.0, spread)
+        slope = np.where(flat, 0.0, (sxy / n - mean_x * mean_y) / spread)
+        leverage = 1.0 / n + np.where(flat, 0.0, (x - mean_x) ** 2 / (n * spread))
         return LocalFit(
             value=mean_y + slope * (x - mean_x) + self._offset,
             slope=slope,
-            standard_error=np.sqrt(variance * leverage),
+            standard_error=self._sigma * np.sqrt(leverage),
         )

@@ -1,6 +1,6 @@
 """Ripple of the torque in torque-angle loops: its influence, and the unaffected samples."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.message import Message
-from torquebench.reducers.loops.branches import moving_mean, turning_points
+from torquebench.reducers.loops.branches import Recording
 from torquebench.reducers.loops.results import LoopFeatures
+from torquebench.reducers.preparation import levels_of, moving_mean, turning_points
 from torquebench.reducers.quantities import Finding
 
 __all__ = [
     "NOTHING_LEFT",
-    "Record",
     "Ripple",
     "RippleLeft",
     "find_ripple",
@@ -72,23 +72,6 @@ class Ripple:
 
 
 @dataclass(frozen=True)
-class Record:
-    """Torque-angle loops in the order of measurement.
-
-    Parameters
-    ----------
-    torque_nm, angle_rad, position : array of float, shape (n,)
-    loop : array of float, shape (n,), or None
-        Number of the loop at its position.
-    """
-
-    torque_nm: Floats
-    angle_rad: Floats
-    position: Floats
-    loop: Floats | None
-
-
-@dataclass(frozen=True)
 class RippleLeft:
     """Standard uncertainties of a ripple's remaining influence."""
 
@@ -100,7 +83,9 @@ class RippleLeft:
 NOTHING_LEFT = RippleLeft()
 
 
-def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record, Ripple | None]:
+def without_ripple(
+    recording: Recording, resolution_rad: float = 0.0
+) -> tuple[Recording, Ripple | None]:
     """Leave only the outermost samples of a record whose torque ripples, position by position.
 
     A position whose torque doesn't ripple keeps its samples. The ripple is the one at the position
@@ -108,11 +93,9 @@ def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record,
     """
     parts: list[tuple[Floats, Floats, NDArray[np.intp]]] = []
     fastest: Ripple | None = None
-    _, first = np.unique(record.position, return_index=True)
-    for label in record.position[np.sort(first)]:
-        rows = np.flatnonzero(record.position == label)
-        torque, angle = record.torque_nm[rows], record.angle_rad[rows]
-        ripple = find_ripple(torque, angle)
+    for rows in recording.positions():
+        torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
+        ripple = None if levels_of(torque) else find_ripple(torque, angle)
         if ripple is not None:
             torque, angle, left = outermost(torque, angle, ripple, resolution_rad)
             rows = rows[left]
@@ -120,21 +103,15 @@ def without_ripple(record: Record, resolution_rad: float = 0.0) -> tuple[Record,
                 fastest = ripple
         parts.append((torque, angle, rows))
     if fastest is None:
-        return record, None
-    rows = np.concatenate([part[2] for part in parts])
-    kept = Record(
-        np.concatenate([part[0] for part in parts]),
-        np.concatenate([part[1] for part in parts]),
-        record.position[rows],
-        None if record.loop is None else record.loop[rows],
-    )
-    return kept, fastest
+        return recording, None
+    torques, angles, rows = (np.concatenate(column) for column in zip(*parts, strict=True))
+    return recording.at(rows).changed(torques, angles), fastest
 
 
 def what_it_hid(
     ripple: Ripple,
-    steady: list[LoopFeatures],
-    rippling: list[LoopFeatures],
+    steady: Sequence[LoopFeatures],
+    rippling: Sequence[LoopFeatures],
     *,
     at_reducer: bool,
 ) -> tuple[RippleLeft, Finding]:
@@ -151,14 +128,14 @@ def what_it_hid(
         means = [float(np.mean([value(each) for each in loops])) for loops in (steady, rippling)]
         return abs(means[0] - means[1])
 
-    energy = change(lambda each: each.energy_j)
-    hidden = energy / max(float(np.mean([abs(each.energy_j) for each in steady])), 1e-300)
+    energy = change(lambda each: each.energy.value)
+    hidden = energy / max(float(np.mean([abs(each.energy.value) for each in steady])), 1e-300)
     remedy = "load with less ripple to avoid this correction"
     if ripple.period < RESOLVED:
         remedy = Message("sample faster: at least {count:g} samples a period", RESOLVED)
     uncertain = RippleLeft(
-        left * change(lambda each: each.backlash_rad),
-        left * change(lambda each: each.lost_motion_rad),
+        left * change(lambda each: each.backlash.value),
+        left * change(lambda each: each.lost_motion.value),
         left * energy,
     )
     return uncertain, Finding(

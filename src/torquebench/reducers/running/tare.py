@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.chain import Component, Shared, Torque
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns, labels
+from torquebench.reducers.preparation import finite_columns, labels
 
 __all__ = ["TRANSFER_SHARE", "Tare", "TareValue", "fit_tare"]
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.columns import finite_columns
+from torquebench.reducers.preparation import finite_columns
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.loops.branches import turning_points
+from torquebench.reducers.preparation import turning_points
 from torquebench.units import ARCSEC, DEG_PER_RAD, DEG_PER_TURN, TURN
 
 __all__ = ["Run", "check_ratio", "check_sampling", "check_slip", "runs_of"]

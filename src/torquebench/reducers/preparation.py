@@ -1,0 +1,478 @@
+"""What every evaluation does with a recording first: outliers, steps, turns, levels, groups.
+
+Each rule stands here once. Thresholds are multiples of what the recording itself shows (its noise,
+its steps, its slope), so that they hold for any bench.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.message import Message
+from torquebench.reducers.quantities import Finding
+
+__all__ = [
+    "Samples",
+    "decimal_step",
+    "finite_columns",
+    "grouped",
+    "is_ramp",
+    "labels",
+    "levels_of",
+    "moving_mean",
+    "noise_of",
+    "outliers",
+    "steady_windows",
+    "step_of",
+    "turning_points",
+]
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Mask = NDArray[np.bool_]
+
+OUTLYING = 10.0
+"""Distance of an outlier from its neighbours, in medians of that of all samples."""
+STEEP = 5.0
+"""The same in changes from neighbour to neighbour beside it."""
+MOST_OUTLIERS, LEAST_OUTLIERS = 0.01, 3
+"""Share and number of samples up to which they count as outliers; more belong to the recording."""
+MOST_LOST = 0.05
+"""Share of a recording that may lack numbers."""
+TURN_SHARE = 0.25
+"""A signal turns where it returns by this share of its range."""
+
+
+# -- columns ----------------------------------------------------------------------------------
+
+
+def finite_columns(least: int, **columns: ArrayLike) -> tuple[Floats, ...]:
+    """Return columns as equally long rows of finite numbers.
+
+    Examples
+    --------
+    >>> finite_columns(1, torque_nm=[1.0, float("nan")])
+    Traceback (most recent call last):
+    torquebench.errors.InputError: torque_nm is nan in row 2; allowed: finite numbers; ...
+    """
+    rows = _equal_columns(columns)
+    for name, row in rows.items():
+        bad = np.flatnonzero(~np.isfinite(row))
+        if bad.size:
+            more = Message(" and {size} others", bad.size - 1) if bad.size > 1 else ""
+            raise InputError(
+                Message(
+                    "{name} is {row} in row {bad}{size}", name, row[bad[0]], bad[0] + 1, more
+                ),
+                "finite numbers",
+                "remove these rows, or measure them again",
+            )
+    _check_size(rows, least)
+    return tuple(rows.values())
+
+
+def _equal_columns(columns: Mapping[str, ArrayLike]) -> dict[str, Floats]:
+    rows = {
+        name: np.atleast_1d(np.asarray(each, dtype=np.float64)) for name, each in columns.items()
+    }
+    first = next(iter(rows))
+    for name, row in rows.items():
+        if row.ndim != 1 or row.size != rows[first].size:
+            raise InputError(
+                Message("{name} of shape {shape}", name, row.shape),
+                Message("one value for each of {size} in {name}", rows[first].size, first),
+            )
+    return rows
+
+
+def _check_size(rows: Mapping[str, Floats], least: int) -> None:
+    name, row = next(iter(rows.items()))
+    if row.size < least:
+        raise InputError(
+            Message("{size} values of {name}", row.size, name), Message("at least {limit}", least)
+        )
+
+
+def labels(values: ArrayLike | None, size: int, default: float, name: str) -> Floats:
+    """Return labels, shape (size,); by default the same for all."""
+    if values is None:
+        return np.full(size, default)
+    row = np.atleast_1d(np.asarray(values, dtype=np.float64))
+    if row.shape != (size,):
+        raise InputError(
+            Message("{name} of shape {shape}", name, row.shape), Message("{size} labels", size)
+        )
+    if not np.all(np.isfinite(row)):
+        raise InputError(Message("a {name} that isn't finite", name), "a finite label in each row")
+    return row
+
+
+@dataclass(frozen=True, eq=False)
+class Samples:
+    """Columns of a recording with their rows in the file, less samples that aren't its own.
+
+    `keep` leaves outliers in. Remarks about what was left out are in `findings`.
+    """
+
+    columns: Mapping[str, Floats]
+    row: NDArray[np.int64]
+    keep: bool = False
+    findings: tuple[Finding, ...] = ()
+
+    @classmethod
+    def of(
+        cls,
+        least: int,
+        *,
+        row: ArrayLike | None = None,
+        keep: bool = False,
+        **columns: ArrayLike | None,
+    ) -> Samples:
+        """Take the columns that there are, without rows that lack a number."""
+        rows = _equal_columns({name: each for name, each in columns.items() if each is not None})
+        _check_size(rows, least)
+        size = next(iter(rows.values())).size
+        number = np.arange(1, size + 1) if row is None else np.asarray(row, dtype=np.int64)
+        samples = cls(rows, number, keep)
+        lost = ~np.all([np.isfinite(each) for each in rows.values()], axis=0)
+        if not lost.any():
+            return samples
+        if lost.sum() > max(1, MOST_LOST * size):
+            finite_columns(least, **rows)
+        remaining = samples.where(~lost)
+        _check_size(remaining.columns, least)
+        return remaining.with_finding(
+            Finding(
+                "lost samples",
+                Message("no number in {rows}: left out", _rows_named(number[lost])),
+                "check what was read there",
+            )
+        )
+
+    def __getitem__(self, name: str) -> Floats:
+        return self.columns[name]
+
+    def get(self, name: str, default: float) -> Floats:
+        """Return a column, or the same number for all samples."""
+        return self.columns.get(name, np.full(self.row.size, default))
+
+    def where(self, rows: Mask | Indices) -> Samples:
+        """Return some of the samples."""
+        columns = {name: each[rows] for name, each in self.columns.items()}
+        return replace(self, columns=columns, row=self.row[rows])
+
+    def with_finding(self, *findings: Finding) -> Samples:
+        """Return the same samples with further remarks."""
+        return replace(self, findings=(*self.findings, *findings))
+
+    def screened(self, group: Floats | None = None, **series: Floats) -> Samples:
+        """Leave out samples far from their neighbours in a series, group by group, and name them.
+
+        The series have the order of measurement and are named as messages name them.
+        """
+        found: dict[str, Mask] = {}
+        size = self.row.size
+        parts = [np.ones(size, dtype=np.bool_)]
+        if group is not None:
+            parts = [group == each for each in np.unique(group)]
+        for name, values in series.items():
+            bad = np.zeros(size, dtype=np.bool_)
+            for part in parts:
+                bad[part] = outliers(values[part])
+            found[name] = bad
+        return self.less({name: bad for name, bad in found.items() if bad.any()})
+
+    def less(self, found: Mapping[str, Mask]) -> Samples:
+        """Leave out outliers, by the name of what shows them."""
+        bad = np.zeros(self.row.size, dtype=np.bool_)
+        for mask in found.values():
+            bad |= mask
+        if not bad.any() or bad.sum() > max(LEAST_OUTLIERS, MOST_OUTLIERS * bad.size):
+            return self
+        what = Message.joined(
+            [
+                Message("{name} in {rows}", name.replace("_", " "), _rows_named(self.row[mask]))
+                for name, mask in found.items()
+            ]
+        )
+        finding = Finding(
+            "outliers",
+            Message("{what}: far from its neighbours, {left_out}", what, "kept" if self.keep else "left out"),
+            "check what happened there"
+            if self.keep
+            else "check what happened there; --keep-outliers evaluates it with the others",
+        )
+        return (self if self.keep else self.where(~bad)).with_finding(finding)
+
+
+def _rows_named(rows: NDArray[np.int64]) -> str:
+    shown = ", ".join(str(each) for each in rows[:5])
+    if rows.size > 5:
+        shown = Message("{rows} and {count} more", shown, rows.size - 5)
+    return Message("row {rows}", shown) if rows.size == 1 else Message("rows {rows}", shown)
+
+
+# -- noise, outliers, steps -------------------------------------------------------------------
+
+
+def noise_of(values: Floats) -> float:
+    """Return the standard deviation of white noise, from second differences."""
+    if values.size < 8:
+        return 0.0
+    return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * 6.0**0.5)
+
+
+def moving_mean(values: Floats, width: int) -> Floats:
+    """Return means over so many samples around each; the ends continue as they are."""
+    padded = np.pad(values, (width // 2, width - 1 - width // 2), mode="edge")
+    return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
+
+
+def outliers(values: Floats) -> Mask:
+    """Find single samples far outside their neighbours, in the order of measurement.
+
+    Of three neighbours on each side the outermost doesn't count, so that two outliers don't hide
+    each other. A jump, a turn and a ripple aren't outside their neighbours by more than the change
+    beside them.
+
+    Examples
+    --------
+    >>> ramp = np.linspace(0.0, 1.0, 50)
+    >>> np.flatnonzero(outliers(np.where(np.arange(50) == 30, 9.0, ramp))).tolist()
+    [30]
+    """
+    if values.size < 8:
+        return np.zeros(values.size, dtype=np.bool_)
+    padded = np.pad(values, 3, constant_values=np.nan)
+    beside = np.stack([padded[3 + k : 3 + k + values.size] for k in (-3, -2, -1, 1, 2, 3)])
+    ordered = np.sort(beside, axis=0)  # NaN beyond the ends comes last
+    count = np.count_nonzero(np.isfinite(beside), axis=0)
+    low = ordered[1]
+    high = np.take_along_axis(ordered, (count - 2)[None, :], axis=0)[0]
+    beyond = np.maximum(np.maximum(values - high, low - values), 0.0)
+    middle = 0.5 * (
+        np.take_along_axis(ordered, ((count - 1) // 2)[None, :], axis=0)[0]
+        + np.take_along_axis(ordered, (count // 2)[None, :], axis=0)[0]
+    )
+    usual = float(np.median(np.abs(values - middle)))
+    with np.errstate(invalid="ignore"):
+        steps = np.sort(np.abs(np.diff(beside, axis=0)[[0, 1, 3, 4]]), axis=0)
+    change = np.where(np.isfinite(steps[2]), steps[2], steps[1])
+    limit = np.maximum(OUTLYING * usual, STEEP * change)
+    return np.asarray(beyond > limit + 3.0 * step_of(values) + 1e-9 * np.ptp(values))
+
+
+def step_of(values: Floats) -> float:
+    """Return the step that all values are multiples of apart; 0 if none is visible.
+
+    Examples
+    --------
+    >>> step_of(np.array([0.5, 1.25, 2.0, 0.5, 3.5, 4.25])), step_of(np.sqrt(np.arange(9.0)))
+    (0.75, 0.0)
+    """
+    every = np.unique(values)
+    if every.size < 3:
+        return 0.0
+    least = 1e-7 * float(every[-1] - every[0])
+    gaps = np.diff(every)
+    gaps = np.sort(gaps[gaps > least])[:2000]
+    if not gaps.size:
+        return 0.0
+    step = float(gaps[0])
+    for _ in range(12):  # the greatest common divisor of the gaps
+        left = np.abs(gaps - np.rint(gaps / step) * step)
+        left = left[left > 1e-2 * step]
+        if not left.size:
+            return step if step > 10.0 * least else 0.0
+        step = float(left.min())
+        if step < least:
+            return 0.0
+    return 0.0
+
+
+def decimal_step(values: Floats) -> float:
+    """Return the last decimal place that numbers are written with; 0 beyond six places.
+
+    Examples
+    --------
+    >>> decimal_step(np.array([1.0, 0.25, 2.5])), decimal_step(np.array([1.0 / 3.0]))
+    (0.01, 0.0)
+    """
+    for places in range(7):
+        scaled = values * 10.0**places
+        if np.all(np.abs(scaled - np.rint(scaled)) <= 1e-6):
+            return float(10.0**-places)
+    return 0.0
+
+
+# -- turns and levels -------------------------------------------------------------------------
+
+
+def turning_points(values: Floats) -> Indices:
+    """Return the samples at which a signal turns, the first and the last sample included.
+
+    Examples
+    --------
+    >>> turning_points(np.array([0.0, 1.0, 2.0, 1.0, -1.0, -2.0, 0.0])).tolist()
+    [0, 2, 5, 6]
+    """
+    smooth = moving_mean(values, max(1, values.size // 400))
+    least = TURN_SHARE * float(np.ptp(smooth))
+    turns, direction, extreme = [0], 0, 0
+    lowest = highest = 0
+    for k, value in enumerate(smooth.tolist()):
+        if direction == 0:
+            lowest = k if value < smooth[lowest] else lowest
+            highest = k if value > smooth[highest] else highest
+            if value > smooth[lowest] + least:
+                direction, extreme = 1, k
+            elif value < smooth[highest] - least:
+                direction, extreme = -1, k
+        elif direction * (value - smooth[extreme]) > 0:
+            extreme = k
+        elif direction * (smooth[extreme] - value) > least:
+            turns.append(extreme)
+            direction, extreme = -direction, k
+    return np.array(sorted({*turns, values.size - 1}), dtype=np.intp)
+
+
+LEAST_LEVELS = 6
+LEAST_STAYING = 3
+"""Samples in a row from which on a signal stands."""
+STAYING = 0.6
+"""Share of the samples that stand in a recording by levels."""
+MOVING = 0.3
+"""Largest change within the levels, as a share of that from level to level."""
+
+
+def levels_of(values: Floats) -> list[slice]:
+    """Return the levels at which a signal stands, in their order; none unless it goes by levels.
+
+    Examples
+    --------
+    >>> stairs = np.repeat([0.0, 1.0, 2.0, 3.0, 2.0, 1.0, 0.0], 4)
+    >>> [part.start for part in levels_of(stairs)]
+    [0, 4, 8, 12, 16, 20, 24]
+    >>> levels_of(np.linspace(0.0, 3.0, 40))
+    []
+    """
+    if values.size < LEAST_LEVELS * LEAST_STAYING:
+        return []
+    change = np.abs(np.diff(values))
+    quiet = 6.0 * float(np.median(change))
+    jumps = np.flatnonzero(change > max(quiet, 0.1 * float(change.max())))
+    ends = [0, *(jumps + 1).tolist(), values.size]
+    parts = [slice(a, b) for a, b in pairwise(ends) if b - a >= LEAST_STAYING]
+    if len(parts) < LEAST_LEVELS or sum(part.stop - part.start for part in parts) < (
+        STAYING * values.size
+    ):
+        return []
+    heights = np.array([float(np.median(values[part])) for part in parts])
+    inside = 2.0 * sum(_drift(values[part]) for part in parts)
+    return parts if inside < MOVING * float(np.abs(np.diff(heights)).sum()) else []
+
+
+def _drift(values: Floats) -> float:
+    half = values.size // 2
+    return abs(float(values[half:].mean() - values[: values.size - half].mean()))
+
+
+# -- points -----------------------------------------------------------------------------------
+
+
+def grouped(values: Floats, tolerance: ArrayLike) -> NDArray[np.int64]:
+    """Number the groups of values that lie within a tolerance, from the lowest.
+
+    A group spans no more than the tolerance of its members and has one sign. Chains of near values
+    are cut at their widest gaps.
+
+    Examples
+    --------
+    >>> grouped(np.array([80.0, 81.0, 82.0, 180.0, -80.0]), 1.5).tolist()
+    [1, 2, 2, 3, 0]
+    """
+    order = np.argsort(values, kind="stable")
+    ordered = values[order]
+    limit = np.broadcast_to(np.asarray(tolerance, dtype=np.float64), values.shape)[order]
+    starts = np.zeros(values.size, dtype=np.bool_)
+    pending = [(0, values.size)]
+    while pending:
+        first, last = pending.pop()
+        part = ordered[first:last]
+        signs = np.flatnonzero(np.diff(np.sign(part)))
+        narrow = part[-1] - part[0] <= float(limit[first:last].min()) * (1.0 + 1e-9)
+        if narrow and not signs.size:
+            starts[first] = True
+            continue
+        gaps = np.diff(part)
+        cut = first + 1 + int(signs[0] if signs.size else np.argmax(gaps > 0.999999 * gaps.max()))
+        pending += [(first, cut), (cut, last)]
+    number = np.empty(values.size, dtype=np.int64)
+    number[order] = np.cumsum(starts) - 1
+    return number
+
+
+LEAST_RAMP = 40
+SMALL_CHANGE = 0.05
+
+
+def is_ramp(values: Floats, group: NDArray[np.int64]) -> bool:
+    """Return whether values in the order of measurement change steadily instead of by points."""
+    if values.size < LEAST_RAMP or np.unique(group).size < values.size / 3.0:
+        return False
+    small = np.abs(np.diff(values)) < SMALL_CHANGE * float(np.ptp(values))
+    return bool(np.mean(small) > 0.9)
+
+
+LONGEST_MEAN = 200
+STEADY = 0.005
+"""Change within a window, as a share of the largest value, up to which it is steady."""
+
+
+def steady_windows(channels: Sequence[Floats]) -> list[slice]:
+    """Return the windows of a log in which all set quantities stand.
+
+    A log has many samples at each set point: windows of fewer than ten samples don't count.
+
+    Examples
+    --------
+    >>> speed = np.concatenate([np.linspace(0, 100, 30), np.full(60, 100.0), np.full(60, 200.0)])
+    >>> [(part.start > 29, part.stop - part.start > 40) for part in steady_windows([speed])]
+    [(True, True), (True, True)]
+    """
+    size = channels[0].size
+    width = int(np.clip(size // 100, 10, LONGEST_MEAN))
+    if size < 2 * width:
+        return []
+    steady = np.ones(size, dtype=np.bool_)
+    limits = []
+    for values in channels:
+        sums = np.concatenate([[0.0], np.cumsum(values - values[0])])
+        half = width // 2
+        middle = np.arange(half, size - half)
+        change = (sums[middle + half] - 2.0 * sums[middle] + sums[middle - half]) / half
+        rough = moving_mean(np.abs(values - moving_mean(values, width)), width)[middle]
+        limit = STEADY * float(np.quantile(np.abs(values), 0.98))
+        limits.append(limit)
+        here = np.zeros(size, dtype=np.bool_)
+        here[middle] = np.abs(change) <= np.maximum(limit, 4.0 * 1.25 * rough / half**0.5)
+        steady &= here
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], steady.astype(np.int8), [0]])))
+    windows = []
+    for first, last in edges.reshape(-1, 2).tolist():
+        part = slice(first, last)
+        if last - first < 10:
+            continue
+        drifts = [
+            _drift(values[part]) <= 2.0 * limit
+            for values, limit in zip(channels, limits, strict=True)
+        ]
+        if all(drifts):
+            windows.append(part)
+    return windows

@@ -1,0 +1,177 @@
+"""Recordings of reducers with known truth, as strangers bring them.
+
+Written from the definitions of the quantities alone: nothing of the evaluation and none of the
+simulated bench's numbers are used. Angles are in arcmin, torques in N·m, speeds in 1/min.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+Generator = np.random.Generator
+
+
+# -- torque-angle loops -----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A steady loop: angle of the rising and the falling branch over torque, and the virgin curve.
+
+    `rated` is the largest torque; `share` is that of lost motion.
+    """
+
+    rising: Callable[[Floats], Floats]
+    falling: Callable[[Floats], Floats]
+    virgin: Callable[[Floats], Floats]
+    rated: float
+    share: float = 0.03
+
+    def truth(self) -> dict[str, float]:
+        """Return what the definitions give, in arcmin, N·m/arcmin and J."""
+        fine = np.linspace(-self.rated, self.rated, 200_001)
+        at = self.share * self.rated * np.array([1.0, -1.0])
+        middle = 0.5 * (self.rising(at) + self.falling(at))
+        load = np.linspace(0.5 * self.rated, self.rated, 20_001)
+        positive = 1.0 / np.polyfit(load, self.rising(load), 1)[0]
+        negative = 1.0 / np.polyfit(-load, self.falling(-load), 1)[0]
+        zero = np.zeros(1)
+        area = np.trapezoid(self.falling(fine) - self.rising(fine), fine)
+        return {
+            "backlash": float(self.falling(zero)[0] - self.rising(zero)[0]),
+            "lost_motion": float(middle[0] - middle[1]),
+            "stiffness": float(2.0 / (1.0 / positive + 1.0 / negative)),
+            "stiffness_positive": float(positive),
+            "stiffness_negative": float(negative),
+            "hysteresis_loss": float(area * np.pi / 10800.0),
+        }
+
+
+SHAPES = ("line", "lens", "play", "gap", "stiffening", "friction")
+
+
+def loop(shape: str, rng: Generator) -> Loop:
+    """Return a loop of a shape, with random stiffness, widths and softness."""
+    rated = float(rng.choice([20.0, 100.0, 412.0, 1500.0]))
+    twist = rng.uniform(3.0, 12.0)  # at the rated torque
+    stiffness = rated / twist
+    width = rng.uniform(0.02, 0.12) * twist
+    uneven = 1.0 + 0.05 * rng.standard_normal()
+
+    if shape == "friction":  # an elastic part before a dry friction that has to be reversed
+        force = rng.uniform(0.01, 0.06) * rated
+
+        def up(torque: Floats) -> Floats:
+            return np.maximum(torque - force, -rated + force) / stiffness
+
+        def down(torque: Floats) -> Floats:
+            return np.minimum(torque + force, rated - force) / stiffness
+
+        def fresh(torque: Floats) -> Floats:
+            return np.maximum(torque - force, 0.0) / stiffness
+
+        return Loop(up, down, fresh, rated)
+    bend = rng.uniform(0.1, 0.3) if shape == "stiffening" else 0.0
+    low, high, soft = {
+        "lens": (0.0, 0.1, rng.uniform(0.03, 0.15)),
+        "play": (0.1, 0.5, 0.004),
+        "gap": (0.1, 0.5, 0.012),
+    }.get(shape, (0.0, 0.0, 1.0))
+    gap = rng.uniform(low, high) * twist
+    # Torque of the idle parts, by which both branches pass the gap apart from each other.
+    lag = {"play": rng.uniform(0.01, 0.015), "gap": rng.uniform(0.07, 0.1)}.get(shape, 0.0)
+
+    def branch(torque: Floats, side: float) -> Floats:
+        share = torque / rated
+        elastic = torque / stiffness * (1.0 + bend * (1.0 - np.abs(share)) ** 2)
+        if shape != "line":
+            elastic = elastic * np.where(torque > 0.0, uneven, 1.0)
+        passed = 0.5 * gap * np.tanh((share + side * lag) / soft)
+        return np.asarray(elastic + passed + side * 0.5 * width * (1.0 - share**2))
+
+    def up(torque: Floats) -> Floats:
+        return branch(torque, -1.0)
+
+    def down(torque: Floats) -> Floats:
+        return branch(torque, 1.0)
+
+    def begun(torque: Floats) -> Floats:
+        joined = np.clip(torque / rated, 0.0, 1.0)
+        return joined * up(torque) + (1.0 - joined) * 0.5 * (up(torque) + down(torque))
+
+    return Loop(up, down, begun, rated)
+
+
+@dataclass(frozen=True)
+class LoopRecord:
+    """Columns of a recording of loops, and the step of its angle."""
+
+    time: Floats
+    torque: Floats
+    angle: Floats
+    step: float = 0.0
+    bad_row: int | None = None
+
+
+def loop_record(
+    shape: Loop,
+    rng: Generator,
+    *,
+    loops: int = 3,
+    samples: int = 300,
+    noise: float = 0.0,
+    torque_noise: float = 0.0,
+    step: float = 0.0,
+    torque_step: float = 0.0,
+    levels: int = 0,
+    dwell: int = 5,
+    drift: float = 0.0,
+    bending: float = 0.0,
+    bad: str = "",
+    single: bool = False,
+) -> LoopRecord:
+    """Record a loop −T → +T → −T, or with `single` the cycle 0 → +T → −T → 0.
+
+    Noise, steps and drift (per loop) of the angle are in shares of the twist at the rated torque,
+    those of the torque in shares of the rated torque. `bending` is the share of the drift that
+    dies out within a loop. `bad` spoils one sample of "torque" or "angle".
+    """
+    rated = shape.rated
+    twist = float(shape.falling(np.array([rated]))[0])
+    half = np.linspace(-1.0, 1.0, samples)
+    if levels:
+        half = np.repeat(np.linspace(-1.0, 1.0, 2 * levels + 1), dwell)
+    rise, fall = half * rated, half[::-1] * rated
+    torque, angle = [], []
+    if single:
+        up, down = rise[rise >= 0.0], rise[rise <= 0.0]
+        torque = [up, fall, down]
+        angle = [shape.virgin(up), shape.falling(fall), shape.rising(down)]
+    else:
+        for _ in range(loops):
+            torque += [rise, fall]
+            angle += [shape.rising(rise), shape.falling(fall)]
+    load, twisted = np.concatenate(torque), np.concatenate(angle)
+    time = 0.05 * np.arange(load.size)
+    place = np.linspace(0.0, float(loops), load.size)
+    creep = (1.0 - bending) * place + bending * (1.0 - np.exp(-place)) * loops / (1.0 - np.exp(-loops))
+    twisted = twisted + drift * twist * creep
+    twisted = twisted + noise * twist * rng.standard_normal(load.size)
+    read = load + torque_noise * rated * rng.standard_normal(load.size)
+    if step:
+        size = step * twist
+        twisted = np.floor(twisted / size + rng.uniform()) * size
+    if torque_step:
+        read = np.round(read / (torque_step * rated)) * torque_step * rated
+    row = None
+    if bad:
+        row = int(rng.integers(5, load.size - 5))
+        spoilt = read if bad == "torque" else twisted
+        size = rated if bad == "torque" else twist
+        spoilt[row] += float(rng.choice([-1.0, 1.0])) * size * rng.uniform(0.3, 20.0)
+    return LoopRecord(time, read, twisted, step * twist, row)
