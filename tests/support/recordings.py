@@ -175,3 +175,86 @@ def loop_record(
         size = rated if bad == "torque" else twist
         spoilt[row] += float(rng.choice([-1.0, 1.0])) * size * rng.uniform(0.3, 20.0)
     return LoopRecord(time, read, twisted, step * twist, row)
+
+
+# -- break-away -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class RampRecord:
+    """Columns of several ramps up to a slip, and the torque that the reducer held."""
+
+    run: Floats
+    time: Floats
+    angle: Floats
+    torque: Floats
+    truth: float
+    bad_row: int | None = None
+
+
+def ramp_record(
+    rng: Generator,
+    *,
+    runs: int = 3,
+    samples: int = 600,
+    drop: float = 0.0,
+    noise: float = 0.001,
+    angle_noise: float = 0.3,
+    step: float = 0.0,
+    levels: int = 0,
+    softening: float = 1.0,
+    windup: float = 0.0,
+    spread: float = 0.0,
+    both: bool = False,
+    bad: str = "",
+) -> RampRecord:
+    """Record ramps of torque until the reducer slips; angles in arcmin.
+
+    At the slip the torque falls by the share `drop`, and rises after it at `softening` of its rate.
+    `windup` is the elastic angle at the slip; `levels` makes a staircase of so many steps up to
+    about the slip; `spread` scatters what each ramp holds.
+    """
+    held = float(rng.choice([0.03, 0.3, 8.0, 60.0])) * rng.uniform(0.7, 1.3)
+    rest = int(samples * rng.uniform(0.6, 0.85))
+    columns: list[Floats] = []
+    for number in range(runs):
+        mine = held * (1.0 + spread * rng.standard_normal())
+        interval = float(rng.choice([0.002, 0.01, 0.05]))
+        time = interval * np.arange(samples)
+        if levels:
+            size = held / levels
+            dwell = max(rest // levels, 6)
+            stair = size * (rng.uniform(0.2, 1.0) + np.arange(samples) // dwell)
+            start = int(np.argmax(stair >= mine))
+            load = stair
+            begin = time[start]
+        else:
+            rate = mine / (rest * interval + rng.uniform() * interval)
+            begin = mine / rate
+            load = rate * time
+        after = np.maximum(time - begin, 0.0)
+        slipped = time > begin
+        fallen = mine if not levels else float(load[start])
+        load = np.where(
+            slipped, fallen * (1.0 - drop) + softening * (load - fallen), load
+        )
+        if levels:
+            load = np.where(slipped, fallen * (1.0 - drop), load)
+        span = (samples - rest) * interval
+        moved = rng.uniform(100.0, 400.0) * (after / span) ** float(rng.choice([2.0, 3.0]))
+        angle = windup * load / held + moved
+        angle = angle + angle_noise * rng.standard_normal(samples)
+        if step:
+            angle = np.floor(angle / step) * step
+        sign = -1.0 if both and number % 2 else 1.0
+        load = load + noise * held * rng.standard_normal(samples)
+        columns.append(
+            np.array([np.full(samples, number + 1.0), time + 10.0 * number, sign * angle, sign * load])
+        )
+    run, time, angle, load = np.concatenate(columns, axis=1)
+    row = None
+    if bad:
+        row = int(rng.integers(5, samples // 2)) + samples * int(rng.integers(0, runs))
+        spoilt = load if bad == "torque" else angle
+        spoilt[row] += float(rng.choice([-1.0, 1.0])) * (held if bad == "torque" else 1000.0)
+    return RampRecord(run, time, angle, load, held, row)

@@ -1,7 +1,9 @@
-from .breakaway.evaluation import (
+from .breakaway import (
     BreakawayResult as BreakawayResult,
     BreakawayRun as BreakawayRun,
+    FirstMotion as FirstMotion,
     evaluate_breakaway as evaluate_breakaway,
+    first_motion as first_motion,
 )
 from .comparison import (
     Change as Change,
@@ -54,10 +56,6 @@ from .loops.results import (
     LostMotionRule as LostMotionRule,
     OpenLoopError as OpenLoopError,
     StiffnessRegions as StiffnessRegions,
-)
-from .breakaway.change_point import (
-    FirstMotion as FirstMotion,
-    first_motion as first_motion,
 )
 from .running.no_load import (
     NoLoadResult as NoLoadResult,

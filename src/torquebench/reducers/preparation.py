@@ -351,7 +351,7 @@ MOVING = 0.3
 """Largest change within the levels, as a share of that from level to level."""
 
 
-def levels_of(values: Floats) -> list[slice]:
+def levels_of(values: Floats, least: int = LEAST_LEVELS) -> list[slice]:
     """Return the levels at which a signal stands, in their order; none unless it goes by levels.
 
     Examples
@@ -362,14 +362,14 @@ def levels_of(values: Floats) -> list[slice]:
     >>> levels_of(np.linspace(0.0, 3.0, 40))
     []
     """
-    if values.size < LEAST_LEVELS * LEAST_STAYING:
+    if values.size < least * LEAST_STAYING:
         return []
     change = np.abs(np.diff(values))
     quiet = 6.0 * float(np.median(change))
     jumps = np.flatnonzero(change > max(quiet, 0.1 * float(change.max())))
     ends = [0, *(jumps + 1).tolist(), values.size]
     parts = [slice(a, b) for a, b in pairwise(ends) if b - a >= LEAST_STAYING]
-    if len(parts) < LEAST_LEVELS or sum(part.stop - part.start for part in parts) < (
+    if len(parts) < least or sum(part.stop - part.start for part in parts) < (
         STAYING * values.size
     ):
         return []

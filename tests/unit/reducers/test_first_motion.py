@@ -5,7 +5,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from torquebench.reducers import evaluate_breakaway
-from torquebench.reducers.breakaway.change_point import first_motion
+from torquebench.reducers.breakaway import first_motion
 
 
 @settings(max_examples=25, deadline=None)
