@@ -159,7 +159,9 @@ def loop_record(
     load, twisted = np.concatenate(torque), np.concatenate(angle)
     time = 0.05 * np.arange(load.size)
     place = np.linspace(0.0, float(loops), load.size)
-    creep = (1.0 - bending) * place + bending * (1.0 - np.exp(-place)) * loops / (1.0 - np.exp(-loops))
+    creep = (1.0 - bending) * place + bending * (1.0 - np.exp(-place)) * loops / (
+        1.0 - np.exp(-loops)
+    )
     twisted = twisted + drift * twist * creep
     twisted = twisted + noise * twist * rng.standard_normal(load.size)
     read = load + torque_noise * rated * rng.standard_normal(load.size)
@@ -235,9 +237,7 @@ def ramp_record(
         after = np.maximum(time - begin, 0.0)
         slipped = time > begin
         fallen = mine if not levels else float(load[start])
-        load = np.where(
-            slipped, fallen * (1.0 - drop) + softening * (load - fallen), load
-        )
+        load = np.where(slipped, fallen * (1.0 - drop) + softening * (load - fallen), load)
         if levels:
             load = np.where(slipped, fallen * (1.0 - drop), load)
         span = (samples - rest) * interval
@@ -249,7 +249,9 @@ def ramp_record(
         sign = -1.0 if both and number % 2 else 1.0
         load = load + noise * held * rng.standard_normal(samples)
         columns.append(
-            np.array([np.full(samples, number + 1.0), time + 10.0 * number, sign * angle, sign * load])
+            np.array(
+                [np.full(samples, number + 1.0), time + 10.0 * number, sign * angle, sign * load]
+            )
         )
     run, time, angle, load = np.concatenate(columns, axis=1)
     row = None
@@ -258,3 +260,180 @@ def ramp_record(
         spoilt = load if bad == "torque" else angle
         spoilt[row] += float(rng.choice([-1.0, 1.0])) * (held if bad == "torque" else 1000.0)
     return RampRecord(run, time, angle, load, held, row)
+
+
+# -- running torque ---------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class FrictionTruth:
+    """Friction with Coulomb, viscous and Stribeck parts, N·m over 1/min."""
+
+    coulomb: float
+    viscous: float
+    stribeck: float
+    creep_rpm: float
+
+    def at(self, speed: Floats) -> Floats:
+        """Return the torque at speeds, with their signs."""
+        size = np.abs(speed)
+        decay = np.exp(-((size / self.creep_rpm) ** 2))
+        torque = self.coulomb + self.viscous * size + self.stribeck * decay
+        return np.asarray(np.sign(speed) * torque)
+
+
+@dataclass(frozen=True)
+class SpeedRecord:
+    """Columns of a sweep of speeds, and what is true."""
+
+    speed: Floats
+    torque: Floats
+    demanded: Floats
+    truth: FrictionTruth
+    offset: float
+    bad_row: int | None = None
+
+
+def friction_truth(rng: Generator, *, stribeck: bool = True) -> FrictionTruth:
+    """Return a friction of random size."""
+    coulomb = float(rng.choice([0.03, 0.3, 4.0])) * rng.uniform(0.7, 1.3)
+    fastest = 2000.0
+    viscous = coulomb * rng.uniform(0.3, 1.2) / fastest
+    extra = coulomb * rng.uniform(0.2, 0.5) if stribeck else 0.0
+    return FrictionTruth(coulomb, viscous, extra, rng.uniform(60.0, 150.0))
+
+
+def speed_record(
+    rng: Generator,
+    *,
+    speeds: int = 12,
+    repeats: int = 3,
+    both: bool = True,
+    noise: float = 0.005,
+    offset: float = 0.0,
+    places: int | None = None,
+    log: int = 0,
+    ramp: bool = False,
+    stribeck: bool = True,
+    wander: float = 0.001,
+    bad: str = "",
+) -> SpeedRecord:
+    """Record the torque over speed: points, a log with so many samples at each speed, or a ramp.
+
+    Noise and offset are in shares of the Coulomb torque; `wander` is that of the set speed.
+    """
+    truth = friction_truth(rng, stribeck=stribeck)
+    steps = np.geomspace(20.0, 2000.0, speeds)
+    path = np.concatenate([steps, steps[::-1]]) if repeats > 1 else steps
+    path = np.tile(path, max(repeats // 2, 1))
+    if repeats % 2 and repeats > 1:
+        path = np.concatenate([path, steps])
+    if both:
+        path = np.concatenate([path, -path])
+    if ramp:
+        up = np.linspace(20.0, 2000.0, 600)
+        path = np.concatenate([up, up[::-1]])
+        path = np.concatenate([path, -path]) if both else path
+        speed = path.copy()
+    else:
+        speed = path * (1.0 + wander * rng.standard_normal(path.size))
+    if log:
+        parts, before = [], 0.0
+        for target in speed:
+            parts += [np.linspace(before, target, 25), np.full(log, target)]
+            before = target
+        path = np.concatenate(parts)
+        speed = path + 0.002 * 2000.0 * rng.standard_normal(path.size)
+        torque = truth.at(np.where(np.abs(path) < 1.0, 0.0, path))
+        torque = torque + 3.0 * np.gradient(path) / 2000.0 * truth.coulomb  # inertia
+    else:
+        torque = truth.at(speed)
+    shift = offset * truth.coulomb
+    torque = torque + shift + noise * truth.coulomb * rng.standard_normal(torque.size)
+    if places is not None:
+        torque = np.round(torque, places)
+    row = None
+    if bad:
+        row = int(rng.integers(0, torque.size))
+        torque[row] += float(rng.choice([-1.0, 1.0])) * truth.coulomb * rng.uniform(2.0, 30.0)
+    return SpeedRecord(speed, torque, path, truth, shift, row)
+
+
+# -- efficiency -------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class EfficiencyRecord:
+    """Columns of a map, the ratio, and the true efficiency at a torque and a speed."""
+
+    drive: Floats
+    load: Floats
+    speed: Floats
+    demanded_nm: Floats
+    demanded_rpm: Floats
+    ratio: float
+    truth: Callable[[float, float], float]
+    bad_row: int | None = None
+
+
+def efficiency_record(
+    rng: Generator,
+    *,
+    torques: int = 4,
+    speeds: int = 3,
+    repeats: int = 3,
+    noise: float = 0.002,
+    wander: float = 0.001,
+    both: bool = False,
+    offset: float = 0.0,
+    log: int = 0,
+    bad: bool = False,
+    places: int | None = None,
+) -> EfficiencyRecord:
+    """Record input and output torque at a grid of torques and speeds, in any order of repeats.
+
+    Noise is that of the input torque in shares of its largest, `offset` its zero's error.
+    """
+    ratio = float(rng.choice([10.0, 50.0, 121.0]))
+    rated = float(rng.choice([20.0, 400.0]))
+    idle, loss, speed_loss = rng.uniform(0.02, 0.08), rng.uniform(0.03, 0.15), rng.uniform(0.0, 0.05)
+
+    def drive_of(load: Floats, speed: Floats) -> Floats:
+        lost = idle * (1.0 + speed_loss * speed / 1000.0 * 4.0)
+        return (load * (1.0 + loss) + lost * rated) / ratio
+
+    def truth(load: float, speed: float) -> float:
+        at = drive_of(np.array(load), np.array(abs(speed)))
+        return float(100.0 * load / ratio / at)
+
+    loads = rated * np.linspace(0.25, 1.0, torques)
+    rates = np.linspace(300.0, 1500.0, speeds)
+    grid = [(t, s) for _ in range(repeats) for t in loads for s in rates]
+    if both:
+        grid += [(t, -s) for t, s in grid]
+    set_load, set_speed = np.array(grid).T
+    load = set_load * (1.0 + wander * rng.standard_normal(set_load.size))
+    speed = set_speed * (1.0 + wander * rng.standard_normal(set_load.size))
+    if log:
+        ramped = []
+        before = (0.0, 0.0)
+        for target in zip(load, speed, strict=True):
+            ramped.append(np.linspace(before, target, 20))
+            ramped.append(np.tile(target, (log, 1)))
+            before = target
+        load, speed = np.concatenate(ramped).T
+        set_load, set_speed = load, speed
+    sign = np.sign(speed)
+    drive = drive_of(load, np.abs(speed)) * sign
+    largest = float(np.max(np.abs(drive)))
+    drive = drive + largest * (noise * rng.standard_normal(drive.size) + offset)
+    pulled = load * sign + noise * rated * 0.2 * rng.standard_normal(load.size)
+    if log:
+        speed = speed + 2.0 * rng.standard_normal(speed.size)
+    if places is not None:
+        drive, pulled = np.round(drive, places), np.round(pulled, places)
+    row = None
+    if bad:
+        row = int(rng.integers(0, drive.size))
+        drive[row] *= float(rng.choice([0.2, 3.0, 10.0]))
+    return EfficiencyRecord(drive, pulled, speed, set_load, set_speed, ratio, truth, row)

@@ -20,7 +20,7 @@ from .description import (
     available_reducers as available_reducers,
     load_reducer as load_reducer,
 )
-from .efficiencies.evaluation import (
+from .efficiency import (
     EfficiencyMap as EfficiencyMap,
     EfficiencyPoint as EfficiencyPoint,
     evaluate_efficiency as evaluate_efficiency,
@@ -58,11 +58,9 @@ from .loops.results import (
     StiffnessRegions as StiffnessRegions,
 )
 from .running.no_load import (
+    NoLoadPoint as NoLoadPoint,
     NoLoadResult as NoLoadResult,
     evaluate_no_load as evaluate_no_load,
-)
-from .running.no_load_points import (
-    NoLoadPoint as NoLoadPoint,
 )
 from .quantities import (
     LimitedQuantity as LimitedQuantity,

@@ -12,7 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.preparation import Samples, finite_columns, levels_of, step_of
+from torquebench.reducers.preparation import (
+    Samples,
+    finite_columns,
+    levels_of,
+    outliers,
+    step_of,
+)
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
@@ -372,9 +378,7 @@ class BreakawayResult:
                 abs(middle.held_nm),
             )
         rows = [
-            ResultQuantity(
-                f"{key}_torque", Message("{kind} torque", self.kind), self.torque, rule
-            )
+            ResultQuantity(f"{key}_torque", Message("{kind} torque", self.kind), self.torque, rule)
         ]
         for name, estimate in (
             ("clockwise", self.clockwise),
@@ -454,16 +458,15 @@ def evaluate_breakaway(
     ramp = samples.get("run", 1.0)
     order = np.lexsort((samples["time_s"], ramp))
     samples = samples.where(order)
-    samples = samples.screened(
-        samples.get("run", 1.0), torque=samples["torque_nm"], angle=samples["angle_rad"]
-    )
+    samples = samples.screened(samples.get("run", 1.0), angle=samples["angle_rad"])
+    threshold = max(resolution_rad, presliding_rad)
+    samples = samples.less({"torque": _torque_outliers(samples, threshold)})
     ramp, place = samples.get("run", 1.0), samples.get("position", 0.0)
     runs: list[BreakawayRun] = []
     saturated: list[float] = []
     for label in np.unique(ramp):
         mine = samples.where(ramp == label)
         where = float("nan") if position is None else float(place[ramp == label][0])
-        threshold = max(resolution_rad, presliding_rad)
         breakaway, stood = _run_of(mine, float(label), where, threshold)
         runs.append(breakaway)
         if stood:
@@ -472,23 +475,37 @@ def evaluate_breakaway(
     return _result(kind, tuple(runs), known, saturated, largest_share, samples.findings)
 
 
-def _run_of(
-    samples: Samples, label: float, position: float, threshold_rad: float
-) -> tuple[BreakawayRun, bool]:
-    time, angle, torque = (samples[name] for name in ("time_s", "angle_rad", "torque_nm"))
+def _torque_outliers(samples: Samples, threshold_rad: float) -> NDArray[np.bool_]:
+    """Find outliers of the torque before the first motion: at the slip, a peak is no outlier."""
+    ramp = samples.get("run", 1.0)
+    found = np.zeros(ramp.size, dtype=np.bool_)
+    for label in np.unique(ramp):
+        rows = np.flatnonzero(ramp == label)
+        motion = _motion(samples.where(rows), float(label), threshold_rad)
+        before = np.flatnonzero(outliers(samples["torque_nm"][rows]))
+        found[rows[before[before < motion.index - 2]]] = True
+    return found
+
+
+def _motion(samples: Samples, label: float, threshold_rad: float) -> FirstMotion:
     try:
-        motion = first_motion(time, angle, threshold_rad=threshold_rad)
+        return first_motion(samples["time_s"], samples["angle_rad"], threshold_rad=threshold_rad)
     except InputError as problem:
         found = Message("run {label:g}: {found}", label, problem.found)
         raise InputError(found, problem.allowed, problem.remedy) from problem
+
+
+def _run_of(
+    samples: Samples, label: float, position: float, threshold_rad: float
+) -> tuple[BreakawayRun, bool]:
+    time, torque = samples["time_s"], samples["torque_nm"]
+    motion = _motion(samples, label, threshold_rad)
     stairs = _staircase(time, torque, motion)
     if stairs is not None:
         level, held = stairs
         # What holds lies anywhere between the level before and that of the slip.
         step = abs(level - held) / 3.0**0.5
-        run = BreakawayRun(
-            label, position, level, step, motion.time_s, motion.noise_rad, held
-        )
+        run = BreakawayRun(label, position, level, step, motion.time_s, motion.noise_rad, held)
         return run, False
     level, error = _torque_at(time, torque, motion)
     ramp_range = abs(level - float(torque[0]))
@@ -506,7 +523,7 @@ def _staircase(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
         return None
     late = motion.time_s + 2.0 * motion.standard_uncertainty_s
     stop = min(int(np.searchsorted(time, late)) + 2, motion.crossing + 1)
-    sign = 1.0 if reached[: stop][-1] >= reached[0] else -1.0
+    sign = 1.0 if reached[:stop][-1] >= reached[0] else -1.0
     heights = [sign * float(np.median(reached[part])) for part in levels if part.start < stop]
     if len(heights) < 2:
         return None
@@ -548,7 +565,9 @@ def _change(t: Floats, load: Floats, first: int, *, falls: bool) -> tuple[float,
     breaks = np.arange(max(first, LEAST_LINE - 1), t.size - 3)
     if not breaks.size:
         return None
-    sums = np.array([_squares(t[: k + 1], load[: k + 1]) + _squares(t[k + 1 :], load[k + 1 :]) for k in breaks])
+    sums = np.array(
+        [_squares(t[: k + 1], load[: k + 1]) + _squares(t[k + 1 :], load[k + 1 :]) for k in breaks]
+    )
     best = int(np.argmin(sums))
     variance = max(float(sums[best]) / max(t.size - 4, 1), 1e-30)
     if _squares(t, load) - sums[best] <= CHANGED * variance:

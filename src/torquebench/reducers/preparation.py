@@ -28,9 +28,11 @@ __all__ = [
     "moving_mean",
     "noise_of",
     "outliers",
+    "repeat_outliers",
     "steady_windows",
     "step_of",
     "turning_points",
+    "windows_of",
 ]
 
 Floats = NDArray[np.float64]
@@ -67,9 +69,7 @@ def finite_columns(least: int, **columns: ArrayLike) -> tuple[Floats, ...]:
         if bad.size:
             more = Message(" and {size} others", bad.size - 1) if bad.size > 1 else ""
             raise InputError(
-                Message(
-                    "{name} is {row} in row {bad}{size}", name, row[bad[0]], bad[0] + 1, more
-                ),
+                Message("{name} is {row} in row {bad}{size}", name, row[bad[0]], bad[0] + 1, more),
                 "finite numbers",
                 "remove these rows, or measure them again",
             )
@@ -143,7 +143,7 @@ class Samples:
         lost = ~np.all([np.isfinite(each) for each in rows.values()], axis=0)
         if not lost.any():
             return samples
-        if lost.sum() > max(1, MOST_LOST * size):
+        if lost.sum() > max(size >= 10, MOST_LOST * size):
             finite_columns(least, **rows)
         remaining = samples.where(~lost)
         _check_size(remaining.columns, least)
@@ -166,6 +166,10 @@ class Samples:
         """Return some of the samples."""
         columns = {name: each[rows] for name, each in self.columns.items()}
         return replace(self, columns=columns, row=self.row[rows])
+
+    def having(self, **columns: Floats) -> Samples:
+        """Return the samples with further or other columns."""
+        return replace(self, columns={**self.columns, **columns})
 
     def with_finding(self, *findings: Finding) -> Samples:
         """Return the same samples with further remarks."""
@@ -197,18 +201,33 @@ class Samples:
             return self
         what = Message.joined(
             [
-                Message("{name} in {rows}", name.replace("_", " "), _rows_named(self.row[mask]))
+                Message("{name} in {rows}", _word(name), _rows_named(self.row[mask]))
                 for name, mask in found.items()
+                if mask.any()
             ]
         )
         finding = Finding(
             "outliers",
-            Message("{what}: far from its neighbours, {left_out}", what, "kept" if self.keep else "left out"),
+            Message(
+                "{what}: far from its neighbours, {left_out}",
+                what,
+                "kept" if self.keep else "left out",
+            ),
             "check what happened there"
             if self.keep
             else "check what happened there; --keep-outliers evaluates it with the others",
         )
         return (self if self.keep else self.where(~bad)).with_finding(finding)
+
+
+_UNITS = ("_nm", "_rad", "_rpm", "_s")
+
+
+def _word(column: str) -> str:
+    """Return a column's name in words, without its unit."""
+    for unit in _UNITS:
+        column = column.removesuffix(unit)
+    return column.replace("_", " ")
 
 
 def _rows_named(rows: NDArray[np.int64]) -> str:
@@ -387,7 +406,7 @@ def _drift(values: Floats) -> float:
 
 
 def grouped(values: Floats, tolerance: ArrayLike) -> NDArray[np.int64]:
-    """Number the groups of values that lie within a tolerance, from the lowest.
+    """Return the number of each value's group, from the lowest, of values within a tolerance.
 
     A group spans no more than the tolerance of its members and has one sign. Chains of near values
     are cut at their widest gaps.
@@ -418,6 +437,27 @@ def grouped(values: Floats, tolerance: ArrayLike) -> NDArray[np.int64]:
     return number
 
 
+def repeat_outliers(values: Floats, group: NDArray[np.int64]) -> Mask:
+    """Find values far from the median of their group, where groups have three or more.
+
+    Examples
+    --------
+    >>> repeat_outliers(np.array([1.0, 1.01, 0.99, 5.0]), np.zeros(4, dtype=np.int64)).tolist()
+    [False, False, False, True]
+    """
+    apart = np.zeros(values.size)
+    for number in np.flatnonzero(np.bincount(group) >= 3):
+        rows = group == number
+        apart[rows] = np.abs(values[rows] - np.median(values[rows]))
+    usual = apart[apart > 0.0]
+    if not usual.size:
+        return np.zeros(values.size, dtype=np.bool_)
+    # The median of a few is uncertain itself.
+    factor = OUTLYING * (1.0 + 12.0 / usual.size)
+    limit = factor * float(np.median(usual)) + 3.0 * decimal_step(values)
+    return np.asarray(apart > limit)
+
+
 LEAST_RAMP = 40
 SMALL_CHANGE = 0.05
 
@@ -431,6 +471,8 @@ def is_ramp(values: Floats, group: NDArray[np.int64]) -> bool:
 
 
 LONGEST_MEAN = 200
+LEAST_WINDOW = 20
+"""Samples of the shortest window: fewer rows of one speed may be repeats."""
 STEADY = 0.005
 """Change within a window, as a share of the largest value, up to which it is steady."""
 
@@ -438,7 +480,7 @@ STEADY = 0.005
 def steady_windows(channels: Sequence[Floats]) -> list[slice]:
     """Return the windows of a log in which all set quantities stand.
 
-    A log has many samples at each set point: windows of fewer than ten samples don't count.
+    A log has many samples at each set point: short windows don't count.
 
     Examples
     --------
@@ -467,7 +509,7 @@ def steady_windows(channels: Sequence[Floats]) -> list[slice]:
     windows = []
     for first, last in edges.reshape(-1, 2).tolist():
         part = slice(first, last)
-        if last - first < 10:
+        if last - first < LEAST_WINDOW:
             continue
         drifts = [
             _drift(values[part]) <= 2.0 * limit
@@ -476,3 +518,62 @@ def steady_windows(channels: Sequence[Floats]) -> list[slice]:
         if all(drifts):
             windows.append(part)
     return windows
+
+
+SET = frozenset({"demanded_rpm", "demanded_nm", "repeat", "branch", "series", "index", "known"})
+"""Columns that stand within a window."""
+BLOCKS = 8
+"""Parts of a window whose means show how well its mean is known."""
+
+
+def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str]) -> Samples:
+    """Average a log over the windows in which its set quantities stand; a table stays as it is.
+
+    Columns ``own_…`` are the standard uncertainties of the measured quantities' means, from means
+    of parts of each window: samples that follow each other have much of their noise in common.
+    """
+    windows = steady_windows([samples[name] for name in steady])
+    if not windows:
+        return samples
+    size = samples.row.size
+    samples = samples.less(
+        {name: _outliers_in(samples[name], windows) for name in {*steady, *measured}}
+    )
+    if samples.row.size != size:
+        windows = steady_windows([samples[name] for name in steady])
+    whole = samples.row.size
+    size = np.array([part.stop - part.start for part in windows])
+    columns = {
+        name: np.array(
+            [np.median(each[part]) if name in SET else each[part].mean() for part in windows]
+        )
+        for name, each in samples.columns.items()
+    }
+    for name in measured:
+        means = [
+            [block.mean() for block in np.array_split(samples[name][part], BLOCKS)]
+            for part in windows
+        ]
+        columns[f"own_{name}"] = np.std(means, axis=1, ddof=1) / BLOCKS**0.5
+    finding = Finding(
+        "steady windows",
+        Message(
+            "{count} steady windows of {fewest} to {most} samples were found; the other "
+            "{left} of {whole} samples aren't used",
+            len(windows),
+            int(size.min()),
+            int(size.max()),
+            int(whole - size.sum()),
+            whole,
+        ),
+        "hold torque and speed for longer if a window is missing",
+    )
+    rows = samples.row[[part.start for part in windows]]
+    return replace(samples, columns=columns, row=rows).with_finding(finding)
+
+
+def _outliers_in(values: Floats, windows: Sequence[slice]) -> Mask:
+    found = np.zeros(values.size, dtype=np.bool_)
+    for part in windows:
+        found[part] = outliers(values[part])
+    return found

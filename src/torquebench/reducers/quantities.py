@@ -31,6 +31,7 @@ __all__ = [
     "ResultQuantity",
     "budget",
     "common_of_both",
+    "distinct_texts",
     "refuse",
     "together",
     "unsteady_temperature",
@@ -162,6 +163,22 @@ class ReducerResult(Protocol):
 
     def limited(self, limits: DataSheetLimits) -> Iterable[LimitedQuantity]:
         """Return the values that the data sheet limits; those without a limit may be left out."""
+
+
+def distinct_texts(values: Sequence[float]) -> list[str]:
+    """Write numbers with their signs by as few decimals as keep different ones apart, for keys.
+
+    Examples
+    --------
+    >>> distinct_texts([100.0, -100.0, 100.25]), distinct_texts([2.0, 2.0])
+    (['+100.0', '-100.0', '+100.2'], ['+2', '+2'])
+    """
+    different = len(set(values))
+    for places in range(17):
+        texts = [f"{value:+.{places}f}" for value in values]
+        if len(set(texts)) == different:
+            return texts
+    return [f"{value:+.17g}" for value in values]
 
 
 NOTHING = 1e-12

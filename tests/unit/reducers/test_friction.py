@@ -132,7 +132,7 @@ def test_too_few_speeds_give_a_curve_but_no_fit():
         ([100.0, np.nan], [1.0, 1.0], None, "speed_rpm is nan in row 2"),
         ([100.0, 200.0], [1.0, np.inf], None, "torque_nm is inf in row 2"),
         ([100.0, 200.0], [1.0, 1.0], [1], "branch of shape"),
-        ([0.0, 200.0], [1.0, 1.0], None, "a point at 0 rpm"),
+        ([0.0, 0.0], [1.0, 1.0], None, "a speed of 0 in all rows"),
         ([100.0, 200.0], [-1.0, -1.0], None, "help the motion"),
     ],
 )

@@ -182,9 +182,7 @@ def cut_loops(recording: Recording) -> Iterator[RawLoop]:
 Pieces = tuple[Indices, ...]
 
 
-def _labelled(
-    torque: Floats, rows: Indices, numbers: Floats
-) -> list[tuple[Pieces, Pieces]] | None:
+def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Pieces, Pieces]] | None:
     found = []
     for number in dict.fromkeys(numbers.tolist()):
         mine = rows[numbers == number]
@@ -231,9 +229,7 @@ def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces,
     return found
 
 
-def _single_cycle(
-    torque: Floats, parts: list[tuple[int, Indices]]
-) -> list[tuple[Pieces, Pieces]]:
+def _single_cycle(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
     """Return the loop of a cycle that begins and ends near zero, between both ends."""
     if len(parts) != 3:
         return []
@@ -257,7 +253,10 @@ def branch_of(recording: Recording, rows: Indices) -> Branch:
     if step > 0.0 and np.mean(np.diff(angle) == 0.0) >= COUNTED:
         return _of_counts(torque, angle, less, step)
     angle = angle - less
-    noise = float(np.hypot(noise_of(angle), _slope(torque, angle) * noise_of(torque)))
+    # Steps of the angle scatter as noise does where the torque passes them quickly.
+    noise = float(
+        np.hypot(max(noise_of(angle), step / 12.0**0.5), _slope(torque, angle) * noise_of(torque))
+    )
     return Branch(torque, angle, noise, 0.0)
 
 
@@ -359,9 +358,7 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
     """
     sides = [(0, each.rising) for each in loops] + [(1, each.falling) for each in loops]
     rows = np.concatenate([piece for _, pieces in sides for piece in pieces])
-    kind = np.concatenate(
-        [np.full(piece.size, side) for side, pieces in sides for piece in pieces]
-    )
+    kind = np.concatenate([np.full(piece.size, side) for side, pieces in sides for piece in pieces])
     place = recording.place(loops)
     torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
     low, high = float(torque.min()), float(torque.max())

@@ -152,9 +152,7 @@ def evaluate_hysteresis(
     left = NOTHING_LEFT
     if ripple is not None:
         rippling = _evaluated(recording, settings).loops
-        left, found = what_it_hid(
-            ripple, evaluated.loops, rippling, at_reducer=flange is not None
-        )
+        left, found = what_it_hid(ripple, evaluated.loops, rippling, at_reducer=flange is not None)
         findings.append(found)
     loops = evaluated.loops
     findings += [*evaluated.findings, *loop_findings(loops, settings)]

@@ -171,7 +171,7 @@ def _compliance(pieces: Pieces, sign: int, low_nm: float, high_nm: float) -> Fea
             "check the encoder and the columns",
         )
     # Steps of an angle that beat with those of the torque tilt the whole line.
-    return Feature(slope, noise, branch.step * 2.0**0.5 / float(np.ptp(x)), between)
+    return Feature(slope, noise, branch.step * 2.0**0.5 / float(np.ptp(load[inside])), between)
 
 
 def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
@@ -223,19 +223,11 @@ def _regions(
             found.append(None)
             continue
         sides = (_compliance(rising, 1, low, top), _compliance(falling, -1, low, top))
-        found.append(
-            Feature(
-                0.5 * sum(each.value for each in sides),
-                0.5 * float(np.hypot(*(each.noise for each in sides))),
-                0.5 * float(np.hypot(*(each.step for each in sides))),
-            )
-        )
+        found.append(Feature.mean(*sides))
     return tuple(found)
 
 
-def _energy(
-    rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording
-) -> Feature:
+def _energy(rising: Pieces, falling: Pieces, raw: RawLoop, recording: Recording) -> Feature:
     """Return the area of the loop: that of its samples in time, of a stepped torque its levels."""
     step = recording.step_rad
     if levels_of(recording.torque[raw.rising[0]]):
@@ -259,7 +251,9 @@ def _energy(
     area, coarser = (_area(branches, every) for every in (1, 2))
     hidden = max((area - coarser) ** 2 - 9.0 * squares, 0.0) / 3.0
     # A count that the ends of a branch cut is known to a part of it only.
-    x, y = (np.concatenate([getattr(each, name) for each in branches]) for name in ("torque", "angle"))
+    x, y = (
+        np.concatenate([getattr(each, name) for each in branches]) for name in ("torque", "angle")
+    )
     per_count = step * float(np.ptp(x)) / max(float(np.ptp(y)), 1e-300)
     steps = float(np.hypot(steps**0.5, step * per_count / 8.0 * (4.0 / 3.0) ** 0.5))
     between = 0.0

@@ -234,6 +234,16 @@ class Feature:
     step: float = 0.0
     between: float = 0.0
 
+    @classmethod
+    def mean(cls, first: Feature, second: Feature) -> Feature:
+        """Return the mean of two: their noise is independent, the rest may be alike."""
+        return cls(
+            0.5 * (first.value + second.value),
+            0.5 * float(np.hypot(first.noise, second.noise)),
+            0.5 * (first.step + second.step),
+            0.5 * (first.between + second.between),
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class LoopFeatures:
@@ -281,13 +291,7 @@ class LoopFeatures:
     @property
     def compliance(self) -> Feature:
         """The mean of both sides: equal torques, angles averaged."""
-        sides = (self.compliance_positive, self.compliance_negative)
-        return Feature(
-            0.5 * sum(each.value for each in sides),
-            0.5 * float(np.hypot(*(each.noise for each in sides))),
-            0.5 * float(np.hypot(*(each.step for each in sides))),
-            0.5 * float(np.hypot(*(each.between for each in sides))),
-        )
+        return Feature.mean(self.compliance_positive, self.compliance_negative)
 
     @property
     def width_rad(self) -> float:

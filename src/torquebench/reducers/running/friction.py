@@ -9,27 +9,44 @@ exponent δ (1 or 2) and viscous coefficient b; Armstrong-Hélouvry, Dupont and 
 Automatica 30 (1994) 1083, eq. 7.
 """
 
+from __future__ import annotations
+
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.preparation import finite_columns, labels
+from torquebench.reducers.preparation import Samples, finite_columns, labels
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
+    LimitedQuantity,
     ResultQuantity,
     budget,
     unsteady_temperature,
 )
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
+from torquebench.reducers.running.points import SpeedPoints, same_speeds, speed_points
 from torquebench.reducers.saturation import missed_speed
 from torquebench.uncertainty import Shared
 
-__all__ = ["FrictionCurve", "FrictionResult", "evaluate_friction", "friction_curve"]
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
+
+__all__ = [
+    "FrictionCurve",
+    "FrictionResult",
+    "curve_of",
+    "evaluate_friction",
+    "friction_curve",
+    "friction_of",
+]
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,19 +62,20 @@ class FrictionCurve:
     spread_nm : array of float, shape (k,)
         Standard deviation of the single points in N·m; NaN where a speed occurs once.
     standard_error_nm : array of float, shape (k,)
-        Standard error of the mean in N·m, from the spread pooled over all speeds.
+        Standard error of the mean in N·m, from the spread pooled over all speeds, or from the
+        windows of a log; NaN without either.
     points : array of int, shape (k,)
         How many points each mean is of.
     up_minus_down_nm : array of float, shape (k,)
         Mean while the speed rises minus mean while it falls, in N·m; NaN where one is missing.
     """
 
-    speed_rpm: NDArray[np.float64]
-    torque_nm: NDArray[np.float64]
-    spread_nm: NDArray[np.float64]
-    standard_error_nm: NDArray[np.float64]
+    speed_rpm: Floats
+    torque_nm: Floats
+    spread_nm: Floats
+    standard_error_nm: Floats
     points: NDArray[np.int64]
-    up_minus_down_nm: NDArray[np.float64]
+    up_minus_down_nm: Floats
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,9 +89,11 @@ class FrictionResult:
     clockwise, counter_clockwise : FrictionFit or None
         Parts of the friction in each direction; None where there are too few speeds.
     systematic_uncertainty_nm : float
-        Standard uncertainty that all torques have in common (zero, reference, compensation), N·m.
+        Standard uncertainty that all torques have in common (zero, offset, reference,
+        compensation), N·m.
     worst_relative_uncertainty : float
-        Largest expanded uncertainty (k = 2) of a mean, as a share of that mean.
+        Largest expanded uncertainty (k = 2) of a mean, as a share of that mean; infinite where no
+        mean's uncertainty is known.
     findings : tuple of Finding
     """
 
@@ -119,19 +139,12 @@ class FrictionResult:
                 )
         return tuple(rows)
 
+    def limited(self, _limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return nothing: data sheets limit no part of the friction."""
+        return iter(())
+
     def require(self, share: float) -> None:
-        """Refuse the result where its uncertainty exceeds a stated share of the torque.
-
-        Parameters
-        ----------
-        share : float
-            Largest allowed expanded uncertainty (k = 2) of a mean torque, as a share of it.
-
-        Raises
-        ------
-        InputError
-            Where the uncertainty is larger.
-        """
+        """Refuse the result where its uncertainty (k = 2) exceeds a stated share of the torque."""
         if not self.worst_relative_uncertainty <= share:
             raise InputError(
                 Message(
@@ -162,12 +175,8 @@ def friction_curve(
     branch : array of int, shape (n,), optional
         +1 while \|speed\| rises, -1 while it falls.
     tolerance_rpm : float, optional
-        Largest gap between points of one speed; by default 0.2 % of the largest \|speed\|.
-
-    Raises
-    ------
-    InputError
-        Where lengths differ, a value isn't finite or there is no point.
+        Largest range of the speeds of one step; by default 0.5 % of the largest
+        \|speed\| and 5 % of their own.
 
     Examples
     --------
@@ -177,27 +186,45 @@ def friction_curve(
     """
     speed, torque = finite_columns(1, speed_rpm=speed_rpm, torque_nm=torque_nm)
     turn = labels(branch, speed.size, 0.0, "branch")
-    gap = 0.002 * float(np.max(np.abs(speed))) if tolerance_rpm is None else tolerance_rpm
-    order = np.argsort(speed, kind="stable")
-    label = np.empty(speed.size, dtype=np.intp)
-    label[order] = np.cumsum(np.diff(speed[order], prepend=speed[order[0]]) > gap)
-    count = np.bincount(label)
-    mean = np.bincount(label, weights=torque) / count
-    squares = np.bincount(label, weights=(torque - mean[label]) ** 2)
+    group = same_speeds(speed, tolerance_rpm)
+    return _curve(speed, torque, turn, group, np.full(speed.size, np.nan))
+
+
+def curve_of(points: SpeedPoints) -> FrictionCurve:
+    """Average points at each step of speed."""
+    return _curve(points.speed, points.torque, points.branch, points.group, points.own_nm)
+
+
+def _curve(
+    speed: Floats, torque: Floats, turn: Floats, group: NDArray[np.int64], own_nm: Floats
+) -> FrictionCurve:
+    count = np.bincount(group)
+    mean = np.bincount(group, weights=torque) / count
+    squares = np.bincount(group, weights=(torque - mean[group]) ** 2)
     freedom = count - 1
     spread = np.full(count.size, np.nan)
     spread[freedom > 0] = np.sqrt(squares[freedom > 0] / freedom[freedom > 0])
     total = int(freedom.sum())
     pooled = float(np.sqrt(squares.sum() / total)) if total else np.nan
-    return FrictionCurve(
-        speed_rpm=np.bincount(label, weights=speed) / count,
-        torque_nm=mean,
-        spread_nm=spread,
-        standard_error_nm=pooled / np.sqrt(count),
-        points=count.astype(np.int64),
-        up_minus_down_nm=_mean_where(torque, label, turn > 0, count.size)
-        - _mean_where(torque, label, turn < 0, count.size),
-    )
+    error = pooled / np.sqrt(count)
+    if not total:
+        error = np.sqrt(np.bincount(group, weights=own_nm**2)) / count
+    mean_speed = np.bincount(group, weights=speed) / count
+    order = np.argsort(mean_speed, kind="stable")
+    change = _mean_where(torque, group, turn > 0, count.size)
+    change = change - _mean_where(torque, group, turn < 0, count.size)
+    columns = (mean_speed, mean, spread, error, count.astype(np.int64), change)
+    return FrictionCurve(*(each[order] for each in columns))
+
+
+def _mean_where(
+    values: Floats, group: NDArray[np.int64], where: NDArray[np.bool_], size: int
+) -> Floats:
+    count = np.bincount(group[where], minlength=size)
+    total = np.bincount(group[where], weights=values[where], minlength=size)
+    mean = np.full(size, np.nan)
+    mean[count > 0] = total[count > 0] / count[count > 0]
+    return mean
 
 
 def evaluate_friction(
@@ -211,13 +238,18 @@ def evaluate_friction(
     tolerance_rpm: float | None = None,
     temperature_c: ArrayLike | None = None,
     demanded_rpm: ArrayLike | None = None,
+    zeroed: bool = False,
+    row: ArrayLike | None = None,
+    keep_outliers: bool = False,
 ) -> FrictionResult:
-    """Evaluate a no-load friction sweep: mean and spread at each speed, and the parts of friction.
+    """Evaluate no-load friction: mean and spread at each speed, and the parts of friction.
+
+    A log is averaged over its steady windows, a ramp over parts of it.
 
     Parameters
     ----------
     speed_rpm, torque_nm, branch, tolerance_rpm
-        As for `friction_curve`; points at rest (speed 0) are refused.
+        As for `friction_curve`; points at rest (speed 0) are left out.
     systematic_uncertainty_nm : float, default 0
         Standard uncertainty that all torques have in common, in N·m; averaging doesn't lower it.
     exponent : {1, 2}, default 2
@@ -228,13 +260,20 @@ def evaluate_friction(
     temperature_c : array of float, shape (n,), optional
         Of the reducer; a change of more than 2 K is a finding.
     demanded_rpm : array of float, shape (n,), optional
-        Commanded speed; one that wasn't reached is a finding.
+        Commanded speed, by which points are grouped; one that wasn't reached is a finding.
+    zeroed : bool
+        Whether the torque was zeroed before; otherwise an offset is estimated from both directions
+        where it is significant.
+    row : array of int, shape (n,), optional
+        Number of each sample in its file, for messages.
+    keep_outliers : bool
+        Evaluate outliers with the others.
 
     Raises
     ------
     InputError
-        Where the columns can't be used, a point is at rest, or a torque helps the motion that it
-        should oppose in the mean of a direction (a swapped sign).
+        Where the columns can't be used, or a torque helps the motion that it should oppose in the
+        mean of a direction (a swapped sign).
 
     Examples
     --------
@@ -246,40 +285,76 @@ def evaluate_friction(
     """
     if form != "best" and form not in FORMS:
         raise InputError(Message("form {form!r}", form), ", ".join((*FORMS, "best")))
-    curve = friction_curve(speed_rpm, torque_nm, branch, tolerance_rpm=tolerance_rpm)
-    if np.any(curve.speed_rpm == 0):
-        raise InputError("a point at 0 rpm", "points at which the input turns", "remove it")
+    samples = Samples.of(
+        1,
+        row=row,
+        keep=keep_outliers,
+        speed_rpm=speed_rpm,
+        torque_nm=torque_nm,
+        branch=branch,
+        temperature_c=temperature_c,
+        demanded_rpm=demanded_rpm,
+    )
+    points = speed_points(samples, tolerance_rpm=tolerance_rpm, zeroed=zeroed)
+    unsteady: tuple[Finding, ...] = ()
+    if temperature_c is not None:
+        unsteady = unsteady_temperature(
+            points.samples["temperature_c"],
+            "warm up until the temperature is steady, or evaluate as no-load torque at a "
+            "reference temperature",
+        )
+    missed: tuple[Finding, ...] = ()
+    if demanded_rpm is not None:
+        missed = missed_speed(points.speed, points.samples["demanded_rpm"])
+    found = friction_of(
+        points, systematic_uncertainty_nm=systematic_uncertainty_nm, exponent=exponent, form=form
+    )
+    return FrictionResult(
+        **{**vars(found), "findings": (*points.findings, *unsteady, *missed, *found.findings)}
+    )
+
+
+def friction_of(
+    points: SpeedPoints,
+    *,
+    systematic_uncertainty_nm: float = 0.0,
+    exponent: Literal[1, 2] = 2,
+    form: Form | Literal["best"] = "best",
+) -> FrictionResult:
+    """Evaluate the friction of steady points."""
+    curve = curve_of(points)
+    systematic = float(np.hypot(systematic_uncertainty_nm, points.offset_u_nm))
     fits: dict[int, FrictionFit | None] = {}
+    findings: list[Finding] = []
     for sign, name in ((1, "clockwise"), (-1, "counter-clockwise")):
         side = np.sign(curve.speed_rpm) == sign
         fits[sign] = None
         if np.any(side):
-            fits[sign] = _fit_of_side(curve, side, sign, name, exponent, form)
-    unsteady: tuple[Finding, ...] = ()
-    if temperature_c is not None:
-        (warmth,) = finite_columns(1, temperature_c=temperature_c)
-        unsteady = unsteady_temperature(
-            warmth,
-            "warm up until the temperature is steady, or evaluate as no-load torque at a "
-            "reference temperature",
-        )
-    error = np.hypot(np.nan_to_num(curve.standard_error_nm), systematic_uncertainty_nm)
+            fits[sign] = _fit_of_side(curve, side, sign, name, exponent, form, points)
+            if fits[sign] is None:
+                findings.append(
+                    Finding(
+                        "few speeds",
+                        Message(
+                            "{count} speeds {name}: too few for the parts of the friction",
+                            int(np.count_nonzero(side)),
+                            name,
+                        ),
+                        "measure at five speeds or more in each direction",
+                    )
+                )
+    error = np.hypot(np.nan_to_num(curve.standard_error_nm), systematic)
+    error = np.where(error > 0.0, error, np.inf)
     with np.errstate(divide="ignore"):
         relative = 2.0 * error / np.abs(curve.torque_nm)
     return FrictionResult(
         curve=curve,
         clockwise=fits[1],
         counter_clockwise=fits[-1],
-        systematic_uncertainty_nm=systematic_uncertainty_nm,
+        systematic_uncertainty_nm=systematic,
         worst_relative_uncertainty=float(np.max(relative)),
-        findings=(*unsteady, *_missed(speed_rpm, demanded_rpm)),
+        findings=tuple(findings),
     )
-
-
-def _missed(speed_rpm: ArrayLike, demanded_rpm: ArrayLike | None) -> tuple[Finding, ...]:
-    if demanded_rpm is None:
-        return ()
-    return missed_speed(*finite_columns(1, speed_rpm=speed_rpm, demanded_rpm=demanded_rpm))
 
 
 def _fit_of_side(
@@ -289,8 +364,14 @@ def _fit_of_side(
     name: str,
     exponent: Literal[1, 2],
     form: Form | Literal["best"],
+    points: SpeedPoints,
 ) -> FrictionFit | None:
-    torque = sign * curve.torque_nm[side]
+    speed, torque, count = curve.speed_rpm[side], curve.torque_nm[side], curve.points[side]
+    if points.ramp is not None:
+        here = np.sign(points.ramp[0]) == sign
+        speed, torque = points.ramp[0][here], points.ramp[1][here] - points.offset_nm
+        count = np.ones(speed.size, dtype=np.int64)
+    torque = sign * torque
     if torque.mean() < 0:
         raise InputError(
             Message(
@@ -299,21 +380,17 @@ def _fit_of_side(
                 sign * torque.mean(),
             ),
             "a torque with the sign of the speed",
-            "check the signs of torque and speed",
+            "check the signs of torque and speed; an offset of the torque is found if both "
+            "directions are driven",
         )
     smallest = 3 if form == "best" else len(FORMS[form]) + 1
     if torque.size < smallest:
         return None
     return fit_friction(
-        np.abs(curve.speed_rpm[side]), torque, curve.points[side], exponent=exponent, form=form
+        np.abs(speed),
+        torque,
+        count,
+        exponent=exponent,
+        form=form,
+        resolution_nm=points.resolution_nm,
     )
-
-
-def _mean_where(
-    values: NDArray[np.float64], label: NDArray[np.intp], where: NDArray[np.bool_], size: int
-) -> NDArray[np.float64]:
-    count = np.bincount(label[where], minlength=size)
-    total = np.bincount(label[where], weights=values[where], minlength=size)
-    mean = np.full(size, np.nan)
-    mean[count > 0] = total[count > 0] / count[count > 0]
-    return mean

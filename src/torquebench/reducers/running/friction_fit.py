@@ -120,6 +120,7 @@ def fit_friction(
     *,
     exponent: Literal[1, 2] = 2,
     form: Form | Literal["best"] = "best",
+    resolution_nm: float = 0.0,
 ) -> FrictionFit:
     """Fit the parts of friction to mean torques of one direction.
 
@@ -142,11 +143,8 @@ def fit_friction(
         Exponent of the Stribeck part.
     form : str
         One of `FORMS`, or ``"best"`` by the corrected Akaike information criterion.
-
-    Raises
-    ------
-    InputError
-        Where there are fewer speeds than a form has parameters, plus one.
+    resolution_nm : float
+        Last place of the torques.
     """
     names = list(FORMS) if form == "best" else [form]
     names = [name for name in names if speed_rpm.size > len(FORMS[name])]
@@ -158,7 +156,9 @@ def fit_friction(
     speed = speed_rpm * RAD_S_PER_RPM
     weight = points / points.mean()
     solutions = [_solve(speed, torque_nm, weight, name, exponent) for name in names]
-    fits = [_described(solution, speed, weight, exponent) for solution in solutions]
+    # A scatter below the resolution isn't known to be smaller.
+    least = resolution_nm**2 / 12.0
+    fits = [_described(solution, speed, weight, exponent, least) for solution in solutions]
     candidates = [k for k, fit in enumerate(fits) if solutions[k].inside and _supported(fit)]
     best = min(
         candidates if form == "best" and candidates else [0],
@@ -239,7 +239,11 @@ def _information(squares: float, n: int, parameters: int) -> float:
 
 
 def _described(
-    fit: _Solution, speed: NDArray[np.float64], weight: NDArray[np.float64], exponent: int
+    fit: _Solution,
+    speed: NDArray[np.float64],
+    weight: NDArray[np.float64],
+    exponent: int,
+    least_variance: float,
 ) -> FrictionFit:
     names = FORMS[fit.form]
     linear_names = _linear_parts(fit.form)
@@ -249,7 +253,7 @@ def _described(
     if "stribeck_speed" in names:
         jacobian = np.column_stack([basis, values["stribeck"] * slope])
     freedom = speed.size - len(names)
-    variance = fit.squares / freedom
+    variance = max(fit.squares / freedom, least_variance)
     scale = np.abs(jacobian).max(axis=0)
     scaled = jacobian / scale
     normal = scaled.T @ (weight[:, None] * scaled)

@@ -55,6 +55,7 @@ def _evaluate(bench: Bench, reducer: ReducerDescription, running: RunningRecordi
         nominal_speed_rpm=running.nominal_rpm,
         input_uncertainty=known,
         output_uncertainty=other,
+        steady=True,
     )
     remarks = bench_remarks(bench, running.compensated, SIDES)
     return Evaluated(result, (*remarks, *tare_remarks(bench, running), *drift_remarks(running)))

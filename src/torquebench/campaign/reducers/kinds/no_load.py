@@ -44,6 +44,8 @@ def _evaluate(bench: Bench, _reducer: ReducerDescription, running: RunningRecord
         temperature_c=finite_temperature(running.temperature_c),
         uncertainty=torque_uncertainty(bench, running, "input"),
         tare=bench.tares.get("input"),
+        zeroed=True,
+        steady=True,
     )
     remarks = bench_remarks(bench, running.compensated, ("input",))
     return Evaluated(result, (*remarks, *tare_remarks(bench, running), *drift_remarks(running)))

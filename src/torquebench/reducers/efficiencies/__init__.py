@@ -1,1 +1,0 @@
-"""Efficiency over torque and speed."""
