@@ -396,7 +396,11 @@ def efficiency_record(
     """
     ratio = float(rng.choice([10.0, 50.0, 121.0]))
     rated = float(rng.choice([20.0, 400.0]))
-    idle, loss, speed_loss = rng.uniform(0.02, 0.08), rng.uniform(0.03, 0.15), rng.uniform(0.0, 0.05)
+    idle, loss, speed_loss = (
+        rng.uniform(0.02, 0.08),
+        rng.uniform(0.03, 0.15),
+        rng.uniform(0.0, 0.05),
+    )
 
     def drive_of(load: Floats, speed: Floats) -> Floats:
         lost = idle * (1.0 + speed_loss * speed / 1000.0 * 4.0)
@@ -437,3 +441,135 @@ def efficiency_record(
         row = int(rng.integers(0, drive.size))
         drive[row] *= float(rng.choice([0.2, 3.0, 10.0]))
     return EfficiencyRecord(drive, pulled, speed, set_load, set_speed, ratio, truth, row)
+
+
+# -- two encoders -----------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class AngleRecord:
+    """Both angles in degrees, the ratio, and what is true, in arcsec and arcmin."""
+
+    time: Floats
+    driving: Floats
+    driven: Floats
+    ratio: float
+    peak_to_peak: float
+    orders: dict[float, float]
+    lost_motion: float = 0.0
+    backlash: float = 0.0
+    bad_row: int | None = None
+
+
+def angle_record(
+    rng: Generator,
+    *,
+    turns: float = 1.05,
+    samples: int = 4000,
+    size: float = 20.0,
+    orders: int = 5,
+    highest: float = 60.0,
+    strongest: float | None = None,
+    noise: float = 0.2,
+    step: float = 0.0,
+    both: bool = True,
+    play: float = 0.0,
+    slip: float = 0.0,
+    wrong: float = 0.0,
+    bad: bool = False,
+    wrapped: bool = False,
+    ratio: float | None = None,
+) -> AngleRecord:
+    """Record whole output turns; sizes, noise, encoder step, play and slip in arcsec.
+
+    `strongest` is an order with a hundred times the size of the others; `wrong` a relative error of
+    the ratio by which the angles really turn.
+    """
+    stated = float(rng.choice([-100.0, -41.0, 10.0, 41.0, 81.0])) if ratio is None else ratio
+    numbers = [
+        float(each) for each in rng.choice(np.arange(1, int(highest)), orders, replace=False)
+    ]
+    parts = {number: size * rng.uniform(0.2, 1.0) for number in numbers}
+    if strongest is not None:
+        parts[strongest] = 100.0 * size
+    phases = {number: rng.uniform(0.0, 2.0 * np.pi) for number in parts}
+
+    def error(phi: Floats) -> Floats:
+        waves = [a * np.sin(k * phi + phases[k]) for k, a in parts.items()]
+        return np.asarray(np.sum(waves, axis=0))
+
+    place = rng.uniform(0.0, 6.0)
+    strokes = (1.0, -1.0) if both else (float(rng.choice([-1.0, 1.0])),)
+    driving, driven = [], []
+    real = stated * (1.0 + wrong)
+    for direction in strokes:
+        phi = place + direction * np.linspace(0.0, 2.0 * np.pi * turns, samples)
+        place = phi[-1]
+        off = error(phi) - 0.5 * direction * play
+        off = off + slip * (np.arange(samples) > rng.uniform(0.3, 0.7) * samples)
+        driven.append(phi)  # the error belongs to the output's own angle
+        driving.append(real * (phi - np.radians(off / 3600.0)))
+    given, taken = np.degrees(np.concatenate(driving)), np.degrees(np.concatenate(driven))
+    taken = taken + noise / 3600.0 * rng.standard_normal(taken.size)
+    if step:
+        taken = np.floor(taken / (step / 3600.0)) * (step / 3600.0)
+    row = None
+    if bad:
+        row = int(rng.integers(5, taken.size - 5))
+        taken[row] += float(rng.choice([-1.0, 1.0])) * rng.uniform(0.1, 100.0)
+    if wrapped:
+        given, taken = given % 360.0, taken % 360.0
+    fine = np.linspace(0.0, 2.0 * np.pi, 200_001)
+    time = 0.001 * np.arange(given.size)
+    return AngleRecord(
+        time, given, taken, stated, float(np.ptp(error(fine))), parts, play / 60.0, play / 60.0, row
+    )
+
+
+def swing_record(
+    rng: Generator,
+    *,
+    strokes: int = 6,
+    samples: int = 800,
+    reach: float = 30.0,
+    play: float = 4.0,
+    soft: float = 0.0,
+    noise: float = 0.1,
+    step: float = 0.0,
+    size: float = 1.0,
+    wrong: float = 0.0,
+    bad: bool = False,
+    shape: str = "sine",
+) -> AngleRecord:
+    """Record a reciprocating motion of so many degrees at the output; other sizes in arcmin.
+
+    `play` is the dead band; `soft` a further part of the lost motion, taken up elastically.
+    """
+    ratio = float(rng.choice([-30.0, 7.2, 14.0, 100.0]))
+    swing = np.linspace(0.0, np.pi, samples, endpoint=False)
+    wave = -np.cos(swing) if shape == "sine" else np.linspace(-1.0, 1.0, samples, endpoint=False)
+    parts = [wave if k % 2 == 0 else -wave for k in range(strokes)]
+    phi = 0.5 * reach * 60.0 * np.concatenate(parts)  # arcmin
+    phases = rng.uniform(0.0, 2.0 * np.pi, 2)
+    held, lag = phi[0] + 0.5 * play, np.empty(phi.size)
+    elastic = 0.0
+    for k, place in enumerate(phi):
+        before = held
+        held = min(max(held, place - 0.5 * play), place + 0.5 * play)
+        moved = held - before
+        if soft:
+            elastic += 0.5 * moved
+            elastic = min(max(elastic, -0.5 * soft), 0.5 * soft)
+        lag[k] = held - elastic
+    turned = np.radians(lag / 60.0)
+    error = size * (np.sin(turned + phases[0]) + 0.5 * np.sin(ratio * turned + phases[1]))
+    driven = lag + error + noise * rng.standard_normal(phi.size)
+    if step:
+        driven = np.floor(driven / step) * step
+    row = None
+    if bad:
+        row = int(rng.integers(5, driven.size - 5))
+        driven[row] += float(rng.choice([-1.0, 1.0])) * rng.uniform(100.0, 3000.0)
+    driving = ratio * (1.0 + wrong) * phi
+    time = 0.002 * np.arange(phi.size)
+    return AngleRecord(time, driving / 60.0, driven / 60.0, ratio, 0.0, {}, play + soft, play, row)

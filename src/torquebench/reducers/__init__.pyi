@@ -90,6 +90,15 @@ from .transmission.evaluation import (
     TransmissionErrorResult as TransmissionErrorResult,
     evaluate_transmission_error as evaluate_transmission_error,
 )
+from .transmission.runs import (
+    unwrapped as unwrapped,
+)
+from .transmission.swings import (
+    Swing as Swing,
+    SwingsResult as SwingsResult,
+    evaluate_swings as evaluate_swings,
+    turned_one_way as turned_one_way,
+)
 from .standard_reducer import (
     FrictionCheck as FrictionCheck,
     FrictionCheckPoint as FrictionCheckPoint,

@@ -19,6 +19,7 @@ from torquebench.reducers.quantities import Finding
 
 __all__ = [
     "Samples",
+    "count_step",
     "decimal_step",
     "finite_columns",
     "grouped",
@@ -253,12 +254,12 @@ def moving_mean(values: Floats, width: int) -> Floats:
     return np.convolve(padded, np.full(width, 1.0 / width), mode="valid")
 
 
-def outliers(values: Floats) -> Mask:
+def outliers(values: Floats, step: float | None = None) -> Mask:
     """Find single samples far outside their neighbours, in the order of measurement.
 
     Of three neighbours on each side the outermost doesn't count, so that two outliers don't hide
     each other. A jump, a turn and a ripple aren't outside their neighbours by more than the change
-    beside them.
+    beside them, or than some of their steps (the visible one by default).
 
     Examples
     --------
@@ -284,7 +285,8 @@ def outliers(values: Floats) -> Mask:
         steps = np.sort(np.abs(np.diff(beside, axis=0)[[0, 1, 3, 4]]), axis=0)
     change = np.where(np.isfinite(steps[2]), steps[2], steps[1])
     limit = np.maximum(OUTLYING * usual, STEEP * change)
-    return np.asarray(beyond > limit + 3.0 * step_of(values) + 1e-9 * np.ptp(values))
+    counts = 3.0 * (step_of(values) if step is None else step)
+    return np.asarray(beyond > limit + counts + 1e-9 * np.ptp(values))
 
 
 def step_of(values: Floats) -> float:
@@ -300,9 +302,10 @@ def step_of(values: Floats) -> float:
         return 0.0
     least = 1e-7 * float(every[-1] - every[0])
     gaps = np.diff(every)
-    gaps = np.sort(gaps[gaps > least])[:2000]
+    gaps = np.sort(gaps[gaps > least])
     if not gaps.size:
         return 0.0
+    gaps = np.concatenate([gaps[:2000], gaps[2000 :: max(1, gaps.size // 2000)]])
     step = float(gaps[0])
     for _ in range(12):  # the greatest common divisor of the gaps
         left = np.abs(gaps - np.rint(gaps / step) * step)
@@ -313,6 +316,26 @@ def step_of(values: Floats) -> float:
         if step < least:
             return 0.0
     return 0.0
+
+
+REGULAR = 0.95
+
+
+def count_step(values: Floats) -> float:
+    """Return the step of a signal's counts, from samples in the order of measurement.
+
+    Steps that are all alike are those of even sampling, not of counts.
+
+    Examples
+    --------
+    >>> count_step(np.floor(np.linspace(0.0, 9.3, 40))), count_step(np.arange(40.0))
+    (1.0, 0.0)
+    """
+    step = step_of(values)
+    if step == 0.0:
+        return 0.0
+    single = np.rint(np.abs(np.diff(values)) / step) == 1.0
+    return 0.0 if np.mean(single) > REGULAR else step
 
 
 def decimal_step(values: Floats) -> float:

@@ -51,10 +51,10 @@ def test_peak_to_peak_and_orders_in_both_directions(revolutions):
     ("changed", "match"),
     [
         ({"revolutions": 0.9}, "0.9 output revolutions"),
-        ({"size": 600}, "samples per period"),
+        ({"size": 400}, "samples per period"),
         ({"slip": 15.0}, "jumps by 15"),
         ({"ratio": 41.004}, "the ratio is wrong"),
-        ({"ratio": 40.0}, "show a ratio of 39.99"),
+        ({"ratio": 40.0}, "show a ratio of 40;"),
     ],
 )
 def test_bad_records_are_named(changed, match):
@@ -83,7 +83,7 @@ def test_swapped_reversed_and_missing_angles_are_named():
     for arguments, match in (
         ((taken, given, RATIO), "swapped"),
         ((given, taken, -RATIO), "make the ratio negative"),
-        ((np.where(np.arange(given.size) == 9, np.nan, given), taken, RATIO), "row 10"),
+        ((np.where(np.arange(given.size) % 9 == 0, np.nan, given), taken, RATIO), "row 1"),
     ):
         with pytest.raises(InputError, match=match):
             evaluate_transmission_error(*arguments)

@@ -34,7 +34,7 @@ from torquebench.reducers.loops.results import (
     loop_findings,
 )
 from torquebench.reducers.loops.ripple import NOTHING_LEFT, RippleLeft, what_it_hid, without_ripple
-from torquebench.reducers.preparation import Samples, step_of
+from torquebench.reducers.preparation import Samples, count_step
 from torquebench.reducers.quantities import Contribution, Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
@@ -137,7 +137,7 @@ def evaluate_hysteresis(
     findings = [*samples.findings, *torque_saturation(torque, columns.get("demand"))]
     known = uncertainty or LoopUncertainty()
     angle, less = samples["angle_rad"], bench_compliance_rad_per_nm * torque
-    step = resolution_rad or step_of(samples["angle_rad"])
+    step = resolution_rad or count_step(samples["angle_rad"])
     if flange is not None:
         torque, added = torque_at_flange(
             samples["time_s"], torque, angle - less, flange, angle_uncertainty_rad=step / 12.0**0.5

@@ -95,9 +95,9 @@ def speed_points(
     """Return the steady points of a recording.
 
     Unless rows are steady points, a log with many samples at each speed is averaged over its steady
-    windows, and a ramp over parts of it. Points of one demanded speed are one step, otherwise those within a tolerance. Outliers are
-    left out. Unless the torque was zeroed, an offset is estimated where both directions were
-    driven.
+    windows, and a ramp over parts of it. Points of one demanded speed are one step, otherwise those
+    within a tolerance. Outliers are left out. Unless the torque was zeroed, an offset is estimated
+    where both directions were driven.
     """
     resolution = decimal_step(samples["torque_nm"])
     if not steady:

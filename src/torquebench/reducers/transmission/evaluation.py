@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.preparation import finite_columns
+from torquebench.reducers.preparation import Samples, count_step, outliers
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
@@ -19,12 +19,13 @@ from torquebench.reducers.quantities import (
     ResultQuantity,
     budget,
 )
-from torquebench.reducers.transmission.curve import Revolution, mean_revolution
-from torquebench.reducers.transmission.segments import (
+from torquebench.reducers.transmission.revolution import Revolution, mean_revolution
+from torquebench.reducers.transmission.runs import (
     Run,
     check_ratio,
-    check_sampling,
-    check_slip,
+    check_return,
+    highest_supported,
+    one_way,
     runs_of,
 )
 from torquebench.uncertainty import Budget, Shared
@@ -193,6 +194,8 @@ def evaluate_transmission_error(
     time_s: ArrayLike | None = None,
     highest_order: float | None = None,
     uncertainty: AngleUncertainty | None = None,
+    row: ArrayLike | None = None,
+    keep_outliers: bool = False,
 ) -> TransmissionErrorResult:
     """Evaluate θ_o − θ_i/R over whole output revolutions, each direction by itself.
 
@@ -207,14 +210,20 @@ def evaluate_transmission_error(
     time_s : array of float, shape (n,), optional
         Moments, for the speed only.
     highest_order : float, optional
-        Highest order per output revolution that is reported; three times the ratio by default.
+        Highest order per output revolution that is reported; three times the ratio by default, as
+        far as the samples support it.
     uncertainty : AngleUncertainty, optional
+    row : array of int, shape (n,), optional
+        Number of each sample in its file, for messages.
+    keep_outliers : bool
+        Evaluate single samples far from their neighbours with the others.
 
     Raises
     ------
     InputError
-        Less than one output revolution in a direction, fewer than 10 samples per period of the
-        highest order, a wrong ratio, an encoder that slips, swapped columns, values not finite.
+        Less than one output revolution in a direction (see `evaluate_swings`), fewer than 10
+        samples per period of the highest order, a wrong ratio, an encoder that slips, swapped
+        columns.
 
     Examples
     --------
@@ -224,31 +233,49 @@ def evaluate_transmission_error(
     >>> round(found.peak_to_peak.value, 1), found.directions[0].orders[0].order
     (40.0, 10.0)
     """
-    given, taken = finite_columns(
-        32, input_angle_rad=input_angle_rad, output_angle_rad=output_angle_rad
-    )
-    time = None if time_s is None else finite_columns(given.size, time_s=time_s)[0]
     if not (np.isfinite(ratio) and abs(ratio) > 0.0):
         raise InputError(Message("ratio {ratio}", ratio), "input turns for one output turn, not 0")
-    highest = 3.0 * abs(ratio) if highest_order is None else highest_order
-    if not (np.isfinite(highest) and highest >= 1.0):
+    if highest_order is not None and not (np.isfinite(highest_order) and highest_order >= 1.0):
         raise InputError(
-            Message("highest order {highest}", highest), "1 per output revolution or more"
+            Message("highest order {highest}", highest_order), "1 per output revolution or more"
         )
+    samples = Samples.of(
+        32,
+        row=row,
+        keep=keep_outliers,
+        input_rad=input_angle_rad,
+        output_rad=output_angle_rad,
+        time_s=time_s,
+    )
+    samples = angles_screened(samples, ratio)
+    given, taken = samples["input_rad"], samples["output_rad"]
     check_ratio(given, taken, ratio)
+    steps = (count_step(taken), count_step(given) / abs(ratio))
+    runs = runs_of(given, taken, ratio, float(np.hypot(*steps)))
     chosen: dict[str, Run] = {}
-    for run in runs_of(given, taken, ratio):
+    for run in runs:
         best = chosen.get(run.direction)
-        if best is None or np.ptp(run.angle_rad) > np.ptp(best.angle_rad):
+        longer = best is None or np.ptp(run.angle_rad) > np.ptp(best.angle_rad)
+        if run.turns >= 1 and longer:
             chosen[run.direction] = run
+    if not chosen:
+        longest = max(float(np.ptp(run.angle_rad)) for run in runs)
+        raise InputError(
+            Message("{longest:.4g} output revolutions in one direction", longest / TURN),
+            "at least one whole output revolution in each direction",
+            Message(
+                "turn the input by {ratio:g} revolutions or more without a reversal", abs(ratio)
+            ),
+        )
+    highest, findings = _highest(chosen, ratio, highest_order)
     known = uncertainty or AngleUncertainty()
     directions, means = [], []
     for run in chosen.values():
-        check_sampling(run, highest)
-        check_slip(run, ratio)
+        check_return(run, ratio)
         revolution = mean_revolution(run, highest)
         means.append(revolution)
-        directions.append(_direction(run, revolution, ratio, known, time))
+        time = samples.columns.get("time_s")
+        directions.append(_direction(run, revolution, ratio, known, steps, highest, time))
     worst = max(directions, key=lambda each: each.peak_to_peak.value)
     return TransmissionErrorResult(
         ratio=float(ratio),
@@ -256,7 +283,55 @@ def evaluate_transmission_error(
         directions=tuple(directions),
         peak_to_peak=worst.peak_to_peak,
         reversal_arcsec=_reversal(means, known, ratio),
-        findings=tuple(_findings(directions)),
+        findings=(*samples.findings, *findings, *_findings(directions)),
+    )
+
+
+def angles_screened(samples: Samples, ratio: float) -> Samples:
+    """Leave out samples at which one of the encoders is far off, seen in their difference."""
+    error = samples["output_rad"] - samples["input_rad"] / ratio
+    step = count_step(samples["output_rad"]) + count_step(samples["input_rad"]) / abs(ratio)
+    bad = np.zeros(error.size, dtype=np.bool_)
+    for start, stop in one_way(samples["input_rad"]):
+        # At a reversal the play makes a jump.
+        inner = slice(start + 3, stop - 2)
+        bad[inner] = outliers(error[start : stop + 1], step)[3:-3]
+    return samples.less({"angle": bad})
+
+
+def _highest(
+    runs: dict[str, Run], ratio: float, stated: float | None
+) -> tuple[float, list[Finding]]:
+    """Return the highest order: as stated, three times the ratio, or what the samples support."""
+    wanted = 3.0 * abs(ratio) if stated is None else stated
+    supported = min(highest_supported(run) for run in runs.values())
+    if supported >= wanted:
+        return wanted, []
+    if stated is None and supported >= max(abs(ratio), 3.0):
+        supported = float(np.floor(supported))
+        return supported, [
+            Finding(
+                "few samples",
+                Message(
+                    "orders up to {supported:g} are evaluated, instead of {wanted:g}: the record "
+                    "has ten samples for a period of those",
+                    supported,
+                    wanted,
+                ),
+                "turn more slowly or sample faster",
+            )
+        ]
+    raise InputError(
+        Message(
+            "{samples:.3g} samples per period of the order {highest_order:g}",
+            10.0 * supported / wanted,
+            wanted,
+        ),
+        "at least 10",
+        Message(
+            "turn more slowly or sample faster, or limit the report to order {turn:.4g}",
+            float(np.floor(supported)),
+        ),
     )
 
 
@@ -265,8 +340,12 @@ def _direction(
     found: Revolution,
     ratio: float,
     known: AngleUncertainty,
+    steps: tuple[float, float],
+    highest: float,
     time: NDArray[np.float64] | None,
 ) -> DirectionError:
+    shown = [_count_error(run, step, highest) for step in steps]
+    resolution = float(np.hypot(*shown)) / ARCSEC
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     peak_to_peak = budget(
         found.peak_to_peak_arcsec,
@@ -277,6 +356,7 @@ def _direction(
             ),
             Contribution("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
             Contribution("noise at the peaks", found.peak_noise_arcsec),
+            Contribution("resolution", 2.0**0.5 * resolution),
         ],
     )
     largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:LARGEST_ORDERS]
@@ -292,6 +372,7 @@ def _direction(
                     Contribution(
                         "noise", float(found.amplitude_error_arcsec[index]), found.noise_freedom
                     ),
+                    Contribution("resolution", resolution / max(found.order.size, 1) ** 0.5),
                 ],
             ),
             phase_rad=float(found.phase_rad[index]),
@@ -316,6 +397,23 @@ def _direction(
     )
 
 
+def _count_error(run: Run, step_rad: float, highest: float) -> float:
+    """Return the standard uncertainty by an encoder's counts within the orders, rad.
+
+    The low-pass averages counts as it does noise, unless they beat slowly with the samples.
+    """
+    if step_rad == 0.0:
+        return 0.0
+    spacing = float(np.ptp(run.angle_rad)) / (run.angle_rad.size - 1)
+    counts = spacing / step_rad
+    slow = abs(counts - round(counts)) * TURN / spacing < 2.0 * highest
+    if counts > 0.5 and slow:
+        share = 1.0
+    else:
+        share = min(1.0, (2.0 * highest * max(spacing, step_rad) / TURN) ** 0.5)
+    return step_rad / 12.0**0.5 * share
+
+
 def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:
     """Return the effect of the encoders' errors on max − min, arcsec.
 
@@ -333,7 +431,7 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
     if len(means) < 2:
         return None
     noise = [
-        Contribution("noise", each.noise_arcsec / each.error_arcsec.size**0.5) for each in means
+        Contribution("noise", each.noise_arcsec / (2.0 * each.order.size) ** 0.5) for each in means
     ]
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC

@@ -1,18 +1,22 @@
 """One direction of a transmission error: mean revolution, peak to peak, orders."""
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
-from torquebench.reducers.transmission.segments import Run
+from torquebench.reducers.transmission.runs import Run
 from torquebench.units import ARCSEC, TURN
 
 __all__ = ["Revolution", "mean_revolution"]
 
 Floats = NDArray[np.float64]
 LEAST_SAMPLES = 720
-PER_PERIOD = 16
+PER_PERIOD = 64
+"""Samples in a period of the highest order to which denser records are averaged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,55 +60,50 @@ class Revolution:
 def mean_revolution(run: Run, highest_order: float) -> Revolution:
     """Resample in angle, low-pass without phase shift and average whole revolutions.
 
-    Between the samples the error is averaged over each step of an even grid where the record is
-    dense, and interpolated if it isn't. A Fourier transform over all whole revolutions, cut at the
+    A dense record is averaged to 64 samples in a period of the highest order, and a cubic spline
+    interpolates them at even angles. A Fourier transform over all whole revolutions, cut at the
     highest order, is a low-pass in angle without phase shift, and exact for periodic parts.
 
     The angle is the output's, θ_o, of which the error is a function: over θ_i/R the error itself
-    would distort each order by a share of order times error (2 % for 23 arcsec of order 200), and
-    the distortion above the highest order would be cut off.
-
-    Parameters
-    ----------
-    run : Run
-        One direction, one revolution or more.
-    highest_order : float
-        Per output revolution.
+    would distort each order by a share of order times error (2 % for 23 arcsec of order 200).
     """
-    per_turn = int(max(LEAST_SAMPLES, 2 ** np.ceil(np.log2(PER_PERIOD * highest_order))))
+    revolutions = run.turns
+    angle, error, block = _thinned(run, highest_order)
+    per_revolution = angle.size / max(float(angle[-1] - angle[0]) / TURN, 1e-9)
+    least = max(LEAST_SAMPLES, PER_PERIOD * highest_order, per_revolution)
+    per_turn = int(2 ** np.ceil(np.log2(least)))
     step = float(TURN / per_turn)
-    turned = np.maximum.accumulate(run.angle_rad + run.error_rad)
-    first = int(np.ceil(turned[0] / step))
-    span = turned[-1] - first * step
-    revolutions = max(1, int(np.floor((span + 2.0 * step) / TURN)))
-    grid = np.arange(first, first + revolutions * per_turn)
-    error, averaged = _resampled(turned / step, run.error_rad, grid)
+    first = int(np.ceil(angle[0] / step))
+    place = np.arange(first, first + revolutions * per_turn) * step
+    size = place.size
+    place = np.where(place > angle[-1], np.maximum(place - TURN, angle[0]), place)
     # The curve begins at the angle 0, so that both directions are comparable.
-    error = np.roll(error, first % per_turn)
-    mean = float(error.mean())
-    lines = np.fft.rfft((error - mean) / ARCSEC)
+    over_output = np.roll(CubicSpline(angle, error)(place), first % per_turn)
+    mean = float(over_output.mean())
+    lines = np.fft.rfft((over_output - mean) / ARCSEC)
     order = np.arange(lines.size) / revolutions
-    if averaged:  # a mean over a step reduces changes within it
-        lines = lines / np.sinc(np.minimum(order / per_turn, 0.5))
+    # A mean over a block reduces changes within it.
+    lines = lines / np.sinc(np.minimum(order * block / TURN, 0.5))
     kept = np.where(order <= highest_order * (1 + 1e-9), lines, 0.0)
-    filtered = np.fft.irfft(kept, error.size).reshape(revolutions, per_turn)
+    filtered = np.fft.irfft(kept, size).reshape(revolutions, per_turn)
     curve = filtered.mean(axis=0)
-    noise, freedom, spread = _noise(filtered, lines, order, highest_order)
+    noise, freedom, spread = _noise(filtered, lines, order, 0.4 * per_revolution, highest_order)
     whole = np.arange(revolutions, lines.size, revolutions)
     whole = whole[order[whole] <= highest_order * (1 + 1e-9)]
-    amplitude = 2.0 * np.abs(lines[whole]) / error.size
     # The noise of a mean curve is distributed over its lines: variance of the curve = sum of a²/2.
     per_line = noise * np.sqrt(2.0 / max(whole.size, 1))
     return Revolution(
         angle_rad=np.arange(per_turn, dtype=np.float64) * step,
         error_arcsec=curve,
         standard_error_arcsec=spread,
-        peak_to_peak_arcsec=float(np.ptp(curve)),
+        peak_to_peak_arcsec=float(np.ptp(np.fft.irfft(kept[::revolutions], 8 * per_turn)))
+        * 8.0
+        / revolutions,
         noise_arcsec=noise,
         noise_freedom=freedom,
         peak_noise_arcsec=_peak_noise(curve, noise),
         order=order[whole],
-        amplitude_arcsec=amplitude,
+        amplitude_arcsec=2.0 * np.abs(lines[whole]) / size,
         phase_rad=-np.angle(lines[whole]),
         amplitude_error_arcsec=np.full(whole.size, per_line),
         mean_rad=mean,
@@ -112,27 +111,35 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     )
 
 
-def _resampled(place: Floats, error: Floats, grid: NDArray[np.int64]) -> tuple[Floats, bool]:
-    """Return means over the steps of the grid; interpolated values where samples are few.
-
-    `place` counts in steps.
-    """
-    nearest = np.rint(place).astype(np.int64) - grid[0]
-    inside = (nearest >= 0) & (nearest < grid.size)
-    count = np.bincount(nearest[inside], minlength=grid.size)
-    if np.median(count) < 4:
-        return np.interp(grid, place, error), False
-    total = np.bincount(nearest[inside], weights=error[inside], minlength=grid.size)
-    where = np.bincount(nearest[inside], weights=place[inside], minlength=grid.size)
-    full = count >= 4
-    means, centres = total[full] / count[full], where[full] / count[full]
-    return np.interp(grid, centres, means), True
+def _thinned(run: Run, highest_order: float) -> tuple[Floats, Floats, float]:
+    """Return rising output angles and errors, averaged over blocks, and the blocks' width."""
+    angle, error = run.angle_rad, run.error_rad
+    turns = max(float(angle[-1] - angle[0]) / TURN, 1e-9)
+    count = max(1, int(angle.size / turns / (PER_PERIOD * highest_order)))
+    if count > 1:
+        size = angle.size // count * count
+        angle, error = (each[:size].reshape(-1, count).mean(axis=1) for each in (angle, error))
+    width = float(angle[-1] - angle[0]) / max(angle.size - 1, 1) * (1.0 - 1.0 / count)
+    turned = angle + error
+    order = np.argsort(turned, kind="stable")
+    different, first = np.unique(turned[order], return_index=True)
+    # A coarse encoder repeats its counts.
+    means = np.add.reduceat(error[order], first) / np.diff(np.append(first, error.size))
+    return different, means, width
 
 
 def _noise(
-    filtered: Floats, lines: NDArray[np.complex128], order: Floats, highest_order: float
+    filtered: Floats,
+    lines: NDArray[np.complex128],
+    order: Floats,
+    shown: float,
+    highest_order: float,
 ) -> tuple[float, float, Floats]:
-    """Return the mean curve's standard error, its degrees of freedom, and the error by place."""
+    """Return the mean curve's standard error, its degrees of freedom, and the error by place.
+
+    Without a second revolution, the part between the highest order and that which the samples show
+    (`shown`) tells the noise.
+    """
     revolutions, per_turn = filtered.shape
     if revolutions > 1:
         spread = filtered.std(axis=0, ddof=1) / revolutions**0.5
@@ -144,14 +151,15 @@ def _noise(
             float(max(independent * (revolutions - 1) / 4.0, revolutions - 1)),
             spread,
         )
-    above = (order > 1.5 * highest_order) & (order < 0.8 * order[-1])
+    above = (order > 1.5 * highest_order) & (order < shown)
     count = int(np.count_nonzero(above))
+    unknown = np.full(per_turn, np.nan)
     if count == 0:
-        return 0.0, np.inf, np.full(per_turn, np.nan)
-    density = float(np.mean(np.abs(lines[above]) ** 2))
+        return 0.0, np.inf, unknown
+    # The median isn't moved by orders that are left there.
+    density = float(np.median(np.abs(lines[above]) ** 2)) / np.log(2.0)
     passed = 2.0 * float(np.count_nonzero((order > 0) & (order <= highest_order)))
-    noise = float(np.sqrt(density * passed)) / per_turn
-    return noise, float(2 * count), np.full(per_turn, np.nan)
+    return float(np.sqrt(density * passed)) / per_turn, float(2 * count), unknown
 
 
 def _peak_noise(curve: Floats, noise: float) -> float:

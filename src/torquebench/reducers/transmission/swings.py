@@ -1,0 +1,307 @@
+"""Backlash and lost motion of an unloaded reducer that swings less than a revolution."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from torquebench.errors import InputError
+from torquebench.message import Message
+from torquebench.reducers.preparation import Samples, count_step, noise_of
+from torquebench.reducers.quantities import (
+    Contribution,
+    Finding,
+    LimitedQuantity,
+    ResultQuantity,
+    budget,
+)
+from torquebench.reducers.transmission.evaluation import AngleUncertainty, angles_screened
+from torquebench.reducers.transmission.runs import COARSE, RATIO_TOLERANCE, one_way
+from torquebench.uncertainty import Budget, Shared
+from torquebench.units import ARCMIN, DEG_PER_RAD, TURN
+
+if TYPE_CHECKING:
+    from torquebench.reducers.description import DataSheetLimits
+
+__all__ = ["Swing", "SwingsResult", "evaluate_swings", "turned_one_way"]
+
+Floats = NDArray[np.float64]
+FULL_STROKE = 0.6
+"""Share of the longest stroke from which on another one counts."""
+CENTRAL = 0.25
+"""Part of a stroke on each side in which the play is taken up."""
+PARTS = 8
+"""Parts of the middle of a stroke in which the gap is compared."""
+
+
+@dataclass(frozen=True, eq=False)
+class Swing:
+    """One stroke: angle by the input encoder (θ_i/R) and error θ_o − θ_i/R, rad, both in time."""
+
+    angle_rad: Floats
+    error_rad: Floats
+
+    @property
+    def forward(self) -> bool:
+        """Whether the angle rises."""
+        return bool(self.angle_rad[-1] > self.angle_rad[0])
+
+    def mean_error(self, low: float, high: float) -> float:
+        """Return the mean error over an interval of the angle."""
+        order = np.argsort(self.angle_rad, kind="stable")
+        x, y = self.angle_rad[order], self.error_rad[order]
+        inside = (x > low) & (x < high)
+        ends = np.interp([low, high], x, y)
+        x = np.concatenate([[low], x[inside], [high]])
+        y = np.concatenate([ends[:1], y[inside], ends[1:]])
+        return float(np.trapezoid(y, x)) / (high - low)
+
+
+@dataclass(frozen=True, eq=False)
+class SwingsResult:
+    """Backlash and lost motion from reciprocating motion without load.
+
+    Parameters
+    ----------
+    ratio : float
+        Input turns for one output turn, as stated.
+    lost_motion : Budget
+        Gap of the output angle between both directions at equal input angle, arcmin.
+    backlash : Budget
+        Travel of the input after a reversal, at the output, until the output follows, arcmin.
+    reach_rad : float
+        Range of the swing at the output.
+    swings : tuple of Swing
+    findings : tuple of Finding
+    """
+
+    ratio: float
+    lost_motion: Budget
+    backlash: Budget
+    reach_rad: float
+    swings: tuple[Swing, ...]
+    findings: tuple[Finding, ...]
+
+    def quantities(self) -> tuple[ResultQuantity, ...]:
+        """Return the values under their names, for tables and reports."""
+        gap = Message(
+            "gap between both directions, unloaded, {strokes} strokes of {reach:.3g}°",
+            len(self.swings),
+            self.reach_rad * DEG_PER_RAD,
+        )
+        dead = "travel after a reversal until the output follows"
+        return (
+            ResultQuantity("lost_motion", "lost motion", self.lost_motion, gap),
+            ResultQuantity("backlash", "backlash", self.backlash, dead),
+        )
+
+    def limited(self, _limits: DataSheetLimits) -> Iterator[LimitedQuantity]:
+        """Return nothing: data sheets limit both under a torque."""
+        return iter(())
+
+
+def turned_one_way(input_angle_rad: ArrayLike, ratio: float) -> float:
+    """Return the longest travel without a reversal, in output turns."""
+    angle = np.asarray(input_angle_rad, dtype=np.float64)
+    angle = angle[np.isfinite(angle)] / ratio
+    if angle.size < 2:
+        return 0.0
+    return max((abs(float(angle[b] - angle[a])) for a, b in one_way(angle)), default=0.0) / TURN
+
+
+def evaluate_swings(
+    input_angle_rad: ArrayLike,
+    output_angle_rad: ArrayLike,
+    ratio: float,
+    *,
+    uncertainty: AngleUncertainty | None = None,
+    row: ArrayLike | None = None,
+    keep_outliers: bool = False,
+) -> SwingsResult:
+    """Evaluate a reciprocating motion under one revolution, two encoders and no load.
+
+    At equal input angles the transmission error of both directions is the same: what differs is the
+    lost motion. It is the mean gap over the middle half of the strokes; backlash is the part of it
+    over which the output stands after a reversal.
+
+    Parameters
+    ----------
+    input_angle_rad, output_angle_rad : array of float, shape (n,)
+        Both encoders at the same moments, unwrapped, rad.
+    ratio : float
+        Input turns for one output turn; negative where the output turns against the input.
+    uncertainty : AngleUncertainty, optional
+    row : array of int, shape (n,), optional
+        Number of each sample in its file, for messages.
+    keep_outliers : bool
+        Evaluate single samples far from their neighbours with the others.
+
+    Raises
+    ------
+    InputError
+        Fewer than three strokes, another ratio, or a lost motion that isn't taken up within a
+        quarter of a stroke.
+
+    Examples
+    --------
+    >>> swing = 0.2 * np.sin(np.linspace(0.0, 20.0, 4001))
+    >>> lag = np.where(np.gradient(swing) > 0.0, -0.001, 0.001)
+    >>> found = evaluate_swings(50.0 * swing, swing + lag, 50.0)
+    >>> round(found.lost_motion.value, 2)  # 0.002 rad
+    6.88
+    """
+    if not (np.isfinite(ratio) and abs(ratio) > 0.0):
+        raise InputError(Message("ratio {ratio}", ratio), "input turns for one output turn, not 0")
+    samples = Samples.of(
+        32, row=row, keep=keep_outliers, input_rad=input_angle_rad, output_rad=output_angle_rad
+    )
+    samples = angles_screened(samples, ratio)
+    given, taken = samples["input_rad"], samples["output_rad"]
+    angle, error = given / ratio, taken - given / ratio
+    parts = one_way(angle)
+    longest = max(abs(float(angle[b] - angle[a])) for a, b in parts)
+    swings = tuple(
+        Swing(angle[a : b + 1], error[a : b + 1])
+        for a, b in parts
+        if abs(float(angle[b] - angle[a])) >= FULL_STROKE * longest
+    )
+    directions = [each.forward for each in swings]
+    if len(swings) < 3 or any(a == b for a, b in pairwise(directions)):
+        raise InputError(
+            Message("{count} strokes to and fro", len(swings)),
+            "three or more, one after the other",
+            "swing the input to and fro, or turn it by a whole output revolution",
+        )
+    low = max(float(each.angle_rad.min()) for each in swings)
+    high = min(float(each.angle_rad.max()) for each in swings)
+    edge = CENTRAL * (high - low)
+    gaps = _gaps(swings, low + edge, high - edge)
+    gap = float(gaps.mean())
+    if gap > edge:
+        raise InputError(
+            Message("a lost motion of {gap:.3g} arcmin", gap / ARCMIN),
+            Message("at most {edge:.3g} arcmin, a quarter of the strokes", edge / ARCMIN),
+            "swing further",
+        )
+    slope, findings = _slope(swings, low + edge, high - edge, ratio)
+    edges = np.linspace(low + edge, high - edge, PARTS + 1)
+    parts = np.array([float(_gaps(swings, a, b).mean()) for a, b in pairwise(edges.tolist())])
+    along = float(np.std(parts, ddof=1)) / (0.5 * PARTS) ** 0.5  # neighbours are alike
+    step = float(np.hypot(count_step(taken), count_step(given) / ratio))
+    noise = noise_of(error)
+    known = uncertainty or AngleUncertainty()
+    encoders = 2.0**0.5 * float(np.hypot(known.output_rad, known.input_rad / ratio))
+    common = [
+        Contribution("along the strokes", along / ARCMIN, PARTS - 1.0),
+        Contribution("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
+    ]
+    counts = Contribution("resolution", step / 6.0**0.5 / ARCMIN)
+    lost = _over_strokes(gaps, noise, [*common, counts])
+    if np.ptp(parts) > max(0.3 * abs(gap), 8.0 * along):
+        findings.append(
+            Finding(
+                "uneven gap",
+                Message(
+                    "the gap between both directions is {low:.3g} to {high:.3g} arcmin along the "
+                    "strokes",
+                    parts.min() / ARCMIN,
+                    parts.max() / ARCMIN,
+                ),
+                "swing further and more slowly; check both encoders for a delay",
+            )
+        )
+    bands = [_dead_band(each, gap, noise, step) for each in swings[1:]]
+    dead, spacing = (np.array(column) for column in zip(*bands, strict=True))
+    dead = np.minimum(dead, 1.2 * max(gap, 0.0))  # without a gap the output doesn't stand
+    sampled = float(np.hypot(step / 6.0**0.5, float(np.mean(spacing)) / 12.0**0.5))
+    counts = Contribution("resolution", sampled / ARCMIN)
+    scale = Contribution("ratio", abs(slope - 1.0) * float(dead.mean()) / 3.0**0.5 / ARCMIN)
+    backlash = _over_strokes(dead, noise, [*common, counts, scale])
+    return SwingsResult(
+        float(ratio), lost, backlash, longest, swings, (*samples.findings, *findings)
+    )
+
+
+def _gaps(swings: tuple[Swing, ...], low: float, high: float) -> Floats:
+    """Return how much more the output lags in each stroke than in the one before."""
+    means = np.array([each.mean_error(low, high) for each in swings])
+    signs = np.array([-1.0 if each.forward else 1.0 for each in swings[1:]])
+    return np.asarray(signs * np.diff(means))
+
+
+def _dead_band(swing: Swing, gap: float, noise: float, step: float) -> tuple[float, float]:
+    """Return the travel after a reversal until the output follows, and the sampling there.
+
+    The output stands, then follows by some share of the travel: starts of that line are weighted by
+    how well each fits.
+    """
+    travel = np.abs(swing.angle_rad - swing.angle_rad[0])
+    turn = 1.0 if swing.forward else -1.0
+    moved = turn * (swing.angle_rad + swing.error_rad)
+    moved = moved - float(np.median(moved[: max(1, min(5, moved.size // 20))]))
+    enough = max(0.3 * abs(gap), 8.0 * noise, 4.0 * step)
+    beyond = np.flatnonzero(moved > enough)
+    stop = min(max(int(beyond[0]) + 1 if beyond.size else moved.size, 6), moved.size)
+    x, y = travel[:stop], moved[:stop]
+    starts = np.linspace(0.0, float(x.max()), 200, endpoint=False)
+    basis = np.maximum(x[:, None] - starts[None, :], 0.0)
+    basis = basis - basis.mean(axis=0)
+    y = y - y.mean()
+    size = np.sum(basis**2, axis=0)
+    along = y @ basis
+    gain = np.where((size > 0.0) & (along > 0.0), along**2 / np.where(size > 0.0, size, 1.0), 0.0)
+    left = float(y @ y) - float(gain.max())
+    variance = max(noise**2, step**2 / 12.0, left / max(stop - 3, 1), 1e-30)
+    weight = np.exp(np.maximum((gain - gain.max()) / (2.0 * variance), -700.0))
+    band = float(weight @ starts / weight.sum())
+    at = int(np.clip(np.searchsorted(travel[:stop], band), 1, stop - 1))
+    return band, float(abs(travel[at] - travel[at - 1]))
+
+
+def _over_strokes(values: Floats, noise: float, common: Sequence[Contribution]) -> Budget:
+    # Neighbouring strokes share a curve: the mean of n differences scatters as that of n/2.
+    scatter = float(np.std(values, ddof=1)) * (2.0 / values.size) ** 0.5
+    parts = [Contribution("strokes", scatter / ARCMIN, values.size - 1.0), *common]
+    if scatter == 0.0:
+        parts.append(Contribution("noise", noise / ARCMIN))
+    return budget(float(values.mean()) / ARCMIN, "arcmin", parts)
+
+
+def _slope(
+    swings: tuple[Swing, ...], low: float, high: float, ratio: float
+) -> tuple[float, list[Finding]]:
+    """Return the output's travel per stated travel; name another ratio, refuse quite another."""
+    products = squares = 0.0
+    for swing in swings:
+        inside = (swing.angle_rad > low) & (swing.angle_rad < high)
+        angle, error = (each[inside] for each in (swing.angle_rad, swing.error_rad))
+        if angle.size > 2:
+            products += float((angle - angle.mean()) @ (error - error.mean()))
+            squares += float((angle - angle.mean()) @ (angle - angle.mean()))
+    slope = 1.0 + (products / squares if squares else 0.0)
+    shown = ratio / slope if slope else np.inf
+    if not abs(slope - 1.0) <= COARSE:
+        raise InputError(
+            Message("angles that show a ratio of {shown:.4g}", shown),
+            Message("{ratio:g} within {limit:g} %", ratio, 100 * COARSE),
+            "check the ratio, its sign, the angles' units, and which column is which",
+        )
+    if abs(slope - 1.0) <= RATIO_TOLERANCE:
+        return slope, []
+    return slope, [
+        Finding(
+            "ratio over a part of a turn",
+            Message(
+                "the angles show a ratio of {shown:.5g} instead of {ratio:g} here: a wrong ratio, "
+                "or a transmission error; both directions share it",
+                shown,
+                ratio,
+            ),
+            "turn by a whole output revolution to tell",
+        )
+    ]
