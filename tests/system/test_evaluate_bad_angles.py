@@ -78,7 +78,7 @@ def angles(path, *, revolutions=1.05, size=12000, slip=0.0, ratio=RATIO):
         ({"ratio": 20.001}, ("the ratio is wrong", "20.001")),
         ({"ratio": 25.0}, ("a ratio of 25",)),
         ({"revolutions": 0.8}, ("0.8 output revolutions", "whole output revolution")),
-        ({"size": 500}, ("samples per period", "sample faster")),
+        ({"size": 150}, ("samples per period", "sample faster")),
     ],
 )
 def test_bad_angles_are_refused_by_name(tmp_path, changed, words):

@@ -245,7 +245,8 @@ def noise_of(values: Floats) -> float:
     """Return the standard deviation of white noise, from second differences."""
     if values.size < 8:
         return 0.0
-    return float(np.median(np.abs(np.diff(values, 2)))) / (0.6745 * 6.0**0.5)
+    scale: float = 0.6745 * 6.0**0.5
+    return float(np.median(np.abs(np.diff(values, 2)))) / scale
 
 
 def moving_mean(values: Floats, width: int) -> Floats:
@@ -565,7 +566,7 @@ def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str])
     if samples.row.size != size:
         windows = steady_windows([samples[name] for name in steady])
     whole = samples.row.size
-    size = np.array([part.stop - part.start for part in windows])
+    sizes = np.array([part.stop - part.start for part in windows])
     columns = {
         name: np.array(
             [np.median(each[part]) if name in SET else each[part].mean() for part in windows]
@@ -584,9 +585,9 @@ def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str])
             "{count} steady windows of {fewest} to {most} samples were found; the other "
             "{left} of {whole} samples aren't used",
             len(windows),
-            int(size.min()),
-            int(size.max()),
-            int(whole - size.sum()),
+            int(sizes.min()),
+            int(sizes.max()),
+            int(whole - sizes.sum()),
             whole,
         ),
         "hold torque and speed for longer if a window is missing",

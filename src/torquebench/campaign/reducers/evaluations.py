@@ -50,7 +50,10 @@ RatioOption = Annotated[
     Option("Input revolutions per output revolution; negative if the output reverses."),
 ]
 ToleranceOption = Annotated[
-    float | None, Option("Largest gap between points of one speed, rpm.", least=0)
+    float | None, Option("Largest range of the speeds of one point, rpm.", least=0)
+]
+ZeroedOption = Annotated[
+    bool, Option("The torque was zeroed at rest: estimate no offset from both directions.")
 ]
 
 
@@ -72,6 +75,8 @@ class TableEvaluation(ABC):
         Quantities that the table must have.
     described : bool
         Whether a reducer's description has values or limits for it.
+
+    A table also has the number of each row in its file, ``row``.
     """
 
     name: ClassVar[str]
@@ -80,6 +85,10 @@ class TableEvaluation(ABC):
     columns: ClassVar[Mapping[str, str]]
     needed: ClassVar[tuple[str, ...]]
     described: ClassVar[bool] = True
+
+    keep_outliers: Annotated[
+        bool, Option("Evaluate single samples far from their neighbours with the others.")
+    ] = False
 
     def required(self) -> tuple[str, ...]:
         """Return the needed quantities with these options."""
@@ -197,7 +206,7 @@ class Hysteresis(TableEvaluation):
             loop=table.get("loop"),
             demanded_nm=table.get("demanded"),
             bench_compliance_rad_per_nm=self.bench_compliance * ARCMIN,
-            time_s=None if flange is None else table["time"],
+            time_s=table.get("time"),
             flange=flange,
             uncertainty=LoopUncertainty(
                 torque_relative=self.torque_uncertainty / 100.0,
@@ -206,6 +215,8 @@ class Hysteresis(TableEvaluation):
                 angle_rad=self.angle_uncertainty * ARCSEC,
                 bench_compliance_rad_per_nm=self.compliance_uncertainty * ARCMIN,
             ),
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         return result, {"loop": loop, "flange": flange}
 
@@ -213,6 +224,8 @@ class Hysteresis(TableEvaluation):
 @dataclass(frozen=True, kw_only=True)
 class Friction(TableEvaluation):
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
+
+    From points, from a log with steady windows, or from a ramp of speed.
 
     Columns: speed and torque, both clockwise positive; optionally branch (1 rising, -1 falling
     speed), temperature and demanded (requested speed).
@@ -232,6 +245,7 @@ class Friction(TableEvaluation):
     form: Annotated[str, Option("best, or the parts: coulomb, coulomb-viscous, ….")] = "best"
     exponent: Annotated[int, Option("Of the Stribeck part.", least=1, most=2)] = 2
     tolerance: ToleranceOption = None
+    zeroed: ZeroedOption = False
     zero_uncertainty: ZeroUncertaintyOption = 0.0
     largest_uncertainty: LargestUncertaintyOption = None
 
@@ -249,6 +263,9 @@ class Friction(TableEvaluation):
             tolerance_rpm=self.tolerance,
             temperature_c=table.get("temperature"),
             demanded_rpm=table.get("demanded"),
+            zeroed=self.zeroed,
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         if self.largest_uncertainty is not None:
             result.require(self.largest_uncertainty / 100.0)
@@ -288,6 +305,7 @@ class NoLoad(TableEvaluation):
     needed = ("speed", "torque")
 
     tolerance: ToleranceOption = None
+    zeroed: ZeroedOption = False
     reference_temperature: Annotated[
         float | None, Option("Bring torques to this temperature, °C.")
     ] = None
@@ -310,6 +328,9 @@ class NoLoad(TableEvaluation):
             tolerance_rpm=self.tolerance,
             reference_temperature_c=self.reference_temperature,
             largest_share=_share(self.largest_uncertainty),
+            zeroed=self.zeroed,
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         return result, {}
 
@@ -356,6 +377,8 @@ class Breakaway(TableEvaluation):
             uncertainty=TorqueUncertainty(self.torque_uncertainty / 100.0, self.zero_uncertainty),
             presliding_rad=self.presliding * ARCMIN,
             largest_share=_share(self.largest_uncertainty),
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         return result, {}
 
@@ -365,7 +388,8 @@ class TransmissionError(TableEvaluation):
     """Evaluate transmission error over output revolutions: peak to peak and orders.
 
     Columns: input and output (angles of both encoders at the same moments), optionally time. Both
-    directions may follow each other.
+    directions may follow each other. A motion to and fro under one revolution gives backlash and
+    lost motion.
     """
 
     name = test = "transmission-error"
@@ -387,34 +411,51 @@ class TransmissionError(TableEvaluation):
     ] = 0.0
 
     def evaluate(self, table: Table, reducer: ReducerDescription | None, /) -> Evaluated:
-        """Evaluate both directions; the highest order is the reducer's by default."""
-        import numpy as np
-
-        from torquebench.reducers import AngleUncertainty, evaluate_transmission_error
+        """Evaluate revolutions, or strokes under one; the highest order is the reducer's."""
+        from torquebench.reducers import (
+            AngleUncertainty,
+            evaluate_swings,
+            evaluate_transmission_error,
+            turned_one_way,
+            unwrapped,
+        )
 
         driving, driven = table["input"], table["output"]
         if self.wrapped:
-            driving, driven = np.unwrap(driving), np.unwrap(driven)
+            driving, driven = unwrapped(driving), unwrapped(driven)
+        ratio = _ratio(self.ratio, reducer)
+        known = AngleUncertainty(self.output_uncertainty * ARCSEC, self.input_uncertainty * ARCSEC)
+        if turned_one_way(driving, ratio) < 1.0 and self.highest_order is None:
+            strokes = evaluate_swings(
+                driving,
+                driven,
+                ratio,
+                uncertainty=known,
+                row=table["row"],
+                keep_outliers=self.keep_outliers,
+            )
+            return strokes, {"highest_order": None}
         order = self.highest_order or (reducer.highest_error_order if reducer else None)
         result = evaluate_transmission_error(
             driving,
             driven,
-            _ratio(self.ratio, reducer),
+            ratio,
             time_s=table.get("time"),
             highest_order=order,
-            uncertainty=AngleUncertainty(
-                self.output_uncertainty * ARCSEC, self.input_uncertainty * ARCSEC
-            ),
+            uncertainty=known,
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         return result, {"highest_order": order}
 
 
 @dataclass(frozen=True, kw_only=True)
 class Efficiency(TableEvaluation):
-    """Evaluate efficiency over torque and speed from steady points.
+    """Evaluate efficiency over torque and speed from steady points, or from a log.
 
     Columns: input_torque and output_torque (the torque on the load), speed of the input, all
-    clockwise positive; optionally temperature.
+    clockwise positive; optionally demanded_torque (at the output) and demanded_speed, which group
+    the points, and temperature.
     """
 
     name = title = test = "efficiency"
@@ -422,6 +463,8 @@ class Efficiency(TableEvaluation):
         "input_torque": "torque",
         "output_torque": "torque",
         "speed": "speed",
+        "demanded_torque": "torque",
+        "demanded_speed": "speed",
         "temperature": "temperature",
     }
     needed = ("input_torque", "output_torque", "speed")
@@ -443,9 +486,13 @@ class Efficiency(TableEvaluation):
             table["speed"],
             _ratio(self.ratio, reducer),
             temperature_c=table.get("temperature"),
+            nominal_torque_nm=table.get("demanded_torque"),
+            nominal_speed_rpm=table.get("demanded_speed"),
             input_uncertainty=TorqueUncertainty(self.input_uncertainty / 100.0, self.input_zero),
             output_uncertainty=TorqueUncertainty(self.output_uncertainty / 100.0, self.output_zero),
             largest_share=_share(self.largest_uncertainty),
+            row=table["row"],
+            keep_outliers=self.keep_outliers,
         )
         return result, {}
 

@@ -110,7 +110,7 @@ def _evaluate(
     needed = evaluation.required()
     read = read_columns(data, evaluation.columns, needed, column or (), where or ())
     tell_columns(read.understood, read.notes)
-    table = read.numbers
+    table = {**read.numbers, "row": read.rows.astype("float64")}
 
     from torquebench.reducers import OpenLoopError, verdicts
 

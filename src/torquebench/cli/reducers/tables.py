@@ -13,7 +13,7 @@ from torquebench.cli.answers import EVALUATED_QUANTITY
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import check_kept, check_output_folder
 from torquebench.cli.terminal.console import answer, say_file, stderr_console
-from torquebench.units import DEG_PER_RAD
+from torquebench.units import ARCSEC, DEG_PER_RAD
 
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
@@ -121,7 +121,7 @@ def _write(
 
 
 def _write_curves(output: Path, result: Any) -> None:
-    """Write the data of figures as CSV: loops, error curves."""
+    """Write the data of figures as CSV: loops, error curves, strokes."""
     from torquebench.atomic_write import atomic_write
 
     rows: list[str] = []
@@ -142,6 +142,15 @@ def _write_curves(output: Path, result: Any) -> None:
                 f"{each.direction},{angle:.8g},{error:.6g}"
                 for angle, error in zip(
                     each.angle_rad * DEG_PER_RAD, each.error_arcsec, strict=True
+                )
+            ]
+    elif hasattr(result, "swings"):
+        rows.append("stroke,angle_deg,error_arcsec")
+        for number, stroke in enumerate(result.swings, 1):
+            rows += [
+                f"{number},{angle:.8g},{error:.6g}"
+                for angle, error in zip(
+                    stroke.angle_rad * DEG_PER_RAD, stroke.error_rad / ARCSEC, strict=True
                 )
             ]
     if rows:

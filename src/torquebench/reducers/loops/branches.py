@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +184,7 @@ Pieces = tuple[Indices, ...]
 
 
 def _labelled(torque: Floats, rows: Indices, numbers: Floats) -> list[tuple[Pieces, Pieces]] | None:
-    found = []
+    found: list[tuple[Pieces, Pieces]] = []
     for number in dict.fromkeys(numbers.tolist()):
         mine = rows[numbers == number]
         end = float(np.max(np.abs(torque[mine])))
@@ -222,7 +223,7 @@ def _span(torque: Floats, part: Indices) -> float:
 def _cut(torque: Floats, parts: list[tuple[int, Indices]]) -> list[tuple[Pieces, Pieces]]:
     widest = max(_span(torque, part) for _, part in parts)
     whole = [(sign, part) for sign, part in parts if _span(torque, part) >= FULL_SPAN * widest]
-    found = []
+    found: list[tuple[Pieces, Pieces]] = []
     for (sign, first), (other, second) in zip(whole[::2], whole[1::2], strict=False):
         if sign != other:
             found.append(((first,), (second,)) if sign > 0 else ((second,), (first,)))
@@ -329,25 +330,27 @@ BENDS = 9.0
 class Drift:
     """Drift of the angle at one position: what is subtracted from each sample, and its size.
 
-    `share` is the standard uncertainty of what is subtracted, as a share of it.
+    `share` is the standard uncertainty of what is subtracted, as a share of it; `significant` says
+    whether the loops show it beyond their noise.
     """
 
     rad: Floats
     per_loop_rad: float
     share: float
-
-    @property
-    def significant(self) -> bool:
-        """Whether there is one."""
-        return self.per_loop_rad != 0.0 and self.share < 1.0 / 3.0
+    significant: bool
 
 
-def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float) -> Drift:
-    """Return half the gap of a single loop as a steady drift.
+def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float, noise_rad: float) -> Drift:
+    """Return half the gap of a single loop as a steady drift, if the gap exceeds its noise.
 
     The gap may be drift, or a beginning that wasn't on the loop yet: U covers both.
     """
-    return Drift(0.5 * gap_rad * recording.place([loop]), gap_rad, 1.0 / 3.0**0.5)
+    place = recording.place([loop])
+    if abs(gap_rad) <= 3.0 * noise_rad:
+        return Drift(0.0 * place, 0.0, 0.0, significant=False)
+    half = 0.5 * gap_rad
+    share = float(np.hypot(3.0**-0.5, noise_rad / half))
+    return Drift(half * place, gap_rad, share, significant=True)
 
 
 def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
@@ -370,7 +373,7 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
     powers = np.column_stack([place ** (k + 1) for k in range(degrees)])
     basis = np.column_stack([_partialled(cell, torque, powers[rows, k]) for k in range(degrees)])
     free = rows.size - 2 * np.unique(cell).size
-    best: tuple[Floats, Floats, float] | None = None
+    best: tuple[NDArray[Any], NDArray[Any], float] | None = None
     for degree in range(1, degrees + 1):
         part_of = basis[:, :degree]
         solution, *_ = np.linalg.lstsq(part_of, left, rcond=None)
@@ -384,7 +387,9 @@ def drift_of(recording: Recording, loops: Sequence[RawLoop]) -> Drift:
     whole = np.array([float(len(loops)) ** k for k in range(solution.size)])
     spread = float(np.sqrt(max(float(whole @ covariance @ whole), 0.0)))
     size = float(whole @ solution)
-    return Drift(powers[:, : solution.size] @ solution, size, spread / max(abs(size), 1e-300))
+    share = spread / max(abs(size), 1e-300)
+    drift = powers[:, : solution.size] @ solution
+    return Drift(drift, size, share, significant=size != 0.0 and share < 1.0 / 3.0)
 
 
 def _partialled(cell: NDArray[np.int64], torque: Floats, values: Floats) -> Floats:

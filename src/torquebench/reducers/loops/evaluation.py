@@ -217,7 +217,7 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
         rows = recording.position == label
         less[rows] += drift.rad[rows]
         shares[label] = drift.share
-        if drift.significant or len(mine) == 1:
+        if drift.significant:
             findings.append(_drift_finding(drift, len(mine), width_rad))
     if not shares:
         return _Evaluated(drifting, drifting, {}, tuple(findings))
@@ -231,8 +231,8 @@ def _drift_at(
 ) -> Drift:
     if len(loops) > 1:
         return drift_of(recording, loops)
-    gap, noise = features[0].closure_rad, features[0].closure_noise_rad
-    return steady_drift(recording, loops[0], gap if abs(gap) > 3.0 * noise else 0.0)
+    loop = features[0]
+    return steady_drift(recording, loops[0], loop.closure_rad, loop.closure_noise_rad)
 
 
 def _drift_finding(drift: Drift, loops: int, width_rad: float) -> Finding:

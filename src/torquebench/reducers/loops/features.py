@@ -288,15 +288,29 @@ def _closure(raw: RawLoop, recording: Recording) -> tuple[float, float]:
     rows = raw.rows
     torque, angle = recording.torque[rows], (recording.angle - recording.less)[rows]
     count = max(1, rows.size // 100)
-    start, end = slice(0, count), slice(-count, None)
     nearest = slice(-(rows.size // 16 + 4), None)
     load = torque[nearest]
     slope = float(np.polyfit(load, angle[nearest], 1)[0]) if np.ptp(load) > 0.0 else 0.0
-    apart = slope * float(torque[end].mean() - torque[start].mean())
-    gap = float(angle[end].mean() - angle[start].mean()) - apart
-    noise = float(np.hypot(noise_of(angle), slope * noise_of(torque))) * (2.0 / count) ** 0.5
+    apart = slope * float(torque[-count:].mean() - torque[:count].mean())
+    beside = angle - slope * torque
+    (start, first), (end, last) = (_outer_end(beside[::way][:count]) for way in (1, -1))
+    noise = float(np.hypot(noise_of(angle), slope * noise_of(torque))) * (8.0 / count) ** 0.5
     # At a reversal the slope changes by a half of itself or so.
-    return gap, float(np.linalg.norm([noise, recording.step_rad / 6.0**0.5, 0.3 * apart]))
+    parts = [noise, first, last, recording.step_rad / 6.0**0.5, 0.3 * apart]
+    return end - start, float(np.linalg.norm(parts))
+
+
+def _outer_end(values: Floats) -> tuple[float, float]:
+    """Return the first value of a line through a few samples, and how far they are off that line.
+
+    A loop opens beside its tip: a mean of these samples isn't at the tip.
+    """
+    if values.size < 4:
+        return float(values.mean()), 0.0
+    place = np.arange(values.size) - 0.5 * (values.size - 1)
+    slope, middle = np.polyfit(place, values, 1)
+    off = float(np.std(values - middle - slope * place, ddof=2))
+    return float(middle - slope * 0.5 * (values.size - 1)), off
 
 
 def key_points_of(features: LoopFeatures, settings: LoopSettings) -> tuple[KeyPoint, ...]:

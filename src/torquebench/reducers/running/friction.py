@@ -213,8 +213,14 @@ def _curve(
     order = np.argsort(mean_speed, kind="stable")
     change = _mean_where(torque, group, turn > 0, count.size)
     change = change - _mean_where(torque, group, turn < 0, count.size)
-    columns = (mean_speed, mean, spread, error, count.astype(np.int64), change)
-    return FrictionCurve(*(each[order] for each in columns))
+    return FrictionCurve(
+        speed_rpm=mean_speed[order],
+        torque_nm=mean[order],
+        spread_nm=spread[order],
+        standard_error_nm=error[order],
+        points=count[order].astype(np.int64),
+        up_minus_down_nm=change[order],
+    )
 
 
 def _mean_where(

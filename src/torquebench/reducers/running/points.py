@@ -219,15 +219,15 @@ def _unlike_directions(points: SpeedPoints) -> NDArray[np.bool_]:
     torque = np.bincount(points.group, weights=points.torque) / count
     bad = np.zeros(points.group.size, dtype=np.bool_)
     pairs = []
-    for k in np.flatnonzero(speed > 0.0):
+    for k in np.flatnonzero(speed > 0.0).tolist():
         other = int(np.argmin(np.abs(speed + speed[k])))
         if abs(speed[other] + speed[k]) <= SAME_VALUE * speed[k]:
-            pairs.append((int(k), other))
+            pairs.append((k, other))
     if len(pairs) < LEAST_PAIRS:
         return bad
     sums = np.array([torque[a] + torque[b] for a, b in pairs])
     far = repeat_outliers(sums, np.zeros(sums.size, dtype=np.int64))
-    for a, b in (pairs[k] for k in np.flatnonzero(far)):
+    for a, b in (pairs[k] for k in np.flatnonzero(far).tolist()):
         apart = []
         for k in (a, b):
             side = np.flatnonzero((np.sign(speed) == np.sign(speed[k])) & (speed != speed[k]))

@@ -345,7 +345,7 @@ def _direction(
     time: NDArray[np.float64] | None,
 ) -> DirectionError:
     shown = [_count_error(run, step, highest) for step in steps]
-    resolution = float(np.hypot(*shown)) / ARCSEC
+    resolution = float(np.linalg.norm(shown)) / ARCSEC
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     peak_to_peak = budget(
         found.peak_to_peak_arcsec,
@@ -411,7 +411,7 @@ def _count_error(run: Run, step_rad: float, highest: float) -> float:
         share = 1.0
     else:
         share = min(1.0, (2.0 * highest * max(spacing, step_rad) / TURN) ** 0.5)
-    return step_rad / 12.0**0.5 * share
+    return float(step_rad / 12.0**0.5 * share)
 
 
 def _between_peaks(found: Revolution, known: AngleUncertainty, ratio: float) -> float:

@@ -174,7 +174,7 @@ def _refuse_ratio(shown: float, ratio: float) -> None:
     else:
         remedy = "check the ratio, the angles' units and counts per revolution, and slip"
     raise InputError(
-        Message("angles that show a ratio of {found:.6g}", shown),
+        Message("angles that show a ratio of {shown:.5g}", shown),
         Message("{ratio:g} within 0.1 %", ratio),
         remedy,
     )

@@ -173,9 +173,13 @@ def evaluate_swings(
     directions = [each.forward for each in swings]
     if len(swings) < 3 or any(a == b for a, b in pairwise(directions)):
         raise InputError(
-            Message("{count} strokes to and fro", len(swings)),
-            "three or more, one after the other",
-            "swing the input to and fro, or turn it by a whole output revolution",
+            Message(
+                "{count} strokes to and fro of {turns:.3g} output revolutions",
+                len(swings),
+                longest / TURN,
+            ),
+            "three strokes or more, or a whole output revolution in one direction",
+            "swing the input to and fro, or turn it further",
         )
     low = max(float(each.angle_rad.min()) for each in swings)
     high = min(float(each.angle_rad.max()) for each in swings)
@@ -190,8 +194,8 @@ def evaluate_swings(
         )
     slope, findings = _slope(swings, low + edge, high - edge, ratio)
     edges = np.linspace(low + edge, high - edge, PARTS + 1)
-    parts = np.array([float(_gaps(swings, a, b).mean()) for a, b in pairwise(edges.tolist())])
-    along = float(np.std(parts, ddof=1)) / (0.5 * PARTS) ** 0.5  # neighbours are alike
+    local = np.array([float(_gaps(swings, a, b).mean()) for a, b in pairwise(edges.tolist())])
+    along = float(np.std(local, ddof=1)) / (0.5 * PARTS) ** 0.5  # neighbours are alike
     step = float(np.hypot(count_step(taken), count_step(given) / ratio))
     noise = noise_of(error)
     known = uncertainty or AngleUncertainty()
@@ -202,15 +206,15 @@ def evaluate_swings(
     ]
     counts = Contribution("resolution", step / 6.0**0.5 / ARCMIN)
     lost = _over_strokes(gaps, noise, [*common, counts])
-    if np.ptp(parts) > max(0.3 * abs(gap), 8.0 * along):
+    if np.ptp(local) > max(0.3 * abs(gap), 8.0 * along):
         findings.append(
             Finding(
                 "uneven gap",
                 Message(
                     "the gap between both directions is {low:.3g} to {high:.3g} arcmin along the "
                     "strokes",
-                    parts.min() / ARCMIN,
-                    parts.max() / ARCMIN,
+                    local.min() / ARCMIN,
+                    local.max() / ARCMIN,
                 ),
                 "swing further and more slowly; check both encoders for a delay",
             )

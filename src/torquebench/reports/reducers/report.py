@@ -17,6 +17,7 @@ from torquebench.campaign.reducers.results import (
     ReducerTestRecord,
 )
 from torquebench.reducers import EfficiencyMap, NoLoadPoint, NoLoadResult
+from torquebench.reducers.preparation import grouped
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
@@ -256,7 +257,10 @@ def efficiency_tables(
         if not points:
             continue
         columns = _steps([each.nominal_speed_rpm for each in points])
-        lines = _steps([each.nominal_torque_nm for each in points])
+        torques = [each.nominal_torque_nm for each in points]
+        lines = _steps(torques)
+        if len(set(zip(columns, lines, strict=True))) < len(points):
+            lines = torques  # near torques at one speed
         rows = []
         for line in sorted(set(lines)):
             here = {
@@ -282,10 +286,7 @@ def efficiency_tables(
 
 def _steps(values: Sequence[float]) -> list[float]:
     """Return the step of each value: the mean of the values within 1 % of the largest."""
-    order = np.argsort(values, kind="stable")
-    ordered = np.asarray(values, dtype=np.float64)[order]
-    number = np.cumsum(np.diff(ordered, prepend=ordered[0]) > 0.01 * np.max(np.abs(ordered)))
+    ordered = np.asarray(values, dtype=np.float64)
+    number = grouped(ordered, 0.01 * float(np.max(np.abs(ordered))))
     means = np.bincount(number, weights=ordered) / np.bincount(number)
-    steps = np.empty(ordered.size)
-    steps[order] = means[number]
-    return [float(each) for each in steps]
+    return [float(each) for each in means[number]]

@@ -7,7 +7,14 @@ import numpy as np
 from torquebench.bench.roles import SIDES, Side
 from torquebench.campaign.reducers.uncertainty import Bench, resolution_rad, temperature_remarks
 from torquebench.campaign.reducers.work import Evaluated, ReducerTestWork
-from torquebench.figures import COLOURS, blank_figure, new_figure, styled, svg_text
+from torquebench.figures import (
+    COLOURS,
+    blank_figure,
+    legend_above,
+    new_figure,
+    styled,
+    svg_text,
+)
 from torquebench.message import Message
 from torquebench.procedures.reducers.turning import (
     TransmissionRecording,
@@ -17,10 +24,11 @@ from torquebench.procedures.reducers.turning import (
 from torquebench.reducers import (
     AngleUncertainty,
     ReducerDescription,
+    SwingsResult,
     TransmissionErrorResult,
     evaluate_transmission_error,
 )
-from torquebench.units import ARCSEC, DEG_PER_RAD, TURN
+from torquebench.units import ARCMIN, ARCSEC, DEG_PER_RAD, TURN
 
 __all__ = ["WORK"]
 
@@ -134,7 +142,27 @@ def _polar(result: TransmissionErrorResult) -> str:
         return svg_text(figure)
 
 
-def _figures(result: TransmissionErrorResult) -> tuple[tuple[str, str], ...]:
+def _over_strokes(result: SwingsResult) -> str:
+    """Draw the error of each stroke over the angle: the gap between both directions."""
+    with styled():
+        figure, (axes,) = new_figure(3.2)
+        for forward, colour in ((True, COLOURS[0]), (False, COLOURS[1])):
+            label: str | None = "forward" if forward else "backward"
+            for stroke in result.swings:
+                if stroke.forward == forward:
+                    angle, error = stroke.angle_rad * DEG_PER_RAD, stroke.error_rad / ARCMIN
+                    axes.plot(angle, error, color=colour, lw=0.8, label=label)
+                    label = None
+        axes.set_xlabel("output angle in degrees")
+        axes.set_ylabel("error in arcmin")
+        legend_above(axes)
+        return svg_text(figure)
+
+
+def _figures(result: TransmissionErrorResult | SwingsResult) -> tuple[tuple[str, str], ...]:
+    if isinstance(result, SwingsResult):
+        strokes = "Output angle minus input angle divided by the ratio, stroke by stroke."
+        return ((_over_strokes(result), strokes),)
     caption = (
         "Output angle minus input angle divided by the ratio over "
         "one output revolution, mean removed, "
