@@ -166,7 +166,7 @@ def test_what_is_wrong_with_a_fit_is_a_warning() -> None:
     table["standard_nm"][5] += 1.5
     with pytest.warns(tb.FitWarning) as caught:
         tb.fit(tb.read_calibration(table, range_nm=100.0), "polynomial-2")
-    assert all("clause plausibility" in str(each.message) for each in caught)
+    assert "row 6: reading" in str(caught[0].message)
 
 
 def test_a_missing_column_names_the_parameter() -> None:

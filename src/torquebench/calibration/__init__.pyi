@@ -7,6 +7,12 @@ from .adaptive import (
     extension_steps as extension_steps,
     place_points as place_points,
 )
+from .consistency import (
+    Disagreement as Disagreement,
+    Examination as Examination,
+    WrongRow as WrongRow,
+    examine as examine,
+)
 from .condition_cells import (
     Cell as Cell,
     cell_rows as cell_rows,
@@ -58,9 +64,9 @@ from .evaluation import (
 from .plausibility import (
     Contradiction as Contradiction,
     Plausibility as Plausibility,
-    Split as Split,
+    examine_table as examine_table,
     find_contradictions as find_contradictions,
-    find_split as find_split,
+    rows_in_words as rows_in_words,
 )
 from .profile import (
     Profile as Profile,

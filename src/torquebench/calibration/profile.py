@@ -39,6 +39,16 @@ _OPTIONS: dict[str, frozenset[str]] = {
 _ADAPTIVE_OPTIONS = frozenset({"points", "target_percent"})
 
 
+_LIMITS = Plausibility(
+    loop_percent=0.5,
+    repeat_percent=0.2,
+    zero_percent=0.15,
+    span_percent=1.5,
+    direction_percent=0.6,
+    change_percent=0.3,
+)
+"""Limits that every profile had in version 0.2.0, stated or not: such profiles keep their hash."""
+
 _OFF_GRID_SHARE = 0.25
 """Smallest distance of points off the grid from it, as a share of a step's width."""
 
@@ -285,7 +295,7 @@ class Profile(_Settings):
         for name in ("adaptive", "interruption"):
             if settings[name] is None:  # without the key, older profiles keep their hash
                 del settings[name]
-        if self.plausibility == Plausibility():
+        if self.plausibility in (Plausibility(), _LIMITS):
             del settings["plausibility"]
         if self.preload.percent is None:
             del settings["preload"]["percent"]

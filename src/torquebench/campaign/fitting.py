@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import time
 import warnings
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from functools import cached_property
 from pathlib import Path
@@ -18,10 +18,14 @@ from torquebench.atomic_write import private_folder
 from torquebench.calibration import (
     CalibrationData,
     Contradiction,
+    Examination,
     Plausibility,
+    examine_table,
     find_contradictions,
+    rows_in_words,
     summarise_errors,
 )
+from torquebench.calibration.plausibility import contradiction_of
 from torquebench.campaign.chains import mounting_effect
 from torquebench.campaign.results import FitResult
 from torquebench.chain import Effect, MeasuringChain
@@ -31,7 +35,6 @@ from torquebench.compensation import (
     RECOMMENDED,
     Comparison,
     CompensationModel,
-    OutlierWarning,
     Provenance,
     StoredModel,
     compare,
@@ -209,7 +212,8 @@ def fit_models(
 ) -> list[FittedModel]:
     """Fit every chosen model to all points of a calibration, and find its contradictions.
 
-    Contradictory points are all kept, as it isn't known which of them are wrong.
+    A row that disagrees with all others is left out. Contradictory points are all kept, as it isn't
+    known which of them are wrong.
 
     Parameters
     ----------
@@ -239,20 +243,22 @@ def fit_models(
     progress.start(title, SHARES * len(choices))
     fitted: list[FittedModel] = []
     effects = (*effects, *mounting_effect(data))
-    limits = limits or Plausibility()
-    kept = _kept_points(data, limits)
+    examination = examine_table(data)
+    kept = _kept(data, examination, "downweight")
     for choice in choices:
-        model = make_model(choice.name, range_nm=data.range_nm, **{**choice.parameters, **kept})
+        settings = {**choice.parameters, "outliers": "keep"}
+        model = make_model(choice.name, range_nm=data.range_nm, **settings)
         words = model_title(model.kind, model.kind_parameters)
         part = Part(progress, SHARES * len(fitted))
         started = time.perf_counter()
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            points = choice.points(data)
+            points = choice.points(kept)
             columns = points.features(feature_columns(model))
             model.fit(columns, points.standard_nm, progress=part)
         part.reach(SHARES)
-        remarks = tuple(dict.fromkeys(f"{words}: {entry.message}" for entry in caught))
+        told = (f"{words}: {entry.message}" for entry in caught)
+        remarks = (*_remarks(data, kept, examination), *dict.fromkeys(told))
         seconds = time.perf_counter() - started
         fitted.append(
             FittedModel(
@@ -262,7 +268,7 @@ def fit_models(
                 seconds,
                 remarks,
                 effects,
-                _contradictions(points, model, limits, before),
+                _contradictions(data, examination, model, limits, before),
                 choice,
                 data.measured_on,
             )
@@ -290,28 +296,74 @@ def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel
         return None
 
 
-def _kept_points(data: CalibrationData, limits: Plausibility) -> dict[str, str]:
-    """Return the parameter that keeps every point where points contradict each other."""
-    kinds = {each.kind for each in find_contradictions(data, limits)}
-    return {"outliers": "keep"} if kinds & {"sign", "split", "scatter", "loop"} else {}
+def _kept(data: CalibrationData, examination: Examination, outliers: str) -> CalibrationData:
+    """Return the points without single wrong rows; all of them where parts contradict each other.
+
+    Raises
+    ------
+    InputError
+        A wrong row, if it is to be refused.
+    """
+    wrong = [] if examination.disagreements else examination.wrong_rows
+    if not wrong or outliers == "keep":
+        return data
+    if outliers == "refuse":
+        raise InputError(
+            Message.joined(
+                [_wrong_row(data, each.point, each.residual_nm) for each in wrong], "; "
+            ),
+            "rows that agree with the others",
+            "measure the point again, leave it out, or choose `--outliers downweight`",
+        )
+    return data.subset(np.setdiff1d(np.arange(len(data)), [each.point for each in wrong]))
+
+
+def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message:
+    return Message(
+        "{row}: reading {reading:.6g} N·m, standard {standard:.6g} N·m, {residual:+.3g} N·m from "
+        "what the other rows expect",
+        rows_in_words(data, point),
+        data.reading_nm[point],
+        data.standard_nm[point],
+        residual_nm,
+    )
+
+
+def _remarks(
+    data: CalibrationData, kept: CalibrationData, examination: Examination
+) -> Iterator[str]:
+    """Yield the rows that were left out, and doubts about others."""
+    if len(kept) < len(data):
+        for each in examination.wrong_rows:
+            row = _wrong_row(data, each.point, each.residual_nm)
+            yield Message("outlier, left out: {row}", row)
+    for part in examination.doubts:
+        yield Message(
+            "{found}; one healthy table in a hundred shows the like",
+            contradiction_of(data, part, examination).found,
+        )
 
 
 def _contradictions(
     data: CalibrationData,
+    examination: Examination,
     model: CompensationModel,
-    limits: Plausibility,
+    limits: Plausibility | None,
     before: CompensationModel | None,
 ) -> tuple[Contradiction, ...]:
-    torque = model.predict(data.features(feature_columns(model)))
-    earlier = None
+    torque = earlier = None
     if before is not None and feature_columns(before) <= COMPARED_COLUMNS:
+        torque = np.full(len(data), np.nan)
         earlier = np.full(len(data), np.nan)
-        low, high = before.reading_low_nm_, before.reading_high_nm_
-        known = (data.reading_nm >= low) & (data.reading_nm <= high)
-        if np.any(known):
-            X = data.features(before.n_features_in_)
-            earlier[known] = before.predict(X[known])
-    return find_contradictions(data, limits, torque_nm=torque, before_nm=earlier)
+        for each, values in ((model, torque), (before, earlier)):
+            known = (data.reading_nm >= each.reading_low_nm_) & (
+                data.reading_nm <= each.reading_high_nm_
+            )
+            if np.any(known):
+                values[known] = each.predict(data.features(each.n_features_in_)[known])
+    return find_contradictions(
+        data, limits, examination=examination, torque_nm=torque, before_nm=earlier
+    )
 
 
 def fit_table(
@@ -337,11 +389,12 @@ def fit_table(
     progress : Progress
         Told one stage, and one more of the comparison.
     outliers : {"downweight", "refuse", "keep"}
-        Treatment of outliers; all are kept if the points contradict each other.
+        Treatment of single wrong rows: left out, refused, or kept. All are kept if parts of the
+        table contradict each other.
     compared : bool, default False
         Whether to compare all kinds by cross-validation as well; that takes many fits.
     limits : Plausibility, optional
-        Limits of contradictions between points.
+        Limits of size that a profile states.
     parameters : mapping, optional
         Of the model.
 
@@ -350,56 +403,53 @@ def fit_table(
     InputError
         An unknown model, points that it doesn't take, or an outlier that is to be refused.
     """
-    limits = limits or Plausibility()
-    outliers = _kept_points(data, limits).get("outliers", outliers)
-    given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": outliers}
+    examination = examine_table(data)
+    kept = _kept(data, examination, outliers)
+    given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": "keep"}
     model = make_model(name, **given)
-    X = data.features(feature_columns(model))
+    X = kept.features(feature_columns(model))
     progress.start("Fitting the model", SHARES)
     with warnings.catch_warnings(record=True) as caught:
         warnings.simplefilter("always")
-        warnings.simplefilter("ignore", OutlierWarning)  # the remarks name points by their series
-        model.fit(X, data.standard_nm, progress=progress)
+        model.fit(X, kept.standard_nm, progress=progress)
     progress.finish()
-    comparison = _compared(data, name, progress, outliers) if compared else None
+    comparison = _compared(kept, name, progress) if compared else None
     behind: list[str] = []
     if comparison is not None:
         behind = [comparison.behind_raw(score.name) for score in comparison.scores]
     elif model.doubtful:
         progress.start("Leaving out steps", SHARES)
-        behind = [worse_than_raw(name, model, X, data.standard_nm, progress=progress)]
+        behind = [worse_than_raw(name, model, X, kept.standard_nm, progress=progress)]
         progress.finish()
-    outlying = [replace(each, series=int(data.series[each.row])) for each in model.outliers_]
-    good = np.delete(np.arange(len(data)), [each.row for each in outlying])
     return FitResult(
         source=source,
         data=data,
         comparison=comparison,
-        noise=data.subset(good).noise_floor(),
+        noise=kept.noise_floor(),
         name=name,
         title=model_title(model.kind, model.kind_parameters),
         model=model,
-        raw=summarise_errors(data.reading_nm, data.standard_nm, data.range_nm),
-        fitted=summarise_errors(model.predict(X), data.standard_nm, data.range_nm),
+        raw=summarise_errors(kept.reading_nm, kept.standard_nm, kept.range_nm),
+        fitted=summarise_errors(model.predict(X), kept.standard_nm, kept.range_nm),
         remarks=(
-            *(Message("outlier, weighted down: {point}", point) for point in outlying),
+            *_remarks(data, kept, examination),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),
             *dict.fromkeys(str(entry.message) for entry in caught),
         ),
-        contradictions=_contradictions(data, model, limits, None),
+        contradictions=_contradictions(data, examination, model, limits, None),
     )
 
 
-def _compared(data: CalibrationData, name: str, progress: Progress, outliers: str) -> Comparison:
+def _compared(data: CalibrationData, name: str, progress: Progress) -> Comparison:
     progress.start("Comparing models", SHARES)
     comparison = compare(
         data.features(COMPARED_COLUMNS),
         data.standard_nm,
         list(dict.fromkeys([*CANDIDATES, name])),
         range_nm=data.range_nm,
-        outliers=outliers,
+        outliers="keep",
         progress=progress,
     )
     progress.finish()

@@ -389,15 +389,13 @@ def _refuse_contradictions(points: CalibrationPoints) -> None:
         if values[-1] - values[0] > limit and 2 * np.count_nonzero(near_median) <= values.size + (
             values.size == 2
         ):
-            rows = points.rows[order[start:stop]]
             reading = points.reading[order[start]]
             raise InputError(
                 Message(
                     "contradictory points: reading {reading:.6g} N·m has standard values "
-                    "{values} N·m (rows {rows}, counted from 0)",
+                    "{values} N·m",
                     reading,
                     ", ".join(f"{value:.6g}" for value in values[:6]),
-                    ", ".join(str(row) for row in rows[:6]),
                 ),
                 Message(
                     "a spread of at most {limit:.2g} N·m, {contradiction_scales:g} times the "

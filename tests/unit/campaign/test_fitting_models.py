@@ -44,7 +44,7 @@ def test_every_choice_is_fitted_and_reports_all_its_steps() -> None:
 def test_an_outlier_is_a_remark_and_no_warning_on_the_terminal() -> None:
     (fitted,) = fit_models(chain(outlying=True), [ModelChoice("polynomial-2")])
     assert len(fitted.remarks) == 1
-    assert "row 30" in fitted.remarks[0]
+    assert "row 31:" in fitted.remarks[0]
 
 
 @pytest.mark.parametrize("kind", sorted(MODELS))
@@ -88,4 +88,4 @@ def test_a_named_model_is_taken_and_its_outliers_are_named() -> None:
     assert found.name == "polynomial-5"
     assert found.comparison is not None
     assert found.comparison.score("polynomial-5").name == "polynomial-5"
-    assert any("row 30" in remark for remark in found.remarks)
+    assert any("row 31:" in remark for remark in found.remarks)

@@ -71,14 +71,14 @@ def test_a_standard_whose_span_changes_after_some_points_spoils_nothing(
         )
         entry = registered.models[KIND]
         kinds = {each.kind for each in entry.contradictions}
-        assert {"split", "change"} <= kinds
+        assert {"scale", "change"} <= kinds
         assert in_use(station, changed) == good.model_id
         stored = load_model(entry.file).provenance
         assert len(stored.contradictions) == len(entry.contradictions)
-        assert stored.contradictions[0].startswith("the points split before point")
+        assert stored.contradictions[0].startswith("rows 8 to ")
         assert load_model(good.file).provenance.contradictions == ()
 
-        with pytest.raises(RecordError, match="contradicts itself: the points split"):
+        with pytest.raises(RecordError, match="contradicts itself: rows 8 to "):
             station.registry.activate(entry.model_id, operator="A. Kim", reason="why not")
         with pytest.raises(InputError, match="without a reason"):
             station.registry.activate(
@@ -131,6 +131,6 @@ def test_contradicting_points_are_not_called_outliers() -> None:
 
 def test_a_fit_from_a_table_finds_them_too() -> None:
     fitted = fit_table(loop(wrong_from=30), "table.csv", KIND)
-    assert {"split"} <= {each.kind for each in fitted.contradictions}
-    assert "point 31 of 80" in fitted.contradictions[0].found
+    assert fitted.contradictions[0].kind == "scale"
+    assert fitted.contradictions[0].found.startswith("rows 31 to 80 (series 1, ")
     assert fit_table(loop(), "table.csv", KIND).contradictions == ()

@@ -105,8 +105,8 @@ def fit(
     counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
     reference: ReferenceOption = None,
     profile: Annotated[
-        str, typer.Option(help="Profile with the limits of the plausibility checks.")
-    ] = "rapid-in-situ",
+        str | None, typer.Option(help="Profile that states limits of size for its transducers.")
+    ] = None,
     accept: Annotated[
         str,
         typer.Option(
@@ -145,7 +145,7 @@ def fit(
             "both: the name of the person who uses the model, and the reason",
             "give --accept REASON --by NAME",
         )
-    limits = load_profile(profile).plausibility
+    limits = None if profile is None else load_profile(profile).plausibility
     others = [*data, *(empty or ())]
     assigned, conversion = table.column or (), table.conversion()
     read = {

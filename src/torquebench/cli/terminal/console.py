@@ -213,7 +213,7 @@ def write_error(error: TorquebenchError) -> None:
 def write_contradictions(contradictions: Sequence[Contradiction], remedy: str) -> None:
     """Print a calibration's contradictions, possible causes and remedies."""
     for each in contradictions:
-        allowed = f"{each.allowed} (clause {each.clause})"
+        allowed = f"{each.allowed} (clause {each.clause})" if each.clause else each.allowed
         _write_message({"contradiction": each.found, "allowed": allowed, "cause": each.cause})
     _write_message({"do": remedy})
 

@@ -20,6 +20,7 @@ from torquebench.calibration import (
 )
 from torquebench.campaign.bench_chains import recorded_effects
 from torquebench.campaign.doubts import CALIBRATOR, VERIFICATION_STANDARD, doubts_before
+from torquebench.campaign.external_calibration import KIND as TABLE
 from torquebench.campaign.finishing import (
     FinishedCalibration,
     finish_calibration,
@@ -368,7 +369,7 @@ def run_fit(context: JobContext, request: FitRequest) -> JobResult:
         context.job,
         title="Fitting",
         effects=recorded_effects(run.metadata, data),
-        limits=run_profile(run).plausibility,
+        limits=None if run.metadata.get("kind") == TABLE else run_profile(run).plausibility,
         before=model_in_use(station.registry, data),
     )
     metrics = fit_metrics(item, data)

@@ -1,0 +1,755 @@
+"""Whether the points of a calibration agree with each other.
+
+The error of a healthy chain is a smooth curve in each direction, with a step and ripple, a loop
+between rising and falling torque, a zero that drifts, series that seat anew, and scatter. This is
+a Gaussian process, whose amplitudes are estimated from the table itself: nothing is a limit of
+size. Against it stand explanations of a part of the table: from one row to another a zero has
+moved, a scale has changed, a sign is swapped or a value is stuck; or a single row is wrong. An
+explanation counts where the table is more probable with it by more than its prior odds, which
+contain the rate of false alarms. The probability that a Bayes factor exceeds 1/α in a table without
+a fault is at most α.
+
+References
+----------
+R. E. Kass, A. E. Raftery, J. American Statistical Association 90 (1995) 773: Bayes factors.
+C. E. Rasmussen, C. K. I. Williams, Gaussian Processes for Machine Learning (2006), chapter 5.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from torquebench.calibration.data import CalibrationData
+from torquebench.chain import stretches
+
+__all__ = ["Cause", "Disagreement", "Examination", "WrongRow", "examine"]
+
+FloatArray = NDArray[np.float64]
+Cause = Literal["zero", "scale", "sign", "stuck", "unknown"]
+_Kind = Literal["row", "zero", "scale", "both"]
+
+FALSE_ALARM = 1e-2
+"""Largest probability that a part of a healthy table is taken for a disagreement."""
+
+FALSE_DOUBT = 0.5
+"""The same of a doubt, as measured one healthy table in a hundred."""
+
+FALSE_ROW = 0.1
+"""The same of a single row, which is only weighted down."""
+
+SINGLED_OUT = 0.95
+"""A cause is named from this posterior probability on, and a row is credible to this in sum."""
+
+MOST_POINTS = 220
+"""Larger tables are averaged over neighbours of one branch first."""
+
+FEWEST_POINTS = 6
+FEWEST_ROWS = 3
+"""Fewer rows that disagree together are single rows."""
+
+_STEEP = 0.015
+"""Torques below this share of the largest one are averaged among themselves only."""
+_FINEST = 2e-6
+"""Smallest scatter, as a share of the largest torque: no standard resolves more."""
+_MOST_EXPLANATIONS = 8
+_TESTED = 5
+_HOPELESS = -13.0
+_BOTH = 0.05
+"""Prior odds of a change of both zero and scale against one of them."""
+_DECADE = float(np.log(5.0))
+"""Prior odds of the decade that the size of a change lies in."""
+
+# Prior mean and standard deviation of the logarithm of each amplitude over the scatter.
+_AMPLITUDES = {
+    "smooth": (3.0, 2.0),
+    "middle": (0.0, 2.0),
+    "rough": (-1.0, 1.5),
+    "step": (0.5, 1.5),
+    "near zero": (-1.0, 1.5),
+    "loop": (1.0, 2.0),
+    "loop of friction": (1.0, 2.0),
+    "lag": (1.0, 2.0),
+    "lag of friction": (1.0, 2.0),
+    "slip": (-2.0, 1.0),
+    "drift": (0.0, 1.5),
+    "wander": (-1.2, 0.8),
+    "series": (-0.5, 1.5),
+    "mounting": (1.0, 1.5),
+    "condition": (2.0, 2.0),
+}
+_SCATTER, _GROWTH = (0.0, 1.5), (-1.0, 1.0)
+_DIRECTIONS = 0.03
+"""Standard deviation of the difference of both directions' spans, as a share."""
+
+
+@dataclass(frozen=True)
+class WrongRow:
+    """A point that disagrees with all others.
+
+    Parameters
+    ----------
+    point : int
+        From 0.
+    residual_nm : float
+        Standard minus what the others expect, N·m.
+    """
+
+    point: int
+    residual_nm: float
+
+
+@dataclass(frozen=True)
+class Disagreement:
+    """A part of a table that disagrees with the rest.
+
+    Parameters
+    ----------
+    cause : str
+        "unknown" where the data don't single one out.
+    first, last : int
+        Points from 0, both included.
+    first_range, last_range : tuple of int
+        Credible first and last points.
+    zero_nm, scale_percent : float or None
+        By how much standard − reading differs there: a constant, and in proportion to the torque.
+    zero_expanded_nm, scale_expanded_percent : float
+        Their U (k = 2).
+    size_nm : float
+        Largest difference, N·m.
+    constant : str
+        Which column is stuck: "reading" or "standard".
+    """
+
+    cause: Cause
+    first: int
+    last: int
+    first_range: tuple[int, int]
+    last_range: tuple[int, int]
+    zero_nm: float | None
+    scale_percent: float | None
+    size_nm: float
+    constant: str = ""
+    zero_expanded_nm: float = 0.0
+    scale_expanded_percent: float = 0.0
+
+
+@dataclass(frozen=True)
+class Examination:
+    """What a table says about itself.
+
+    Parameters
+    ----------
+    scatter_nm : float
+        Standard deviation of a point about the description, N·m.
+    expanded_nm : float
+        Median U (k = 2) of a further reading, as the table allows it, N·m.
+    wrong_rows : tuple of WrongRow
+    disagreements : tuple of Disagreement
+        The clearest first; none is smaller than `expanded_nm`.
+    doubts : tuple of Disagreement
+        Less probable ones, as one of a hundred healthy tables shows.
+    """
+
+    scatter_nm: float
+    expanded_nm: float
+    wrong_rows: tuple[WrongRow, ...] = ()
+    disagreements: tuple[Disagreement, ...] = ()
+    doubts: tuple[Disagreement, ...] = ()
+
+
+def examine(data: CalibrationData) -> Examination:
+    """Return whether the points of a calibration agree with each other.
+
+    Parameters
+    ----------
+    data : CalibrationData
+        In measuring order, the zero of each series subtracted; see `tare`.
+
+    Examples
+    --------
+    >>> torque = np.r_[1:21, 19:-1:-1] * 5.0
+    >>> standard = np.where(np.arange(40) < 12, 1.0, 1.01) * torque
+    >>> branch = np.repeat([1, -1], 20)
+    >>> noise = 0.01 * np.random.default_rng(1).normal(size=40)
+    >>> data = CalibrationData(torque + noise, standard, np.ones(40), branch, 105.0)
+    >>> (found,) = examine(data).disagreements
+    >>> found.cause, found.first, found.last, round(found.scale_percent, 1)
+    ('scale', 12, 39, 1.0)
+    """
+    if len(data) < FEWEST_POINTS or np.ptp(data.standard_nm) == 0.0:
+        return Examination(float("nan"), float("nan"))
+    obvious, left = _obvious(data)
+    if left.size < FEWEST_POINTS:
+        return Examination(float("nan"), float("nan"), disagreements=obvious)
+    from torquebench.compensation.base import single_blas_thread
+
+    with single_blas_thread():
+        found = _Search(_Table.of(data, left)).examination()
+    return replace(found, disagreements=(*obvious, *found.disagreements))
+
+
+_FOLLOWS = 0.1
+"""A value that moves by less than this share of the other is stuck."""
+_LARGE = 0.05
+"""Share of the largest torque beyond which no error of a chain changes a sign or hides a step."""
+
+
+def _obvious(data: CalibrationData) -> tuple[tuple[Disagreement, ...], NDArray[np.intp]]:
+    """Return parts with a swapped sign or a stuck value, and the points that are left."""
+    reading, standard = data.reading_nm, data.standard_nm
+    largest = float(min(np.max(np.abs(standard)), np.max(np.abs(reading))))
+    loaded = np.minimum(np.abs(reading), np.abs(standard)) > _LARGE * largest
+    swapped = reading * standard < 0.0
+    against = np.flatnonzero(loaded & (swapped != (2 * np.sum(loaded & swapped) > np.sum(loaded))))
+    same = np.flatnonzero(loaded & ~np.isin(np.arange(len(data)), against))
+    found = []
+    gone = np.zeros(len(data), dtype=np.bool_)
+    for rows in np.split(against, np.flatnonzero(np.diff(np.searchsorted(same, against))) + 1):
+        if rows.size >= FEWEST_ROWS:
+            first, last = int(rows[0]), int(rows[-1])
+            before, after = same[same < first], same[same > last]
+            gone[first : last + 1] = True
+            begin = int(before[-1]) + 1 if before.size else 0
+            end = int(after[0]) - 1 if after.size else len(data) - 1
+            gone[begin : end + 1] = True
+            size = float(np.max(np.abs(standard[rows] - reading[rows])))
+            found.append(
+                Disagreement("sign", first, last, (begin, first), (last, end), None, None, size)
+            )
+    for name, held, moving in (
+        ("reading", reading, standard),
+        ("standard", standard, reading),
+    ):
+        for first, end in _stuck(held, moving, largest):
+            if gone[first:end].any():
+                continue
+            gone[first:end] = True
+            size = float(np.max(np.abs(standard[first:end] - reading[first:end])))
+            last = end - 1
+            place = (first, last, (first, first), (last, last))
+            found.append(Disagreement("stuck", *place, None, None, size, name))
+    return tuple(found), np.flatnonzero(~gone)
+
+
+def _stuck(held: FloatArray, moving: FloatArray, largest: float) -> Iterator[tuple[int, int]]:
+    """Yield rows from which to before which a value repeats the one before them."""
+    tolerance = max(_FOLLOWS * _LARGE * largest / 2.0, 1e-12)
+    start = 0
+    while start < held.size - FEWEST_ROWS:
+        end = start + 1
+        while end < held.size and abs(held[end] - held[start]) <= tolerance:
+            end += 1
+        moved = float(np.ptp(moving[start:end]))
+        still = float(np.ptp(held[start:end]))
+        if end - start > FEWEST_ROWS and moved > _LARGE * largest and still < _FOLLOWS * moved:
+            yield start + 1, end
+            start = end
+        else:
+            start += 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Table:
+    """Points in measuring order, the error in units of their scatter about the neighbours.
+
+    `unit_nm` is that scatter and `largest_nm` the largest torque; `weight` is the number of rows
+    that a point is the mean of, and `rows` the first row of each point and, at last, their number.
+    """
+
+    u: FloatArray
+    error: FloatArray
+    branch: FloatArray
+    direction: FloatArray
+    series: NDArray[np.int64]
+    position: FloatArray
+    condition: NDArray[np.int64]
+    weight: FloatArray
+    rows: NDArray[np.intp]
+    unit_nm: float
+    largest_nm: float
+
+    @classmethod
+    def of(cls, data: CalibrationData, kept: NDArray[np.intp]) -> "_Table":
+        largest = float(np.max(np.abs(data.standard_nm)))
+        u = data.standard_nm / largest
+        if data.nominal_nm is not None:
+            u = data.nominal_nm / largest
+        direction = data.loading_direction().astype(np.float64)
+        position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
+        condition = np.broadcast_to(
+            stretches(data.speed_rpm, data.temperature_c), (len(data),)
+        ).astype(np.int64)
+        error = data.additional_torque_nm
+        branch = data.branch.astype(np.float64)
+        legs = np.stack([data.series, direction, branch, condition], axis=1)[kept]
+        small = (np.abs(u) < _STEEP)[kept]
+        block = _blocks(legs, small, MOST_POINTS)
+        rounding = _resolution(error[kept], largest) / np.sqrt(12.0)
+        unit = max(_scatter(u[kept], error[kept], legs), rounding, _FINEST * largest)
+        count = np.bincount(block)
+
+        def mean(values: FloatArray) -> FloatArray:
+            return np.bincount(block, weights=values[kept]) / count
+
+        first = np.searchsorted(block, np.arange(count.size))
+        return cls(
+            mean(u),
+            mean(error) / unit,
+            branch[kept][first],
+            direction[kept][first],
+            data.series[kept][first],
+            position[kept][first],
+            condition[kept][first],
+            count.astype(np.float64),
+            np.append(kept[first], kept[-1] + 1),
+            unit,
+            largest,
+        )
+
+
+def _blocks(legs: FloatArray, small: NDArray[np.bool_], most: int) -> NDArray[np.intp]:
+    """Return numbers of neighbours of one leg that are averaged: about so many blocks.
+
+    Small torques, where a chain's error is steep, aren't averaged with larger ones.
+    """
+    size = len(legs)
+    begins = np.append(True, np.any(np.diff(legs, axis=0) != 0.0, axis=1))
+    begins[1:] |= small[1:] != small[:-1]
+    leg = np.cumsum(begins) - 1
+    place = np.arange(size) - np.flatnonzero(begins)[leg]
+    width = max(1, -(-size // most))
+    return np.cumsum(begins | (place % width == 0)) - 1
+
+
+def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
+    """Return the robust scatter of errors about the line between their neighbours in a leg."""
+    order = np.lexsort([u, *legs.T])
+    cuts = np.flatnonzero(np.any(np.diff(legs[order], axis=0), axis=1)) + 1
+    bends = []
+    for members in np.split(order, cuts):
+        if members.size >= 3:
+            below, here, above = u[members[:-2]], u[members[1:-1]], u[members[2:]]
+            share = np.divide(here - below, above - below, out=np.full(here.size, 0.5),
+                              where=above > below)  # fmt: skip
+            bend = error[members[1:-1]] - (
+                (1.0 - share) * error[members[:-2]] + share * error[members[2:]]
+            )
+            bends.append(bend / np.sqrt(1.0 + share**2 + (1.0 - share) ** 2))
+    if not bends:
+        return float(np.std(error - np.median(error)))
+    return float(np.median(np.abs(np.concatenate(bends))) / 0.6745)
+
+
+def _resolution(error: FloatArray, largest: float) -> float:
+    """Return the step of which all errors are multiples; next to nothing if there is none."""
+    resolution = 0.0
+    for value in np.unique(np.diff(np.unique(error))):
+        rest = float(value)
+        while rest > 1e-9 * largest:
+            resolution, rest = rest, abs(resolution - rest * round(resolution / rest))
+    return resolution
+
+
+class _Description:
+    """The Gaussian process of a healthy table: its parts, and their amplitudes by evidence."""
+
+    def __init__(self, table: _Table) -> None:
+        self.table = table
+        u, size = table.u, np.abs(table.u)
+        self.parts = dict(_parts(table))
+        self.shapes = np.stack(list(self.parts.values()))
+        priors = np.array([*(_AMPLITUDES[name] for name in self.parts), _SCATTER, _GROWTH])
+        self.prior_mean, self.prior_sd = priors.T
+        # What is unknown in every table: the zero, and the span of each direction.
+        wide = 10.0 * max(float(np.max(np.abs(table.error))), 10.0)
+        narrow = _DIRECTIONS * table.largest_nm / table.unit_nm
+        columns = np.stack([wide * np.ones_like(u), wide * u, min(wide, narrow) * size], axis=1)
+        self.known = columns @ columns.T
+        self.square = u**2
+
+    def _noise(self, amplitudes: FloatArray) -> FloatArray:
+        growth = np.exp(amplitudes[-1])
+        scatter = np.exp(2.0 * amplitudes[-2]) * (1.0 + growth * self.square)
+        return np.asarray(scatter / self.table.weight)
+
+    def covariance(self, amplitudes: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return the covariance of the points, with explanations in scaled columns."""
+        total = self.known + np.tensordot(np.exp(2.0 * amplitudes[:-2]), self.shapes, 1)
+        total += columns @ columns.T
+        total[np.diag_indices_from(total)] += self._noise(amplitudes)
+        return np.asarray(total)
+
+    def precision(self, amplitudes: FloatArray, columns: FloatArray) -> FloatArray:
+        """Return the inverse of the covariance."""
+        return _inverse(self.covariance(amplitudes, columns))[0]
+
+    def fit(
+        self, columns: FloatArray, start: FloatArray | None = None, steps: int = 60
+    ) -> tuple[float, FloatArray]:
+        """Return the largest logarithm of evidence and prior, and its amplitudes."""
+        from scipy import optimize  # imported late: profiles don't need it
+
+        error = self.table.error
+        fixed = self.known + columns @ columns.T
+        diagonal = np.diag_indices_from(fixed)
+
+        def loss(amplitudes: FloatArray) -> tuple[float, FloatArray]:
+            powers, noise = np.exp(2.0 * amplitudes[:-2]), self._noise(amplitudes)
+            covariance = fixed + np.tensordot(powers, self.shapes, 1)
+            covariance[diagonal] += noise
+            try:
+                precision, half_log = _inverse(covariance)
+            except np.linalg.LinAlgError:
+                return 1e12, np.zeros_like(amplitudes)
+            weighted = precision @ error
+            away = (amplitudes - self.prior_mean) / self.prior_sd
+            value = 0.5 * float(error @ weighted) + half_log + 0.5 * float(away @ away)
+            slope = precision - np.outer(weighted, weighted)
+            gradient = away / self.prior_sd
+            gradient[:-2] += powers * np.einsum("ij,kij->k", slope, self.shapes)
+            grown = np.exp(amplitudes[-1]) * self.square
+            on_diagonal = np.diag(slope) * noise
+            gradient[-2] += np.sum(on_diagonal)
+            gradient[-1] += 0.5 * np.sum(on_diagonal * grown / (1.0 + grown))
+            return value, gradient
+
+        farthest = 4.0 * self.prior_sd
+        bounds = optimize.Bounds(self.prior_mean - farthest, self.prior_mean + farthest)
+        begin = self.prior_mean if start is None else start
+        found: Any = optimize.minimize(
+            loss, begin, jac=True, method="L-BFGS-B", bounds=bounds, options={"maxiter": steps}
+        )
+        return -float(found.fun), np.asarray(found.x)
+
+
+def _inverse(matrix: FloatArray) -> tuple[FloatArray, float]:
+    """Return the inverse of a positive definite matrix, and half its log determinant."""
+    from scipy.linalg import lapack
+
+    factor, failed = lapack.dpotrf(matrix, lower=1)
+    if failed:
+        raise np.linalg.LinAlgError
+    inverse, _ = lapack.dpotri(factor, lower=1)
+    lower = np.tril(inverse)
+    return lower + np.tril(inverse, -1).T, float(np.sum(np.log(np.diag(factor))))
+
+
+def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
+    """Yield the covariance of each part with amplitude one."""
+    u, size, branch = table.u, np.abs(table.u), table.branch
+    apart = np.abs(u[:, None] - u[None, :])
+    alike = (table.direction[:, None] == table.direction[None, :]).astype(np.float64)
+    grown = np.sqrt(np.outer(size, size)) * alike
+
+    def smooth(length: float) -> FloatArray:
+        return np.exp(-0.5 * (apart / length) ** 2)
+
+    def jagged(length: float) -> FloatArray:
+        far = np.sqrt(3.0) * apart / length
+        return np.asarray((1.0 + far) * np.exp(-far))
+
+    yield "smooth", grown * smooth(0.5)
+    yield "middle", grown * smooth(0.15)
+    yield "rough", jagged(0.06)
+    step, near = np.tanh(u / 0.003), np.exp(-size / 0.05)
+    yield "step", np.outer(step, step)
+    # A step of any width: smooth in a coordinate that is stretched about zero.
+    stretched = np.arcsinh(u / 0.004)
+    close = np.sqrt(3.0) * np.abs(stretched[:, None] - stretched[None, :]) / 2.0
+    yield "near zero", np.outer(near, near) * (1.0 + close) * np.exp(-close)
+    if np.any(branch > 0) and np.any(branch < 0):
+        top = np.ones_like(u)
+        for sign in np.unique(table.direction):
+            here = table.direction == sign
+            top[here] = max(float(size[here].max()), 1e-9)
+        inside = np.sqrt(np.maximum(1.0 - size / top, 0.0))
+        # Dry friction reverses soon after the torque has turned; it may rest where there is none.
+        turning = np.maximum(1.0 - size / top, 0.0) / 0.03
+        friction = np.where(branch > 0, 1.0, 2.0 * np.exp(-turning) - 1.0)
+        closed = 1.0 - np.exp(-size / 0.01)
+        either = 1.0 + np.outer(closed, closed)
+        alike_in_size = np.exp(-0.5 * ((size[:, None] - size[None, :]) / 0.4) ** 2)
+        # The error of a loop has one sign in both directions, or that of the torque's change.
+        for name, sign in (("loop", 1.0), ("lag", table.direction)):
+            elastic, dry = sign * branch * inside, sign * friction
+            yield name, np.outer(elastic, elastic) * alike_in_size
+            yield f"{name} of friction", np.outer(dry, dry) * either * alike_in_size
+        yield "slip", np.outer(branch, branch) * alike * jagged(0.1)
+    time = np.arange(u.size) / max(u.size - 1, 1)
+    # Drift is smooth in time, or in its logarithm: settling and creep.
+    settling = np.log1p(time / 0.03) / np.log1p(1.0 / 0.03)
+    late, early = (each[:, None] - each[None, :] for each in (time, settling))
+    yield "drift", 0.5 * (np.exp(-2.0 * late**2) + np.exp(-2.0 * early**2))
+    yield "wander", np.minimum(time[:, None], time[None, :])
+    for name, label in (
+        ("series", table.series),
+        ("mounting", table.position),
+        ("condition", table.condition),
+    ):
+        several = any(
+            np.unique(label[table.direction == sign]).size > 1
+            for sign in np.unique(table.direction)
+        )
+        if several:
+            one = (label[:, None] == label[None, :]).astype(np.float64)
+            yield name, one * (1.0 + 4.0 * np.outer(u, u)) / 5.0
+
+
+@dataclass(frozen=True)
+class _Explanation:
+    """A change of zero, of scale or of both from one point to before another, or of one row."""
+
+    kind: _Kind
+    first: int
+    end: int
+    zero: float = 0.0
+    scale: float = 0.0
+    """Prior standard deviations of the changes, in units of the scatter."""
+
+    def columns(self, u: FloatArray) -> FloatArray:
+        """Return the scaled columns of the change, shape (n, 1 or 2)."""
+        here = np.zeros_like(u)
+        here[self.first : self.end] = 1.0
+        columns = {"zero": here * self.zero, "scale": here * u * self.scale}
+        chosen = {"row": ("zero",), "both": ("zero", "scale")}.get(self.kind, (self.kind,))
+        return np.stack([columns[name] for name in chosen], axis=1)
+
+    @property
+    def place(self) -> tuple[str, int, int]:
+        return self.kind, self.first, self.end
+
+
+class _Search:
+    """The search for the explanations with which a table is most probable."""
+
+    def __init__(self, table: _Table) -> None:
+        self.table, self.size = table, table.u.size
+        self.description = _Description(table)
+        legs = np.stack([table.series, table.direction, table.branch], axis=1)
+        cuts = np.flatnonzero(np.any(np.diff(legs, axis=0) != 0.0, axis=1)) + 1
+        self.cut = np.zeros(self.size + 1, dtype=np.bool_)
+        self.cut[[0, *cuts, self.size]] = True
+        first, end = np.triu_indices(self.size + 1, 1)
+        keep = ((end - first >= FEWEST_ROWS) & (first > 0)) | (end - first == 1)
+        # A beginning and the end after it are one change: the later part is named.
+        self.first, self.end = first[keep], end[keep]
+        self.prior = self._priors(self.first, self.end)
+
+    def _priors(self, first: NDArray[np.intp], end: NDArray[np.intp]) -> FloatArray:
+        """Return the logarithm of the prior odds of a change from one point to another."""
+        n, legs = self.size, int(self.cut.sum())
+        odds = np.full(first.size, 0.2 / (n * n / 2.0))
+        odds[end == n] = 0.5 / n
+        whole = self.cut[first] & self.cut[end]
+        odds[whole] = np.maximum(odds[whole], 0.3 / (legs * (legs - 1) / 2.0))
+        return np.asarray(np.log(FALSE_ALARM * odds) - _DECADE)
+
+    def prior_of(self, explanation: _Explanation) -> float:
+        """Return the logarithm of the prior odds of an explanation."""
+        if explanation.kind == "row":
+            return float(np.log(FALSE_ROW / self.size))
+        where = np.array([explanation.first]), np.array([explanation.end])
+        both = np.log(_BOTH) - _DECADE if explanation.kind == "both" else 0.0
+        return float(self._priors(*where)[0] + both)
+
+    def columns(self, explanations: Sequence[_Explanation]) -> FloatArray:
+        return np.hstack(
+            [np.zeros((self.size, 0)), *(each.columns(self.table.u) for each in explanations)]
+        )
+
+    def candidates(
+        self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
+    ) -> list[tuple[float, _Explanation]]:
+        """Return the most probable further explanations, with the logarithm of their odds."""
+        scores = list(self._scan(amplitudes, accepted))
+        known = {each.place for each in accepted}
+        found = []
+        for kind, odds, zero, scale in scores:
+            taken: list[tuple[int, int]] = []
+            for k in np.argsort(-odds)[:200]:
+                first, end = int(self.first[k]), int(self.end[k])
+                near = any(abs(first - begin) + abs(end - stop) <= 2 for begin, stop in taken)
+                if odds[k] < _HOPELESS or near or (kind, first, end) in known:
+                    continue
+                taken.append((first, end))
+                explanation = _Explanation(kind, first, end, float(zero[k]), float(scale[k]))
+                found.append((float(odds[k]), explanation))
+                if len(taken) == 2:
+                    break
+        return sorted(found, key=lambda each: -each[0])
+
+    def _scan(
+        self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
+    ) -> Iterator[tuple[_Kind, FloatArray, FloatArray, FloatArray]]:
+        """Yield odds and sizes of every change of each kind, at these amplitudes."""
+        u, first, end = self.table.u, self.first, self.end
+        precision = self.description.precision(amplitudes, self.columns(accepted))
+        pull = precision @ self.table.error
+
+        def box(values: FloatArray) -> FloatArray:
+            total = np.zeros((self.size + 1, self.size + 1))
+            total[1:, 1:] = values.cumsum(axis=0).cumsum(axis=1)
+            corners = total[end, end] - total[first, end] - total[end, first] + total[first, first]
+            return np.asarray(np.maximum(corners, 1e-12))
+
+        def span(values: FloatArray) -> FloatArray:
+            total = np.append(0.0, np.cumsum(values))
+            return np.asarray(total[end] - total[first])
+
+        zz, ss = box(precision), box(precision * np.outer(u, u))
+        total = np.zeros((self.size + 1, self.size + 1))
+        total[1:, 1:] = (precision * u[None, :]).cumsum(axis=0).cumsum(axis=1)
+        zs = total[end, end] - total[first, end] - total[end, first] + total[first, first]
+        z, s = span(pull), span(pull * u)
+        rows = end - first == 1
+        alone = []
+        for right, normal in ((z, zz), (s, ss)):
+            variance = np.maximum((right / normal) ** 2, 100.0)
+            gain = 0.5 * right**2 * variance / (1.0 + variance * normal)
+            alone.append((gain - 0.5 * np.log1p(variance * normal), np.sqrt(variance)))
+        (zero_odds, zero), (scale_odds, scale) = alone
+        none = np.full(first.size, -np.inf)
+        row_prior = np.log(FALSE_ROW / self.size)
+        yield "row", np.where(rows, zero_odds + row_prior, none), zero, scale
+        yield "zero", np.where(rows, none, zero_odds + self.prior), zero, scale
+        untold = rows | (ss < 1e-6 * ss.max())
+        yield "scale", np.where(untold, none, scale_odds + self.prior), zero, scale
+        determinant = zz * ss - zs**2
+        told = ~rows & (determinant > 1e-4 * zz * ss) & (end - first > FEWEST_ROWS)
+        determinant = np.where(told, determinant, 1.0)
+        by_zero, by_scale = (ss * z - zs * s) / determinant, (zz * s - zs * z) / determinant
+        zero, scale = np.maximum(np.abs(by_zero), 10.0), np.maximum(np.abs(by_scale), 10.0)
+        inner = (1.0 + zero**2 * zz) * (1.0 + scale**2 * ss) - (zero * scale * zs) ** 2
+        odds = 0.5 * (by_zero * z + by_scale * s) - 0.5 * np.log(np.maximum(inner, 1.0))
+        prior = self.prior + np.log(_BOTH) - _DECADE
+        yield "both", np.where(told, odds + prior, none), zero, scale
+
+    def run(self) -> tuple[list[tuple[float, _Explanation]], FloatArray]:
+        """Return the accepted explanations with the logarithm of their odds, and the amplitudes."""
+        accepted: list[_Explanation] = []
+        evidence, amplitudes = self.description.fit(self.columns(accepted))
+        while len(accepted) < _MOST_EXPLANATIONS:
+            # Amplitudes that a fault has inflated hide it: usual ones show it, too.
+            candidates = self.candidates(amplitudes, accepted)[:_TESTED]
+            places = {each.place for _, each in candidates}
+            usual = self.candidates(self.description.prior_mean, accepted)
+            candidates += [each for each in usual if each[1].place not in places][:_TESTED]
+            best: tuple[float, _Explanation, float, FloatArray] | None = None
+            for _, explanation in candidates:
+                columns = self.columns([*accepted, explanation])
+                more, fitted = self.description.fit(columns, amplitudes, 40)
+                odds = more - evidence + self.prior_of(explanation)
+                least = 0.0 if explanation.kind == "row" else np.log(FALSE_ALARM / FALSE_DOUBT)
+                if odds > max(least, best[0] if best else -np.inf):
+                    best = odds, explanation, more, fitted
+            if best is None:
+                break
+            _, explanation, evidence, amplitudes = best
+            accepted.append(explanation)
+        return self._pruned(accepted, evidence, amplitudes)
+
+    def _pruned(
+        self, accepted: list[_Explanation], evidence: float, amplitudes: FloatArray
+    ) -> tuple[list[tuple[float, _Explanation]], FloatArray]:
+        """Leave out explanations that later ones made superfluous."""
+        rated = []
+        for explanation in tuple(accepted):
+            others = [each for each in accepted if each is not explanation]
+            less, fitted = self.description.fit(self.columns(others), amplitudes, 40)
+            odds = evidence - less + self.prior_of(explanation)
+            least = 0.0 if explanation.kind == "row" else np.log(FALSE_ALARM / FALSE_DOUBT)
+            if odds > least:
+                rated.append((odds, explanation))
+            else:
+                accepted, evidence, amplitudes = others, less, fitted
+        return rated, amplitudes
+
+    def examination(self) -> Examination:
+        """Return what the table says about itself."""
+        rated, amplitudes = self.run()
+        accepted, table = [explanation for _, explanation in rated], self.table
+        columns = self.columns(accepted)
+        precision = self.description.precision(amplitudes, columns)
+        scatter = float(np.exp(amplitudes[-2])) * table.unit_nm
+        expanded = 2.0 * table.unit_nm / np.sqrt(np.diag(precision))
+        typical = float(np.median(expanded))
+        coefficients = columns.T @ (precision @ table.error)
+        spread = np.eye(columns.shape[1]) - columns.T @ precision @ columns
+        wrong: list[WrongRow] = []
+        parts: list[Disagreement] = []
+        doubts: list[Disagreement] = []
+        begin = 0
+        for odds, explanation in rated:
+            own = explanation.columns(table.u)
+            mine = slice(begin, begin + own.shape[1])
+            effect = table.unit_nm * own @ coefficients[mine]
+            begin = mine.stop
+            if explanation.kind == "row":
+                wrong.append(WrongRow(int(table.rows[explanation.first]), float(np.sum(effect))))
+            elif np.max(np.abs(effect)) > typical:
+                found = self._disagreement(
+                    explanation, accepted, amplitudes, coefficients[mine], spread[mine, mine]
+                )
+                (parts if odds > 0.0 else doubts).append(found)
+        parts.sort(key=lambda each: -each.size_nm)
+        return Examination(scatter, typical, tuple(wrong), tuple(parts), tuple(doubts))
+
+    def _disagreement(
+        self,
+        explanation: _Explanation,
+        accepted: Sequence[_Explanation],
+        amplitudes: FloatArray,
+        coefficients: FloatArray,
+        spread: FloatArray,
+    ) -> Disagreement:
+        """Return an explanation with its cause and its credible place."""
+        others = [each for each in accepted if each is not explanation]
+        kinds: dict[str, float] = {}
+        places = np.zeros(self.first.size)
+        scans = [(kind, odds) for kind, odds, *_ in self._scan(amplitudes, others) if kind != "row"]
+        largest = max(float(odds.max()) for _, odds in scans)
+        for kind, odds in scans:
+            weight = np.exp(odds - largest)
+            kinds[kind] = float(weight.sum())
+            places += weight
+        total = places.sum()
+        cause: Cause = "unknown"
+        for kind in ("zero", "scale"):
+            if kinds[kind] >= SINGLED_OUT * total:
+                cause = kind  # type: ignore[assignment]
+        rows = self.table.rows
+        first = _credible(self.first, places, explanation.first)
+        end = _credible(self.end, places, explanation.end)
+        # Coefficients are in units of their prior standard deviations.
+        table, u = self.table, self.table.u[explanation.first : explanation.end]
+        value, expanded = [0.0, 0.0], [0.0, 0.0]
+        prior = {"zero": explanation.zero, "scale": explanation.scale}
+        names = ("zero", "scale") if explanation.kind == "both" else (explanation.kind,)
+        for k, name in enumerate(names):
+            at, unit = ("zero", "scale").index(name), prior[name] * table.unit_nm
+            value[at] = float(coefficients[k]) * unit
+            expanded[at] = 2.0 * float(np.sqrt(max(spread[k, k], 0.0))) * unit
+        return Disagreement(
+            cause,
+            int(rows[explanation.first]),
+            int(rows[explanation.end]) - 1,
+            (int(rows[first[0]]), int(rows[first[1]])),
+            (int(rows[end[0]]) - 1, int(rows[end[1]]) - 1),
+            value[0] if "zero" in names else None,
+            100.0 * value[1] / table.largest_nm if "scale" in names else None,
+            float(np.max(np.abs(value[0] + value[1] * u))),
+            zero_expanded_nm=expanded[0],
+            scale_expanded_percent=100.0 * expanded[1] / table.largest_nm,
+        )
+
+
+def _credible(at: NDArray[np.intp], weight: FloatArray, chosen: int) -> tuple[int, int]:
+    """Return the smallest and largest place of those that hold the credible share of weight."""
+    total = np.bincount(at, weights=weight)
+    order = np.argsort(-total)
+    count = int(np.searchsorted(np.cumsum(total[order]), SINGLED_OUT * total.sum())) + 1
+    places = [*order[:count].tolist(), chosen]
+    return min(places), max(places)
