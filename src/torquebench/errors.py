@@ -60,7 +60,7 @@ class InterlockError(TorquebenchError):
 
 
 class ModelMismatchError(TorquebenchError):
-    """A compensation model belongs to another transducer, counter or range."""
+    """A compensation model belongs to another transducer, counter, range or version."""
 
 
 class RecordError(TorquebenchError):

@@ -25,7 +25,6 @@ from torquebench.chain.effects import (
 from torquebench.chain.readings import FloatArray, Readings, rows_of
 from torquebench.chain.torque import Component, Torque, joined, not_corrected
 from torquebench.compensation import CompensationModel, StoredModel, load_model
-from torquebench.compensation.curve_uncertainty import student_widening
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import HOURS_PER_DAY
@@ -123,8 +122,7 @@ class MeasuringChain:
     @cached_property
     def effects(self) -> tuple[Effect, ...]:
         """All effects in the order in which they add to a reading."""
-        widening = student_widening(float(self.model.degrees_of_freedom_))
-        scatter = Scatter("residuals of the calibration", widening * float(self.model.scatter_nm))
+        scatter = Scatter("residuals of the calibration", self.model)
         own = tuple(effect for effect in self.counted if effect.corrects_reading)
         after = tuple(effect for effect in self.counted if not effect.corrects_reading)
         return (*own, self.curve, scatter, *after)

@@ -158,6 +158,10 @@ class CompensationModel(Estimator, ABC):
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
         """Return compensated torque and, when requested, the curve's standard uncertainty."""
 
+    def _noise_freedom(self, count: int) -> float:
+        """Return the degrees of freedom of `noise_nm_`, from the number of averaged points."""
+        return max(count - self.effective_parameters_, 1.0)
+
     def _after_restore(self) -> None:
         """Recompute attributes that aren't part of the stored state."""
 
@@ -210,7 +214,7 @@ class CompensationModel(Estimator, ABC):
                 "readings and standard values of the same order, in N·m",
                 "check units and columns, or take a simpler model",
             ) from problem
-        self.degrees_of_freedom_ = max(points.y.size - self.effective_parameters_, 1.0)
+        self.degrees_of_freedom_ = self._noise_freedom(points.y.size)
         return self
 
     @overload
@@ -334,14 +338,18 @@ class CompensationModel(Estimator, ABC):
         Returns
         -------
         standard_uncertainty_nm : float64 array of shape (n,)
-            Root sum of squares of the curve's uncertainty and `scatter_nm`.
+            Root sum of squares of the curve's uncertainty and `scatter_at`.
         """
         _, std = self.predict(X, return_std=True)
-        return np.asarray(np.hypot(std, self.scatter_nm))
+        return np.asarray(np.hypot(std, self.scatter_at(np.asarray(by_names(X), float)[:, 0])))
+
+    def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
+        """Return the standard deviation of single readings at torques in N·m, shape (n,)."""
+        return np.full(torque_nm.shape, self.noise_nm_)
 
     @property
     def scatter_nm(self) -> float:
-        """Standard deviation of a single reading in N·m."""
+        """Standard deviation of a single calibration point in N·m, root mean square of all."""
         return float(self.noise_nm_)
 
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it

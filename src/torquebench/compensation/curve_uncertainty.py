@@ -43,16 +43,16 @@ class CurveUncertainty:
         Readings as fractions of full scale, growing.
     up, down, unknown : float64 array of shape (n,)
         Standard uncertainty there, as fractions of full scale; straight in between.
-    scatter : float
+    scatter : float or float64 array of shape (n,)
         Standard deviation of single readings about the truth by the same posterior, as a fraction
-        of full scale; NaN where the model's own noise is used.
+        of full scale, there or everywhere; NaN where the model's own noise is used.
     """
 
     nodes: FloatArray
     up: FloatArray
     down: FloatArray
     unknown: FloatArray
-    scatter: float = float("nan")
+    scatter: FloatArray | float = float("nan")
 
     def at(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the standard uncertainty at readings u (fractions of full scale).
@@ -72,6 +72,11 @@ class CurveUncertainty:
             if np.any(rows):
                 std[rows] = np.interp(u[rows], self.nodes, values)
         return std
+
+    def scatter_at(self, u: FloatArray) -> FloatArray:
+        """Return the scatter of single readings at readings u."""
+        scatter = np.broadcast_to(self.scatter, self.nodes.shape)
+        return np.asarray(np.interp(u, self.nodes, scatter))
 
 
 def half_widths(bias: FloatArray, spread: FloatArray) -> FloatArray:

@@ -175,16 +175,24 @@ class DiscrepancyUncertainty(CompensationModel):
         """Parameters of the estimator."""
         return self.estimator.kind_parameters
 
-    @property
-    def scatter_nm(self) -> float:
-        """Standard deviation of a single reading in N·m.
+    def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
+        """Return the standard deviation of single readings at torques in N·m.
 
         About a curve that can't follow the chain, points scatter by more than a reading does. The
         form's error is in the curve's uncertainty already, so this is the posterior's noise.
         """
         if self.uncertainty_ is None:
+            return self.estimator_.scatter_at(torque_nm)
+        u = torque_nm / self.full_scale_nm_
+        return np.asarray(self.full_scale_nm_ * self.uncertainty_.scatter_at(u))
+
+    @property
+    def scatter_nm(self) -> float:
+        """Standard deviation of a single reading in N·m, root mean square over the range."""
+        if self.uncertainty_ is None:
             return self.estimator_.scatter_nm
-        return float(self.full_scale_nm_ * self.uncertainty_.scatter)
+        squares = np.square(self.uncertainty_.scatter)
+        return float(self.full_scale_nm_ * np.sqrt(np.mean(squares)))
 
     def with_range(self, range_nm: float) -> Self:
         """Return an unfitted copy for another range."""
@@ -281,7 +289,8 @@ def _against(
         branch_aware="branch" in estimator.used_features,
         branches=frozenset(branches[branches != 0.0].tolist()),
     )
-    return replace(uncertainty, scatter=posterior.scatter_nm / scale)
+    scatter = posterior.scatter_at(scale * uncertainty.nodes) / scale
+    return replace(uncertainty, scatter=scatter)
 
 
 def discrepancy(

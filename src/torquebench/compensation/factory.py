@@ -9,7 +9,7 @@ from torquebench.compensation.discrepancy import DiscrepancyUncertainty
 from torquebench.compensation.hybrid import HybridModel
 from torquebench.compensation.kinds import MODELS, parsed_kind
 from torquebench.compensation.state import decode_value
-from torquebench.errors import InputError
+from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
 
 __all__ = ["POSTERIOR_POINTS", "make_model", "model_from_state"]
@@ -78,6 +78,8 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     ------
     InputError
         When the kind isn't known or the state isn't complete.
+    ModelMismatchError
+        A hybrid model whose inference this version no longer has.
     """
     kind = state.get("kind")
     if kind not in MODELS:
@@ -87,6 +89,12 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
             "use the version of torquebench that the model was made with",
         )
     try:
+        if kind == HybridModel.kind and "dictionary_" in state["fitted"]:
+            raise ModelMismatchError(
+                "a hybrid model of version 0.2.0 or before",
+                "models of this version, and tables exported by any",
+                "fit the same calibration again, or calibrate again",
+            )
         model = MODELS[str(kind)].restored(state)
         if "discrepancy" not in state:
             return model

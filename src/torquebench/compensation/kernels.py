@@ -61,7 +61,7 @@ class KernelPoints:
     branch : float64 array of shape (n,)
         +1 up, −1 down, 0 unknown.
     elapsed : float64 array of shape (clocks, n), optional
-        Time since the zero was taken, see `effects.path_clocks`.
+        Time since the zero was taken, see `hybrid.calibration_path`.
     """
 
     u: FloatArray

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from torquebench.compensation import HybridModel
 from torquebench.compensation.columns import FloatArray, features
-from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
+from torquebench.compensation.hybrid.calibration_path import correlated_covariance
 
 LEVELS = np.concatenate([np.linspace(0.001, 0.006, 6), np.linspace(0.01, 0.3, 12)])
 NOISE = 1e-4

@@ -20,6 +20,7 @@ from torquebench.compensation import (
     StoredModel,
     features,
     load_model,
+    make_model,
     model_from_state,
     save_model,
 )
@@ -44,7 +45,7 @@ def chain(seed: int, count: int = 26) -> tuple[np.ndarray, np.ndarray]:
     generator = np.random.default_rng(seed)
     reading = np.linspace(-1000.0, 1000.0, count) + generator.normal(0.0, 3.0, count)
     X = features(reading, branch=generator.choice([-1, 1], count), series=0)
-    additional = generator.normal(0.0, 1.0, 3) @ [1.0, 1e-3, 1e-6] * reading
+    additional = generator.normal(0.0, 1.0, 3) @ [1e-2, 1e-3, 1e-6] * reading
     return X, reading + additional + generator.normal(0.0, 0.3, count)
 
 
@@ -221,3 +222,19 @@ def test_what_a_model_file_cannot_hold_is_a_defect_not_a_surprise() -> None:
             encode_value(value)
     with pytest.raises(InputError, match="keys"):
         decode_value({"what": 1})
+
+
+def test_a_hybrid_model_of_0_2_0_is_refused_with_what_to_do() -> None:
+    state = {"kind": "hybrid", "parameters": {}, "fitted": {"dictionary_": {}, "main_": {}}}
+    with pytest.raises(ModelMismatchError, match=r"0\.2\.0.*fit the same calibration again"):
+        model_from_state(state)
+
+
+def test_a_discrepancy_of_0_2_0_has_one_scatter_for_all_torques() -> None:
+    reading = np.linspace(-100.0, 100.0, 30)
+    model = make_model("polynomial").fit(features(reading), reading + 1e-5 * reading**2)
+    state = json.loads(json.dumps(model.get_state()))
+    state["discrepancy"]["content"]["scatter"] = 2.5e-4
+    again = model_from_state(state)
+    np.testing.assert_array_equal(again.scatter_at(reading), 100.0 * 2.5e-4)
+    assert again.scatter_nm == 100.0 * 2.5e-4

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from math import sqrt
 from typing import ClassVar
 
 from torquebench.chain.effect import Effect
 from torquebench.chain.readings import FloatArray, Readings
 from torquebench.chain.torque import Component, Shared
+from torquebench.compensation import CompensationModel
+from torquebench.compensation.curve_uncertainty import student_widening
 
 __all__ = ["Scatter"]
 
@@ -19,15 +22,19 @@ class Scatter(Effect):
 
     Parameters
     ----------
-    standard_uncertainty_nm : float
-        Of one loading, widened for its degrees of freedom, N·m.
+    model : CompensationModel
+        Fitted: its scatter over the torque, widened for its degrees of freedom, is one loading's.
     """
 
     title: ClassVar[str] = "scatter of single loadings"
     needs: ClassVar[tuple[str, ...]] = ("loadings",)
-    standard_uncertainty_nm: float
+    model: CompensationModel
+
+    @cached_property
+    def _widening(self) -> float:
+        return student_widening(float(self.model.degrees_of_freedom_))
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the scatter of a mean over the loadings."""
-        mean = self.standard_uncertainty_nm / sqrt(readings.loadings)
+        mean = self._widening / sqrt(readings.loadings) * self.model.scatter_at(torque_nm)
         return (Component("scatter", Shared.LOADING, mean),)

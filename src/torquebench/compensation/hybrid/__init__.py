@@ -1,9 +1,8 @@
-"""The recommended model: the chain's physics, a Gaussian process, and structured effects.
+"""The recommended model: Gaussian processes of a chain's physics, averaged by their evidence.
 
-`model` has the estimator. Its parts: `effects` and `drift` describe what a chain may show,
-`correlated_scatter` estimates noise from repeats, `inference` and `averaging` find the posterior
-for one setting, `search` averages over settings, `posterior_variance` computes the curve's
-variance.
+`model` has the estimator. `parts` describes what a chain may show, `member` solves one structure of
+parts, `average` weighs the structures, `calibration_path` reads time and scatter off the points'
+path.
 """
 
 from torquebench.compensation.hybrid.model import HybridModel

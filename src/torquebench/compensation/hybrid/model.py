@@ -1,4 +1,4 @@
-"""The recommended model: the chain's physics plus a Gaussian process of structured effects."""
+"""The recommended model: an average of Gaussian processes of a chain's physics."""
 
 from __future__ import annotations
 
@@ -6,78 +6,73 @@ from numbers import Integral
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
+from scipy.linalg import cholesky, solve_triangular
 
 from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
+from torquebench.compensation.checks import WHOLE_SHARE
 from torquebench.compensation.curve_uncertainty import CurveUncertainty, student_widening
 from torquebench.compensation.estimator import Between, parameter
-from torquebench.compensation.hybrid.correlated_scatter import correlated_covariance
-from torquebench.compensation.hybrid.effects import (
-    KINDS,
-    WAVE_COLUMNS,
-    Dictionary,
-    EffectPoints,
-    at_zero_time,
-    effects_sum,
-    path_clocks,
+from torquebench.compensation.hybrid.average import average
+from torquebench.compensation.hybrid.calibration_path import (
+    correlated_covariance,
+    count_levels,
+    path_clock,
 )
-from torquebench.compensation.hybrid.inference import (
-    MANY_CANDIDATES,
-    Member,
-    Problem,
-    deviation_kernel,
-    main_columns,
+from torquebench.compensation.hybrid.member import Member, Problem
+from torquebench.compensation.hybrid.parts import (
+    FORM,
+    Points,
+    Term,
+    catalogue,
+    curve,
+    form_columns,
+    unmeasured_loop,
 )
-from torquebench.compensation.hybrid.posterior_variance import curve_variance
-from torquebench.compensation.hybrid.search import explore
 from torquebench.compensation.kinds import register
 from torquebench.progress import Progress
 
-__all__ = ["HybridModel"]
-
-_USUAL_SPREAD = 2e-3
-_KEPT_SHARE = 0.01
-_NEGLIGIBLE = 1e-9  # of full scale, summed over all dropped candidates of a kind
+_USUAL_SPREAD, _USUAL_SLOPE = 2e-3, 5e-3
+"""Usual root mean squares about equation 15 and of the additional torque, as shares of full scale;
+more scales all priors, or those of the trend.
+"""
+_NEGLIGIBLE = 1e-9  # of full scale: terms whose coefficients add up to less are dropped
+_NEAR, _FAR = np.geomspace(5e-4, 0.03, 8), np.linspace(0.03, 1.0, 40)[1:]
+_BLOCK = 256
+"""Readings at a time: their columns stay within the cache."""
 
 
 @register("hybrid")
 class HybridModel(CompensationModel):
-    """Physics, smooth deviation and structured effects, averaged over everything unknown.
+    """Physics and Gaussian processes, averaged over what a chain may consist of.
 
-    The additional torque is equation 15 in consistent form with constants per direction, a smooth
-    Gaussian process per direction for the rest, and a sum of structured effects: a step at torque
-    reversal, hysteresis, ripple of an unknown period, up to three local bumps. Shapes aren't
-    selected but averaged by evidence, as are noise and smoothness (`inference`, `search`,
-    `averaging`). Zero drift during the calibration, steady or relaxing, is a nuisance parameter and
-    marginalised (`drift`); noise with heavy tails, or noise that grows with the load, is
-    recognised.
+    The additional torque is equation 15 with constants of each direction, a step at torque
+    reversal, a hysteresis loop, smooth and rough deviations and ripple, each with an unknown
+    amplitude and shape (`parts`). Which of them a chain has isn't selected: a handful of structures
+    are averaged by their evidence, as are plain forms, noise that grows with the torque, noise with
+    heavy tails, and a drift of the zero during the calibration, which is estimated and isn't part
+    of the curve (`average`, `member`).
 
     Parameters
     ----------
     range_nm, range_margin, outliers
         See `CompensationModel`.
-    maximum_points : int, default 800
+    maximum_points : int, default 500
         More points than this are averaged with their neighbours.
 
     Attributes
     ----------
-    dictionary_ : Dictionary
-        Shapes of effects that the data support.
-    main_ : float64 array of shape (5,)
-        Posterior means of the scaled coefficients of equation 15.
-    deviation_ : float64 array of shape (n,)
-        Weights of the deviation's kernel at `train_u_`.
-    effects_ : list of float64 array
-        Posterior means of the coefficients of every kind of effect.
+    form_ : float64 array of shape (6,)
+        Coefficients of 1, u, |u|, u², u|u|, u³, u being reading / `scale_nm_`.
+    terms_ : list of Term
+        The rest of the curve.
+    scale_nm_ : float
+        Full scale, or the largest reading of a calibration that doesn't reach it.
     present_ : dict of str to float
-        Posterior probability that the chain shows a kind of effect at all.
+        Posterior probability of each part.
     uncertainty_ : CurveUncertainty
-        Posterior standard deviation of the curve.
-
-    Notes
-    -----
-    The posterior of the effects is a factorised approximation (variational), checked against Gibbs
-    sampling of the same model: errors agree within 2 %.
+        Posterior standard deviation of the curve, and scatter of single readings.
+    noise_freedom_ : float
+        Degrees of freedom of the scatter.
 
     Examples
     --------
@@ -89,139 +84,137 @@ class HybridModel(CompensationModel):
     True
     """
 
-    maximum_points: int = parameter(800, Between(Integral, 8))
+    maximum_points: int = parameter(500, Between(Integral, 8))
 
     complexity: ClassVar[int] = 40
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
 
-    dictionary_: Dictionary
-    main_: FloatArray
-    deviation_: FloatArray
-    effects_: list[FloatArray]
-    train_u_: FloatArray
+    form_: FloatArray
+    terms_: list[Term]
+    scale_nm_: float
     present_: dict[str, float]
     uncertainty_: CurveUncertainty
+    noise_freedom_: float
 
     def _minimum_points(self) -> int:
-        return 8
+        return 5
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
-        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
-        target = (y - X[:, 0]) / self.full_scale_nm_
-        series = feature_column(X, "series")
-        points = EffectPoints(u, branch, path_clocks(u, branch, series))
-        spread = _spread_about_main(u, target, weights)
-        correlated = correlated_covariance(u, branch, series, target)
-        problem = Problem(points, target, weights, max(1.0, spread / _USUAL_SPREAD), correlated)
-        problem, members = explore(problem, max(spread, 1e-5))
-        evidence = np.array([member.log_evidence for member in members])
-        shares = np.exp(evidence - evidence.max())
-        shares /= shares.sum()
-        members = [m for m, share in zip(members, shares, strict=True) if share > _KEPT_SHARE]
-        shares = shares[shares > _KEPT_SHARE] / np.sum(shares[shares > _KEPT_SHARE])
-        noise = float(shares @ [_mean_noise(problem, member) for member in members])
-        self.noise_nm_ = self.full_scale_nm_ * noise
-        self.effective_parameters_ = float(shares @ [member.effective for member in members])
-        self._average_means(problem, members, shares)
-        self._tabulate_std(problem, members, shares)
+        largest = float(np.max(np.abs(X[:, 0])))
+        whole = largest >= WHOLE_SHARE * self.full_scale_nm_
+        self.scale_nm_ = self.full_scale_nm_ if whole else largest
+        u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
+        series, target = feature_column(X, "series"), (y - X[:, 0]) / self.scale_nm_
+        unit, trend_scale = _scales(u, target, weights)
+        branches = frozenset(np.unique(np.sign(branch[branch != 0.0])).tolist())
+        points = Points(u, branch, path_clock(u, branch, series))
+        parts = catalogue(count_levels(u), with_loops=len(branches) == 2)
+        shared = correlated_covariance(u, branch, series, target)
+        whitening, scatter = None, 1.0
+        if shared is not None:
+            whitening, scatter = _whitening(shared, weights), 1.0 + float(np.mean(np.diag(shared)))
+            weights = np.ones(u.size)
+        problem = Problem(points, target / unit, parts, trend_scale, whitening)
+        members, shares = average(problem, weights)
+        self._add_means(members, shares, unit)
+        self.noise_freedom_ = 1.0 / float(shares @ [1.0 / m.noise_freedom for m in members])
+        self.effective_parameters_ = float(shares @ [m.effective_parameters() for m in members])
+        self._tabulate(members, shares, unit, scatter, branches)
+        at_points = self.uncertainty_.scatter_at(u)
+        self.noise_nm_ = self.scale_nm_ * float(np.sqrt(np.mean(at_points**2)))
 
-    def _average_means(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
-        """Merge the means of all members, which are linear in the same columns."""
-        scale = problem.prior_scale
-        self.train_u_ = problem.points.u
-        self.main_, self.deviation_ = np.zeros(5), np.zeros(self.train_u_.size)
-        effects = [np.zeros(kind.columns.shape[:2]) for kind in problem.kinds]
-        absent = np.zeros(len(problem.kinds))
+    def _add_means(self, members: list[Member], shares: FloatArray, unit: float) -> None:
+        """Add the members' means: coefficients of equal columns are added up."""
+        terms: dict[tuple[str, tuple[float, ...]], FloatArray] = {}
+        present = dict.fromkeys(members[0].problem.parts, 0.0)
         for share, member in zip(shares, members, strict=True):
-            main = main_columns(self.train_u_) * member.main_scales
-            self.main_ += share * member.main_scales * (main.T @ member.solved)
-            self.deviation_ += share * (scale * member.setting.amplitude) ** 2 * member.solved
-            index = 0
-            for k, kind in enumerate(problem.kinds):
-                chance = 1.0
-                for _ in range(kind.copies):
-                    effects[k] += share * member.effects.means[index]
-                    chance *= 1.0 - member.effects.present[index]
-                    index += 1
-                absent[k] += share * chance
-        self.present_ = {
-            kind.name: float(1.0 - missing)
-            for kind, missing in zip(problem.kinds, absent, strict=True)
-        }
-        self.dictionary_, self.effects_ = _without_negligible(problem, effects)
+            for name in member.structure.parts:
+                present[name] += float(share)
+            for name, (shape, beta) in member.coefficients().items():
+                key = (name, tuple(shape.tolist()))
+                terms[key] = terms.get(key, np.zeros(beta.size)) + unit * share * beta
+        self.present_ = present
+        self.form_ = terms.pop(("form", ()))
+        self.terms_ = [
+            Term(name, np.array(shape), beta)
+            for (name, shape), beta in terms.items()
+            if np.abs(beta).sum() > _NEGLIGIBLE
+        ]
 
-    def _tabulate_std(self, problem: Problem, members: list[Member], shares: FloatArray) -> None:
-        """Tabulate the curve's uncertainty on both branches, more closely around the reversal."""
-        near = np.geomspace(5e-4, 0.03, 8)
-        far = np.linspace(0.03, 1.0 + self.range_margin, 40)[1:]
-        positive = np.concatenate([near, far])
+    def _tabulate(
+        self,
+        members: list[Member],
+        shares: FloatArray,
+        unit: float,
+        scatter: float,
+        branches: frozenset[float],
+    ) -> None:
+        """Tabulate the uncertainty on both branches, more closely around the reversal."""
+        positive = np.concatenate([_NEAR, (1.0 + self.range_margin) * _FAR])
         nodes = np.concatenate([-positive[::-1], positive])
-        widening = student_widening(problem.target.size - self.effective_parameters_)
-        up2, down2 = (widening**2 * v for v in curve_variance(problem, members, shares, nodes))
+        widening = student_widening(self.noise_freedom_)
+
+        def variance(branch: float) -> FloatArray:
+            means, variances = [], []
+            for member in members:
+                mean, factors = member.curve(Points(nodes, np.full(nodes.size, branch)))
+                means.append(mean)
+                variances.append(np.sum(factors**2, axis=1))
+            between = shares @ np.square(means) - (shares @ np.array(means)) ** 2
+            total = shares @ np.array(variances) + np.maximum(between, 0.0)
+            return np.asarray((widening * unit) ** 2 * total)
+
+        up2, down2 = variance(1.0), variance(-1.0)
         half = self._mean(nodes, np.ones(nodes.size)) - self._mean(nodes, np.zeros(nodes.size))
-        unknown = np.sqrt(0.5 * (up2 + down2) + half**2)
-        if not np.any(problem.points.branch):
-            # A loop may exist that was never measured; the curve in its middle is known.
-            middle2, _ = curve_variance(problem, members, shares, nodes, 0.0)
-            up2 = down2 = widening**2 * middle2
-        self.uncertainty_ = CurveUncertainty(nodes, np.sqrt(up2), np.sqrt(down2), unknown)
+        unknown2 = 0.5 * (up2 + down2) + half**2
+        if len(branches) < 2:
+            # A loop may exist that was never measured: twice its half to the other branch.
+            loop2 = (unit * unmeasured_loop(nodes)) ** 2
+            unknown2 = up2 + (2.0 * loop2 if branches else loop2)
+            up2 = up2 + 4.0 * loop2 if branches == {-1.0} else up2
+            down2 = down2 + 4.0 * loop2 if branches == {1.0} else down2
+        noise2 = scatter * unit**2 * (shares @ np.array([m.noise(nodes) for m in members]))
+        self.uncertainty_ = CurveUncertainty(
+            nodes, np.sqrt(up2), np.sqrt(down2), np.sqrt(unknown2), np.sqrt(noise2)
+        )
+
+    def _noise_freedom(self, count: int) -> float:  # noqa: ARG002 # the posterior has it
+        return self.noise_freedom_
+
+    def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
+        """Return the standard deviation of single readings at torques in N·m."""
+        u = torque_nm / self.scale_nm_
+        return np.asarray(self.scale_nm_ * self.uncertainty_.scatter_at(u))
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
-        torque = X[:, 0] + self.full_scale_nm_ * self._mean(u, branch)
-        if not return_std:
-            return torque, None
-        return torque, self._curve_uncertainty(X)
+        u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
+        torque = X[:, 0] + self.scale_nm_ * self._mean(u, branch)
+        return torque, self._curve_uncertainty(X) if return_std else None
 
     def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
-        u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
-        return np.asarray(self.full_scale_nm_ * self.uncertainty_.at(u, branch))
+        u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
+        return np.asarray(self.scale_nm_ * self.uncertainty_.at(u, branch))
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
-        """Return the mean additional torque as a fraction of full scale."""
+        """Return the mean additional torque as a fraction of `scale_nm_`."""
         mean = np.empty_like(u)
-        means = dict(zip(KINDS, self.effects_, strict=True))
         for start in range(0, u.size, _BLOCK):
-            part = slice(start, start + _BLOCK)
-            points = at_zero_time(u[part], branch[part])
-            mean[part] = main_columns(u[part]) @ self.main_
-            mean[part] += deviation_kernel(u[part], self.train_u_) @ self.deviation_
-            mean[part] += effects_sum(points, self.dictionary_, means)
+            rows = slice(start, start + _BLOCK)
+            mean[rows] = curve(self.form_, self.terms_, Points(u[rows], branch[rows]))
         return mean
 
 
-_BLOCK = 64
-"""Readings at a time: from 128 KiB on, the memory of their columns would be new pages each time."""
-
-
-def _mean_noise(problem: Problem, member: Member) -> float:
-    """Return the root mean square of the points' scatter at their loads."""
-    relative = problem.scatter / problem.load_weights(member.setting.growth)
-    return member.setting.noise * float(np.sqrt(np.mean(relative)))
-
-
-def _spread_about_main(u: FloatArray, target: FloatArray, weights: FloatArray) -> float:
-    """Return the weighted root mean square of the residuals of equation 15 per direction."""
-    columns, root = main_columns(u), np.sqrt(weights)
+def _scales(u: FloatArray, target: FloatArray, weights: FloatArray) -> tuple[float, float]:
+    """Return the unit of all priors, and a factor on the trend's, from equation 15's residuals."""
+    columns, root = form_columns(u, FORM[:5]), np.sqrt(weights)
     solution = np.linalg.lstsq(columns * root[:, None], target * root, rcond=None)[0]
-    return float(np.sqrt(np.mean(weights * (target - columns @ solution) ** 2)))
+    spread = float(np.sqrt(np.mean(weights * (target - columns @ solution) ** 2)))
+    unit = max(1.0, spread / _USUAL_SPREAD)
+    size = float(np.sqrt(np.mean(weights * target**2)))
+    return unit, max(1.0, size / (unit * _USUAL_SLOPE))
 
 
-def _without_negligible(
-    problem: Problem, effects: list[FloatArray]
-) -> tuple[Dictionary, list[FloatArray]]:
-    """Drop ripple and bumps whose coefficients add up to a negligible amplitude."""
-    means = {"wave": np.zeros((0, WAVE_COLUMNS))}  # a kind without candidates
-    means |= {kind.name: mean for kind, mean in zip(problem.kinds, effects, strict=True)}
-    kept = {name: _worth_keeping(means[name]) for name in MANY_CANDIDATES}
-    for name, candidates in kept.items():
-        means[name] = means[name][candidates]
-    return problem.dictionary.limited_to(kept), [means[name] for name in KINDS]
-
-
-def _worth_keeping(means: FloatArray) -> NDArray[np.intp]:
-    size = np.abs(means).sum(axis=1)
-    order = np.argsort(size)
-    kept = np.ones(size.size, dtype=bool)
-    kept[order[np.cumsum(size[order]) < _NEGLIGIBLE]] = False
-    return np.flatnonzero(kept)
+def _whitening(shared: FloatArray, weights: FloatArray) -> FloatArray:
+    """Return the inverse Cholesky factor of the points' correlated scatter."""
+    factor = cholesky(np.diag(1.0 / weights) + shared, lower=True)
+    return np.asarray(solve_triangular(factor, np.eye(len(factor)), lower=True))

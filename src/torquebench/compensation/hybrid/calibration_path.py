@@ -1,10 +1,4 @@
-"""Correlated scatter: scatter common to the points of one series, estimated from repeats.
-
-Parts that re-seat with every loading shift the points of one series to the same side. Repeats
-average this, more points of a series don't (GUM 4.2.7). If such points were treated as independent,
-the curve's uncertainty would be too small, and scatter of one loading would be identified as
-effects of the chain.
-"""
+"""The path of a calibration: its clock, its torques, and scatter that its series share."""
 
 from __future__ import annotations
 
@@ -14,22 +8,73 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.compensation.columns import FloatArray
+from torquebench.compensation.hybrid.parts import SIDELESS
 
-__all__ = ["correlated_covariance"]
-
+_SAME_LEVEL = 0.003  # of full scale: torques closer than this are repeats
+_SIDED = 0.02  # readings next to zero scatter to both sides: they aren't a direction of their own
 _FEWEST_SERIES = 3  # fewer don't separate correlated scatter from the curve
 _LENGTHS = np.geomspace(0.003, 1.0, 8)
 """Candidate correlation lengths along the path, as shares of full scale."""
 _CHANCE = 2.5  # standard errors of the correlation
 _LARGEST_SHARE = 0.9
 _FEWEST_PAIRS = 1e-9  # of full correlation; a length shorter than all distances has none
-_SIDED = 5e-4  # readings this close to zero have no direction
+
+
+def count_levels(u: FloatArray) -> int:
+    """Return how many different torques were measured in the direction that has more of them.
+
+    Examples
+    --------
+    >>> count_levels(np.array([0.5, 1.0, 0.501, -0.2, -0.4, -0.6]))
+    3
+    """
+    sides = (np.sort(u[u > 0]), np.sort(-u[u < 0]))
+    steps = [int(np.count_nonzero(np.diff(side) > _SAME_LEVEL)) for side in sides]
+    return max(step + min(side.size, 1) for step, side in zip(steps, sides, strict=True))
+
+
+def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
+    """Read the time of calibration points off their place on the path.
+
+    A series runs from zero to full scale and back, or through both directions, clockwise first. A
+    zero on the falling branch is the last point of its direction.
+
+    Parameters
+    ----------
+    u, branch, series : float64 array of shape (n,)
+        Reading / full scale, branch, number of the series.
+
+    Returns
+    -------
+    elapsed : float64 array of shape (n,) or (0,)
+        From 0 to 1; empty when a branch is unknown.
+
+    Examples
+    --------
+    >>> path_clock(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
+    array([0.25, 0.5 , 0.75])
+    """
+    if np.any(branch == 0.0):
+        return np.zeros(0)
+    x = np.minimum(np.abs(u), 1.0)
+    leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
+    keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
+    sections = np.unique(keys[x > _SIDED])
+    lone = ~np.isin(keys, sections)
+    keys[lone] = keys[lone] ^ 1
+    rank = np.searchsorted(sections, keys).astype(np.float64)
+    return np.asarray((rank + leg) / max(sections.size, 1))
 
 
 def correlated_covariance(
     u: FloatArray, branch: FloatArray, series: FloatArray, target: FloatArray
 ) -> FloatArray | None:
     """Return the covariance of correlated scatter, for independent scatter of 1.
+
+    Parts that re-seat with every loading shift the points of one series to the same side. Repeats
+    average this, more points of a series don't (GUM 4.2.7). If such points were treated as
+    independent, the curve's uncertainty would be too small, and scatter of one loading would be
+    identified as effects of the chain.
 
     Points of different series at the same torque and branch differ by scatter alone. Its
     correlation within a series is taken as m·exp(−d/ℓ) over the way d between two points; m and ℓ
@@ -73,7 +118,7 @@ def correlated_covariance(
 
 
 def _side(u: FloatArray) -> FloatArray:
-    return np.where(np.abs(u) < _SIDED, 0.0, np.sign(u))
+    return np.where(np.abs(u) < SIDELESS, 0.0, np.sign(u))
 
 
 def _scatter(
