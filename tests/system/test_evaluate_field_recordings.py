@@ -184,3 +184,75 @@ def test_two_encoders_that_swing_give_lost_motion_and_too_few_strokes_are_refuse
     assert "stroke by stroke" in report.read_text(encoding="utf-8")
     short = write(tmp_path / "short.csv", "input_deg,output_deg", rows[:200])
     refused(evaluate("transmission-error", short, "--ratio", 30), "1 strokes", "whole output")
+
+
+def motor_loops():
+    """Current and angle of a motor 50:1 whose output is locked; backlash 0.48 arcmin."""
+    rows = []
+    for _ in range(3):
+        for direction in (1, -1):
+            for step in range(201):
+                torque = direction * (step - 100.0)
+                opened = 0.24 * (1.0 - (torque / 100.0) ** 2)
+                twist = (torque / 12.5 - direction * opened) / 60.0
+                rows.append([torque / 50.0 / 0.1, 50.0 * twist])
+    return rows
+
+
+def test_a_motors_current_and_angle_give_the_loop_at_the_output(tmp_path):
+    data = write(tmp_path / "motor.csv", "current_A,angle_deg", motor_loops())
+    options = ("--rated-torque", 100, "--ratio", 50, "--torque-constant", 0.1)
+    found = evaluate("hysteresis", data, *options, "--output", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    content = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    values = {each["key"]: each["value"] for each in content["quantities"]}
+    in_the_middle = 1.0 / 12.5 + 2.0 * 0.24 * 75.0 / 100.0**2
+    assert values["stiffness"] == pytest.approx(1.0 / in_the_middle, rel=1e-3)
+    assert values["backlash"] == pytest.approx(0.48, rel=2e-3)
+    # without the current a torque constant says nothing, and without it there is no torque
+    torque = write(tmp_path / "torque.csv", "torque_nm,angle_deg", motor_loops())
+    refused(evaluate("hysteresis", torque, *options), "no column current")
+    refused(evaluate("hysteresis", data, "--rated-torque", 100), "no column torque_nm")
+    refused(evaluate("hysteresis", data, *options[:2], "--ratio", 0, *options[4:]), "ratio 0")
+
+
+def test_several_logs_have_their_speeds_in_their_names_or_comments(tmp_path):
+    files = []
+    for speed in (-1500, -900, -300, 300, 900, 1500):
+        torque = (1000.0 * (0.3 + 2e-4 * abs(speed))) * (1 if speed > 0 else -1)
+        rows = [[0.01 * k, torque + (k * 7919) % 11 - 5] for k in range(120)]
+        named = speed % 900 == 0
+        name = f"drag_{speed}rpm.csv" if named else f"drag {speed}.csv"
+        header = "time_s,torque [N·mm]"
+        if not named:
+            header = f"# speed = {speed / 60.0} rps\n{header}"
+        files.append(write(tmp_path / name, header, rows))
+    output = tmp_path / "out"
+    found = evaluate("friction", *files, "--form", "coulomb-viscous", "--output", output)
+    assert found.exit_code == 0, found.output
+    content = json.loads((output / "result.json").read_text(encoding="utf-8"))
+    values = {each["key"]: each["value"] for each in content["quantities"]}
+    for way in ("clockwise", "counter_clockwise"):
+        assert values[f"coulomb_{way}"] == pytest.approx(0.3, rel=0.01)
+        assert values[f"viscous_{way}"] * 3.14159265 / 30.0 == pytest.approx(2e-4, rel=0.01)
+    assert "121-240" in found.output
+    two = write(tmp_path / "drag 5rpm or 6rpm.csv", "time_s,torque_nm", [[0, 1], [1, 2]])
+    refused(evaluate("friction", two), "no column speed_rpm")
+    refused(evaluate("hysteresis", *files, "--rated-torque", 1), "unexpected extra argument")
+
+
+def test_every_ramp_of_several_files_is_a_run(tmp_path):
+    unpacked = gzip.decompress((FIELD / "breakaway_torque_drops.csv.gz").read_bytes()).decode()
+    header, *rows = unpacked.splitlines()
+    half = len(rows) // 2
+    runs = [[row.split(",") for row in part] for part in (rows[:half], rows[half:])]
+    last = runs[0][-1][0]
+    whole = [[row for row in rows if row[0] != last] for rows in runs]
+    files = [write(tmp_path / f"{number}.csv", header, part) for number, part in enumerate(whole)]
+    found = evaluate("breakaway", *files, "--kind", "starting", "--output", tmp_path / "out")
+    assert found.exit_code == 0, found.output
+    content = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
+    quantity = next(each for each in content["quantities"] if each["key"] == "starting_torque")
+    covers(quantity, 0.3, largest=0.01)
+    count = sum(len({row[0] for row in part}) for part in whole)
+    assert f"median of {count} ramps" in quantity["rule"]

@@ -6,6 +6,7 @@ import the evaluations only when used, so that help lists them quickly.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 from torquebench.campaign.reducers.catalogue import TESTS, TestName
 from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.units import ARCMIN, ARCSEC
 
 if TYPE_CHECKING:
@@ -23,6 +25,8 @@ if TYPE_CHECKING:
 
     Table = Mapping[str, NDArray[np.float64]]
 
+MA_PER_A = 1e3
+"""Currents of a table are in mA."""
 Evaluated = tuple[Any, dict[str, Any]]
 """A result, and the settings that options and reducer together determine."""
 
@@ -75,6 +79,8 @@ class TableEvaluation(ABC):
         Quantities that the table must have.
     described : bool
         Whether a reducer's description has values or limits for it.
+    several : bool
+        Whether its table may consist of several files.
 
     A table also has the number of each row in its file, ``row``.
     """
@@ -85,6 +91,7 @@ class TableEvaluation(ABC):
     columns: ClassVar[Mapping[str, str]]
     needed: ClassVar[tuple[str, ...]]
     described: ClassVar[bool] = True
+    several: ClassVar[bool] = True
 
     keep_outliers: Annotated[
         bool, Option("Evaluate single samples far from their neighbours with the others.")
@@ -108,7 +115,58 @@ class TableEvaluation(ABC):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Hysteresis(TableEvaluation):
+class MotorEvaluation(TableEvaluation, ABC):
+    """An evaluation whose torque may be that of a motor by its current."""
+
+    torque_constant: Annotated[
+        float | None,
+        Option("N·m per A: the torque is that of the current in a column `current`.", least=1e-12),
+    ] = None
+    driven: ClassVar[str] = "torque"
+
+    def required(self) -> tuple[str, ...]:
+        """Return the needed quantities: with a torque constant the current in place of a torque."""
+        if self.torque_constant is None:
+            return self.needed
+        return tuple("current" if name == self.driven else name for name in self.needed)
+
+    def by_current(self, table: Table) -> Table:
+        """Return the table with the torque of the current, if a torque constant is given."""
+        if self.torque_constant is None:
+            return table
+        return {**table, self.driven: table["current"] * (self.torque_constant / MA_PER_A)}
+
+
+@dataclass(frozen=True, kw_only=True)
+class GearedEvaluation(MotorEvaluation, ABC):
+    """An evaluation whose columns may be those of the motor before the reducer."""
+
+    ratio: Annotated[
+        float | None,
+        Option(
+            "Columns are the motor's: its turns per output turn. Results are those at the output, "
+            "torques times the ratio without a loss."
+        ),
+    ] = None
+
+    def at_output(self, table: Table) -> Table:
+        """Return torques, angles and speeds at the output."""
+        table = self.by_current(table)
+        if self.ratio is None:
+            return table
+        if not (math.isfinite(self.ratio) and self.ratio):
+            raise InputError(
+                Message("ratio {ratio}", self.ratio), "input turns for one output turn, not 0"
+            )
+        factors = {"torque": self.ratio, "angle": 1.0 / self.ratio, "speed": 1.0 / self.ratio}
+        return {
+            name: values * factors.get(self.columns.get(name, ""), 1.0)
+            for name, values in table.items()
+        }
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hysteresis(GearedEvaluation):
     """Evaluate torque-angle loops: stiffness, backlash, lost motion, hysteresis loss.
 
     Columns: torque and angle; optionally position (label of the output position), loop (its number)
@@ -119,6 +177,7 @@ class Hysteresis(TableEvaluation):
     name = title = test = "hysteresis"
     columns: ClassVar = {
         "torque": "torque",
+        "current": "current",
         "angle": "angle",
         "position": "label",
         "loop": "label",
@@ -126,6 +185,7 @@ class Hysteresis(TableEvaluation):
         "time": "time",
     }
     needed = ("torque", "angle")
+    several = False
 
     rated_torque: Annotated[float | None, Option("Rated torque at the output, N·m.", least=0)] = (
         None
@@ -168,7 +228,8 @@ class Hysteresis(TableEvaluation):
 
     def required(self) -> tuple[str, ...]:
         """Return the needed quantities: also the time if the inertia of a flange is given."""
-        return self.needed if self.flange_inertia is None else (*self.needed, "time")
+        needed = super().required()
+        return needed if self.flange_inertia is None else (*needed, "time")
 
     def check(self, reducer: ReducerDescription | None, /) -> None:
         """Refuse loops without a rated torque."""
@@ -184,7 +245,7 @@ class Hysteresis(TableEvaluation):
             evaluate_hysteresis,
         )
 
-        flange = None
+        table, flange = self.at_output(table), None
         if self.flange_inertia is not None:
             flange = FlangeInertia(self.flange_inertia, self.inertia_uncertainty)
         interval = None
@@ -222,7 +283,7 @@ class Hysteresis(TableEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Friction(TableEvaluation):
+class Friction(GearedEvaluation):
     """Evaluate friction over speed: Coulomb, viscous and Stribeck parts, each direction.
 
     From points, from a log with steady windows, or from a ramp of speed.
@@ -235,6 +296,7 @@ class Friction(TableEvaluation):
     columns: ClassVar = {
         "speed": "speed",
         "torque": "torque",
+        "current": "current",
         "branch": "label",
         "temperature": "temperature",
         "demanded": "speed",
@@ -253,6 +315,7 @@ class Friction(TableEvaluation):
         """Fit the parts of friction."""
         from torquebench.reducers import evaluate_friction
 
+        table = self.at_output(table)
         result = evaluate_friction(
             table["speed"],
             table["torque"],
@@ -286,7 +349,7 @@ class Friction(TableEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class NoLoad(TableEvaluation):
+class NoLoad(MotorEvaluation):
     """Evaluate no-load running torque at each speed, with the parts of friction.
 
     Columns: speed and torque at the input, both clockwise positive; optionally repeat, branch (1
@@ -297,6 +360,7 @@ class NoLoad(TableEvaluation):
     columns: ClassVar = {
         "speed": "speed",
         "torque": "torque",
+        "current": "current",
         "repeat": "label",
         "branch": "label",
         "temperature": "temperature",
@@ -317,6 +381,7 @@ class NoLoad(TableEvaluation):
         """Evaluate the torque at each speed."""
         from torquebench.reducers import TorqueUncertainty, evaluate_no_load
 
+        table = self.by_current(table)
         result = evaluate_no_load(
             table["speed"],
             table["torque"],
@@ -336,7 +401,7 @@ class NoLoad(TableEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Breakaway(TableEvaluation):
+class Breakaway(MotorEvaluation):
     """Evaluate starting or back-driving torque: the torque at the first motion of each ramp.
 
     Columns: time, angle and torque of the driven side; optionally run (number of the ramp) and
@@ -350,6 +415,7 @@ class Breakaway(TableEvaluation):
         "time": "time",
         "angle": "angle",
         "torque": "torque",
+        "current": "current",
         "run": "label",
         "position": "label",
     }
@@ -367,6 +433,7 @@ class Breakaway(TableEvaluation):
         """Evaluate the ramps."""
         from torquebench.reducers import TorqueUncertainty, evaluate_breakaway
 
+        table = self.by_current(table)
         result = evaluate_breakaway(
             table["time"],
             table["angle"],
@@ -396,6 +463,7 @@ class TransmissionError(TableEvaluation):
     title = "transmission error"
     columns: ClassVar = {"input": "angle", "output": "angle", "time": "time"}
     needed = ("input", "output")
+    several = False
 
     ratio: RatioOption = None
     highest_order: Annotated[
@@ -450,7 +518,7 @@ class TransmissionError(TableEvaluation):
 
 
 @dataclass(frozen=True, kw_only=True)
-class Efficiency(TableEvaluation):
+class Efficiency(MotorEvaluation):
     """Evaluate efficiency over torque and speed from steady points, or from a log.
 
     Columns: input_torque and output_torque (the torque on the load), speed of the input, all
@@ -461,6 +529,7 @@ class Efficiency(TableEvaluation):
     name = title = test = "efficiency"
     columns: ClassVar = {
         "input_torque": "torque",
+        "current": "current",
         "output_torque": "torque",
         "speed": "speed",
         "demanded_torque": "torque",
@@ -468,6 +537,7 @@ class Efficiency(TableEvaluation):
         "temperature": "temperature",
     }
     needed = ("input_torque", "output_torque", "speed")
+    driven = "input_torque"
 
     ratio: RatioOption = None
     input_uncertainty: TorqueUncertaintyOption = 0.0
@@ -480,6 +550,7 @@ class Efficiency(TableEvaluation):
         """Evaluate the points."""
         from torquebench.reducers import TorqueUncertainty, evaluate_efficiency
 
+        table = self.by_current(table)
         result = evaluate_efficiency(
             table["input_torque"],
             table["output_torque"],

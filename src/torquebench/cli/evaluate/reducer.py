@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 
 __all__ = ["evaluation_command"]
 
-DataArgument = Annotated[Path, typer.Argument(help="A table with a header (CSV, Excel, TDMS, …).")]
+TABLE = "A table with a header (CSV, Excel, TDMS, …)"
+FileArgument = Annotated[Path, typer.Argument(help=f"{TABLE}.")]
+FilesArgument = Annotated[
+    list[Path],
+    typer.Argument(
+        help=f"{TABLE}, or several. A torque or speed may stand in a comment or in the file's "
+        "name, as `300rpm`."
+    ),
+]
 ReducerOption = Annotated[
     str | None,
     typer.Option("--reducer", help="Its description: a .toml file, or a packaged type's name."),
@@ -51,7 +59,7 @@ def evaluation_command(kind: type[TableEvaluation]) -> Callable[..., None]:
     """Return the command of an evaluation."""
 
     def command(
-        data: DataArgument,
+        data: Any,
         reducer: ReducerOption = None,
         column: ColumnOption = None,
         where: WhereOption = None,
@@ -60,11 +68,14 @@ def evaluation_command(kind: type[TableEvaluation]) -> Callable[..., None]:
         **options: Any,
     ) -> None:
         check_reports(report)
-        _evaluate(kind(**options), data, reducer, column, where, output, report)
+        files = data if kind.several else [data]
+        _evaluate(kind(**options), files, reducer, column, where, output, report)
 
     signature = inspect.signature(command, eval_str=True)
     named = dict(signature.parameters)
     del named["options"]
+    files = FilesArgument if kind.several else FileArgument
+    named["data"] = named["data"].replace(annotation=files)
     if not kind.described:
         del named["reducer"]
     hints = get_type_hints(kind, include_extras=True)
@@ -94,7 +105,7 @@ def _parameter(field: Field[Any], hint: Any) -> inspect.Parameter:
 
 def _evaluate(
     evaluation: TableEvaluation,
-    data: Path,
+    files: list[Path],
     named: str | None,
     column: list[str] | None,
     where: list[str] | None,
@@ -108,9 +119,10 @@ def _evaluate(
         reducer = load_reducer(named)
     evaluation.check(reducer)
     needed = evaluation.required()
-    read = read_columns(data, evaluation.columns, needed, column or (), where or ())
+    read = read_columns(files, evaluation.columns, needed, column or (), where or ())
     tell_columns(read.understood, read.notes)
     table = {**read.numbers, "row": read.rows.astype("float64")}
+    source = ", ".join(file.name for file in files)
 
     from torquebench.reducers import OpenLoopError, verdicts
 
@@ -120,7 +132,7 @@ def _evaluate(
         if report:
             from torquebench.reports.evaluation_report import open_loop_page
 
-            write_reports(open_loop_page(data.name, problem.loop, str(problem)), report)
+            write_reports(open_loop_page(source, problem.loop, str(problem)), report)
             raise
         remedy = Message("{remedy}; --report draws the gap", problem.remedy)
         raise InputError(problem.found, problem.allowed, remedy) from None
@@ -131,6 +143,6 @@ def _evaluate(
         from torquebench.reports.evaluation_report import evaluation_page
 
         figures = evaluation.figures(result)
-        write_reports(evaluation_page(title, data.name, result, judged, reducer, figures), report)
+        write_reports(evaluation_page(title, source, result, judged, reducer, figures), report)
     described = None if reducer is None else reducer.model_dump(mode="json")
-    present(title, data, result, judged, output, {**options, **settings, "reducer": described})
+    present(title, files, result, judged, output, {**options, **settings, "reducer": described})

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.tables.units import BASE, kinds_of
 
 if TYPE_CHECKING:
     import numpy as np
@@ -44,19 +46,23 @@ class ReducerColumns:
 
 
 def read_columns(
-    data: Path,
+    files: Sequence[Path],
     wanted: Mapping[str, str],
     required: Sequence[str],
     mapping: Sequence[str],
     where: Sequence[str],
     conversion: Conversion | None = None,
 ) -> ReducerColumns:
-    """Return columns of a table by quantity.
+    """Return columns of a table, or of several one after another, by quantity.
+
+    A needed quantity without a column is taken from a comment of its file (``# speed_rpm = 300``),
+    or from the only value of its kind in the file's name (``drag 300rpm.csv``). Of several files
+    the rows count through all of them, and each is a run of its own.
 
     Parameters
     ----------
-    data : pathlib.Path
-        The file, of any format that `read_table` reads.
+    files : sequence of pathlib.Path
+        Of any format that `read_table` reads.
     wanted, required, mapping, conversion
         As of `understand`.
     where : sequence of str
@@ -69,10 +75,52 @@ def read_columns(
     """
     import numpy as np
 
+    parts = [_read(file, wanted, required, mapping, where, conversion) for file in files]
+    if len(parts) == 1:
+        return parts[0]
+    common = [name for name in parts[0].numbers if all(name in part.numbers for part in parts)]
+    columns = {name: np.concatenate([part.numbers[name] for part in parts]) for name in common}
+    sizes = [part.rows.size for part in parts]
+    if wanted.get("run") == "label":
+        number = np.repeat(np.arange(len(parts)), sizes)
+        pairs = np.column_stack([number, columns.get("run", np.zeros(number.size))])
+        runs = np.unique(pairs, axis=0, return_inverse=True)[1].ravel()
+        columns["run"] = 1.0 + runs.astype(np.float64)
+    ends = np.cumsum(sizes)
+    spans = [
+        f"{file.name} {end - size + 1}-{end}"
+        for file, size, end in zip(files, sizes, ends, strict=True)
+    ]
+    notes = [note for part in parts for note in part.notes]
+    notes.append(Message("rows count through all files: {spans}", ", ".join(spans)))
+    left = sorted({name for part in parts for name in part.numbers} - set(common))
+    if left:
+        notes.append(Message("not used, because not in all files: {columns}", ", ".join(left)))
+    rows = np.arange(1, int(ends[-1]) + 1)
+    return ReducerColumns(columns, rows, "row", parts[0].understood, tuple(notes))
+
+
+def _read(
+    data: Path,
+    wanted: Mapping[str, str],
+    required: Sequence[str],
+    mapping: Sequence[str],
+    where: Sequence[str],
+    conversion: Conversion | None,
+) -> ReducerColumns:
+    import numpy as np
+
     from torquebench.tables import read_table, understand
 
     table = read_table(data)
-    understood = understand(table, wanted, required, mapping, conversion)
+    named = [text.partition("=")[0].strip() for text in mapping]
+    constants: dict[str, float] = {}
+    present = understand(table, wanted, named, mapping, conversion)
+    for name in required:
+        if name not in present and name not in named:
+            constants |= _stated_once(table, data, name, wanted[name])
+    needed = [name for name in required if name not in constants]
+    understood = understand(table, wanted, needed, mapping, conversion)
     table = _chosen(table, where)
     numbers, notes = {}, list(table.notes)
     for name, column in understood.columns.items():
@@ -85,7 +133,46 @@ def read_columns(
             continue
         if values is not None:
             numbers[name] = values
+    for name, value in constants.items():
+        numbers[name] = np.full(len(table), value)
+        notes.append(
+            Message(
+                "{name} = {value:.6g} {unit} in all rows, by a comment or the name of {file}",
+                name,
+                value,
+                BASE[wanted[name]],
+                data.name,
+            )
+        )
     return ReducerColumns(numbers, np.asarray(table.rows), table.counted, understood, tuple(notes))
+
+
+_VALUE = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?")
+_IN_NAME = re.compile(r"(?:(?<![A-Za-z0-9])[+-])?(?<![0-9.,])[0-9]+(?:[.,][0-9]+)?")
+_UNIT_BEHIND = re.compile(r"[ ]?([^\s\d_,;()+-]+)")
+
+
+def _stated_once(table: Table, data: Path, name: str, kind: str) -> dict[str, float]:
+    """Return a quantity that a comment states, or the only value of its kind in a file's name."""
+    from torquebench.tables import Table, understand
+
+    found: list[tuple[str, str]] = []
+    for remark, value in table.remarks.items():
+        number = _VALUE.match(value)
+        if number and (remark == name or remark.startswith((f"{name}_", f"{name} "))):
+            unit = value[number.end() :].strip()
+            found.append((f"{remark} [{unit}]" if unit else remark, number[0]))
+    if not found:
+        for number in _IN_NAME.finditer(data.stem):
+            unit_behind = _UNIT_BEHIND.match(data.stem, number.end())
+            if unit_behind and kind in kinds_of(unit_behind[1]):
+                found.append((f"{name} [{unit_behind[1]}]", number[0]))
+    if len(found) != 1:
+        return {}
+    ((header, text),) = found
+    stated = Table(data.name, (header,), ([text],), (1,))
+    values = understand(stated, {name: kind}).numbers(stated, name)
+    return {} if values is None else {name: float(values[0])}
 
 
 def _chosen(table: Table, where: Sequence[str]) -> Table:

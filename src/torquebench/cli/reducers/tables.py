@@ -23,7 +23,7 @@ __all__ = ["present"]
 
 def present(
     test: str,
-    data: Path,
+    files: Sequence[Path],
     result: Any,
     judged: Sequence[QuantityVerdict],
     output: Path | None,
@@ -36,16 +36,17 @@ def present(
     typer.Exit
         With 1 where a limit isn't kept or a finding forbids a verdict.
     """
+    source = ", ".join(file.name for file in files)
     quantities = result.quantities()
     findings: tuple[Finding, ...] = getattr(result, "findings", ())
     if output is not None:
-        _write(test, data, result, quantities, judged, findings, output, settings)
+        _write(test, files, result, quantities, judged, findings, output, settings)
     from torquebench.campaign.reducers.quantities import result_quantities
     from torquebench.cli.reducers.evaluating import print_quantities
 
     factors = {each.key: each.estimate.coverage_factor() for each in (*quantities, *judged)}
     rows = result_quantities(result, judged)
-    print_quantities(f"{test}: {data.name}", result, rows, factors)
+    print_quantities(f"{test}: {source}", result, rows, factors)
     for finding in findings:
         style = "red" if finding.severe else "yellow"
         stderr_console().print(
@@ -56,7 +57,7 @@ def present(
         say_file("Every number", output / "result.json")
     answer(
         test=test,
-        data=data.name,
+        data=source,
         quantities=_plain_quantities(quantities, judged),
         findings=list(findings),
     )
@@ -76,7 +77,7 @@ def _plain_quantities(
 
 def _write(
     test: str,
-    data: Path,
+    files: Sequence[Path],
     result: Any,
     quantities: Sequence[ResultQuantity],
     judged: Sequence[QuantityVerdict],
@@ -92,13 +93,14 @@ def _write(
     from torquebench.records import json_text
 
     check_output_folder(output)
-    check_kept(data)
+    for file in files:
+        check_kept(file)
     output.mkdir(parents=True, exist_ok=True)
     content = {
         "test": test,
         "software_version": __version__,
-        "data": data.name,
-        "data_sha256": hashlib.sha256(data.read_bytes()).hexdigest(),
+        "data": ", ".join(file.name for file in files),
+        "data_sha256": ", ".join(hashlib.sha256(each.read_bytes()).hexdigest() for each in files),
         "settings": settings,
         "quantities": [
             {"key": each.key, "title": each.title, "rule": each.rule, **plain_budget(each.estimate)}
