@@ -82,20 +82,23 @@ CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
 
 
 def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
-    """Return a kind of model in a few words, for tables and legends.
+    """Return a kind of model in a few words, for tables and legends; an unknown one by its name.
 
     Examples
     --------
     >>> model_title("polynomial", {"degree": 2}), model_title("polynomial-3")
     ('polynomial, degree 2', 'polynomial, degree 3')
-    >>> model_title("raw")
-    'raw reading'
+    >>> model_title("raw"), model_title("polynomial"), model_title("of-a-plugin")
+    ('raw reading', 'polynomial', 'of-a-plugin')
     """
     stem, _, degree = kind.rpartition("-")
     if stem == "polynomial" and degree.isdigit():
         kind, parameters = stem, {"degree": degree}
     title = _TITLES.get(kind, kind)
-    return Message(title, (parameters or {})["degree"]) if kind == "polynomial" else title
+    if kind != "polynomial":
+        return title
+    stated = (parameters or {}).get("degree")
+    return kind if stated is None else Message(title, stated)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ def test_every_kind_has_a_title_that_fits_the_table(kind: str) -> None:
     title = model_title(kind, model.kind_parameters)
     assert title != kind or "-" not in kind
     assert len(title) <= 27
+    assert model_title(kind)  # of a registry's entry, which has the kind alone
 
 
 def test_models_are_fitted_to_the_columns_that_they_use() -> None:

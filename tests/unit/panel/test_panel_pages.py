@@ -1,5 +1,12 @@
+import pytest
+from nicegui import Client, ui
+
+from torquebench.errors import InputError
+from torquebench.panel.components.elements import words
 from torquebench.panel.pages import PAGES
 from torquebench.panel.pages.sign_in import safe_target
+from torquebench.panel.pages.view import part
+from torquebench.panel.service import NotSignedInError
 from torquebench.panel.text import LANGUAGES, Text
 
 
@@ -14,3 +21,31 @@ def test_every_page_has_its_own_path_key_and_title_in_every_language() -> None:
 def test_every_page_may_be_opened_after_signing_in() -> None:
     for page in PAGES.values():
         assert safe_target(page.path) == page.path
+
+
+@pytest.mark.parametrize(
+    ("failure", "shown"),
+    [
+        (KeyError("degree"), "This part can't be shown: KeyError: 'degree'"),
+        (InputError("a broken run", "an intact one", "restore it"), "a broken run"),
+    ],
+)
+def test_a_part_that_fails_says_so_and_the_rest_is_shown(failure: Exception, shown: str) -> None:
+    with Client(ui.page("/parts"), request=None) as client:
+        words("p", "before")
+        with part(Text("en")):
+            words("p", "begun")
+            raise failure
+        words("p", "after")
+    texts = [getattr(each, "text", "") for each in client.elements.values()]
+    assert [each for each in texts if each in ("before", "begun", "after")] == [
+        "before",
+        "begun",
+        "after",
+    ]
+    assert any(shown in each for each in texts)
+
+
+def test_a_part_without_a_session_leads_to_signing_in() -> None:
+    with pytest.raises(NotSignedInError), part(Text("en")):
+        raise NotSignedInError("nobody", "somebody")

@@ -17,6 +17,7 @@ from torquebench.panel.components.messages import Messages
 from torquebench.panel.pages.jobs.strip import JobStrip
 from torquebench.panel.pages.menu import Menu
 from torquebench.panel.pages.page import PAGES
+from torquebench.panel.pages.view import part
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import AlarmView, BenchService, NotSignedInError
 from torquebench.panel.text import Text
@@ -273,9 +274,11 @@ def frame(
     head(text, visitor.look, title)
     around = _Frame(visitor, current)
 
+    made = False
+
     def refresh() -> None:
         around.refresh()
-        if on_refresh is not None:
+        if on_refresh is not None and made:
             on_refresh()
 
     with box("div", "page", id="content", tabindex="-1") as content:
@@ -283,6 +286,9 @@ def frame(
         with box("div", "title") as heading:
             words("h1", title)
         content.title_line = heading
-        yield content
-    refresh()
+        with part(text):
+            yield content
+            made = True
+    with content, part(text):
+        refresh()
     repeat(REFRESH_S, refresh)

@@ -2,13 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 
+from torquebench.errors import TorquebenchError
+from torquebench.panel.components.elements import note
 from torquebench.panel.components.tabs import Tabs
 from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import NotSignedInError
+from torquebench.panel.text import Text
 
-__all__ = ["View", "tabs"]
+__all__ = ["View", "part", "tabs"]
+
+LOGGER = logging.getLogger(__name__)
+
+
+@contextmanager
+def part(text: Text) -> Iterator[None]:
+    """Show the failure of a part of a page in its place, so that the rest is shown."""
+    try:
+        yield
+    except NotSignedInError:  # the page leads to signing in
+        raise
+    except TorquebenchError as error:
+        note(text.refusal_line(error), "bad", live=True)
+    except Exception as error:
+        LOGGER.exception("a part of a page failed")
+        problem = f"{type(error).__name__}: {error}"
+        note(text("frame.part_failed", problem=problem), "bad", live=True)
 
 
 class View:
@@ -34,4 +57,5 @@ def tabs(visitor: Visitor, page: str, views: Mapping[str, Callable[[Visitor], Vi
 
 
 def _build(view: Callable[[Visitor], View], visitor: Visitor) -> None:
-    view(visitor).build()
+    with part(visitor.text):
+        view(visitor).build()

@@ -106,7 +106,7 @@ class _Tile:
                 with refilled(self._about):
                     words("span", text.core(side.compensation_problem))
                 return
-            kind = text.maybe(f"model.{state.kind}", model_title(state.kind))
+            kind = text.core(model_title(state.kind))
             if state.valid:
                 tag(text("live.compensated_by", kind=kind, number=state.model_id), "good", "check")
                 until = (
@@ -196,4 +196,4 @@ def live_page(visitor: Visitor) -> None:
     page = _LivePage(visitor)
     with frame(visitor, "live", page.refresh):
         page.build()
-    repeat(PUSH_S, page.push)
+        repeat(PUSH_S, page.push)
