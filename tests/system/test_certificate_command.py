@@ -6,6 +6,7 @@ import subprocess
 from pathlib import Path
 
 import pytest
+from tests.accounts import people_of
 from tests.digital_certificates import NM, certificate, new_list, quantity
 from tests.system.command_line import laboratory, run, widest_line
 
@@ -71,6 +72,46 @@ def test_certificate_is_issued_checked_and_exported(calibrated: Path) -> None:
         check=False,
     )
     assert sums.returncode == 0, sums.stdout
+
+
+FORGERY = (
+    ("records", "review", "calibration-1", "--by", "K. Sommer"),
+    ("records", "use", "model-1", "--by", "K. Sommer", "--reason", "checked"),
+    ("certificate", "latest", "--authorised-by", "A. Boss", "--out", "out"),
+)
+"""One person's commands for the check by a second and the authorisation by a third."""
+
+
+def test_typed_acts_are_stated_and_accounts_cant_be_typed(calibrated: Path) -> None:
+    laboratory(calibrated / "data")
+    for command in FORGERY:
+        done = run(*command, "--data", "data", cwd=calibrated)
+        assert done.returncode == 0, done.stderr
+        assert "typed by" in " ".join(done.stdout.split()), done.stdout
+        assert widest_line(done.stdout) <= 80
+    text = subprocess.run(
+        ["pdftotext", "-layout", only(calibrated / "out", ".pdf"), "-"],
+        capture_output=True, text=True, check=True,
+    ).stdout  # fmt: skip
+    assert text.count("not signed") >= 4
+    assert only(calibrated / "out", ".xml").read_text().count("not signed") >= 4
+    shown = run("records", "show", "calibration-1", "--data", "data", cwd=calibrated)
+    assert "typed by" in " ".join(shown.stdout.split())
+
+    check = ("certificate", "--check", only(calibrated / "out", ".pdf"), "--data", "data")
+    assert run(*check, cwd=calibrated).returncode == 0
+    with people_of(calibrated / "data", "K. Sommer", "A. Boss"):
+        pass
+    checked = run(*check, cwd=calibrated)
+    assert checked.returncode == 1
+    assert " ".join(checked.stdout.split()).count("typed, not signed") == 3
+    before = run("records", "verify", "--data", "data", cwd=calibrated).stdout
+    for command in FORGERY:
+        refused = run(*command, "--data", "data", cwd=calibrated)
+        assert refused.returncode == 2, refused.stdout
+        message = " ".join(refused.stderr.split())
+        assert "has an account on the panel, named by somebody else" in message
+    assert run("records", "verify", "--data", "data", cwd=calibrated).stdout == before
 
 
 def test_unknown_run_is_one_message(calibrated: Path) -> None:

@@ -26,6 +26,7 @@ from torquebench.records import (
     json_text,
     sha256_of_file,
 )
+from torquebench.records.signatures import present_signature
 from torquebench.tables import table_text
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.validation import refuse_future
@@ -212,6 +213,7 @@ def _metadata(
         "bench_name": circumstances.place,
         "operator": circumstances.measured_by,
         "entered_by": operator,
+        "signature": present_signature(),
         "entered": datetime.now(UTC),
         "side": data.side,
         "profile_name": profile.name,

@@ -38,7 +38,7 @@ from torquebench.records import (
     RunFolder,
     sha256_of_file,
 )
-from torquebench.records.signatures import Signature
+from torquebench.records.signatures import Signature, present_signature
 from torquebench.station import RunRecord, enter_run
 
 __all__ = [
@@ -160,7 +160,7 @@ def register_calibration(
             registry.activate(
                 registered[active].model_id,
                 reason="recommended by the calibration",
-                signature=Signature.typed(automatic=True),
+                signature=present_signature(automatic=True),
             )
     return RegisteredCalibration(entry, registered)
 

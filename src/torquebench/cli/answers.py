@@ -173,13 +173,13 @@ CERTIFICATE = Record(
     "A certificate that was issued.",
     "torquebench.reports.certificate:CertificateRecord",
     "number simulated verdict=conformity.verdict "
-    "tolerance_percent_fs=conformity.tolerance_percent_fs unreviewed deviations supersedes",
+    "tolerance_percent_fs=conformity.tolerance_percent_fs unreviewed acts deviations supersedes",
     _FILES,
 )
 CERTIFICATE_CHECKED = Record(
     "A certificate that was checked.",
     "torquebench.reports.certificate:CertificateCheck",
-    "number matches findings schema replaced_by foreign",
+    "number matches findings unsigned acts schema replaced_by foreign",
 )
 FITTED = Record(
     "A model that was fitted to a table; `comparison` with `--compare`.",

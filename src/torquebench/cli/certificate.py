@@ -121,15 +121,13 @@ def certificate(
 
         judged = tolerance if conformity else None
         issue = _issue(registry, language, authorised_by, laboratory, judged, number)
-        unrefused = replace(issue, refuse_unreviewed=issue.refuse_unreviewed and not checked_by)
-        record = registry.patiently(lambda: build_record(registry, calibration, unrefused))
-        if checked_by:  # entered only if nothing refuses the certificate
-            registry.review(
-                "calibrations", calibration.calibration_id, checked_by=checked_by, accepted=True
-            )
-            record = build_record(registry, calibration, issue)
+        if checked_by:
+            number_of = calibration.calibration_id
+            review = registry.prepare_review("calibrations", number_of, checked_by=checked_by)
+            issue = replace(issue, review=review)
+        record = registry.patiently(lambda: build_record(registry, calibration, issue))
         _tell_doubts(registry, record)
-        _issued(issue_certificate(registry, record, out))
+        _issued(issue_certificate(registry, record, out, issue.review))
 
 
 def _tell_doubts(registry: Registry, record: CertificateRecord) -> None:
@@ -179,6 +177,8 @@ def _issue(
     number: str,
 ) -> Issue:
     from torquebench.campaign.measuring import operator_name
+    from torquebench.records.accounts import Accounts
+    from torquebench.records.signatures import present_signature
     from torquebench.reports.certificate import (
         Issue,
         kept_letterhead,
@@ -194,6 +194,8 @@ def _issue(
         kept_letterhead(registry.root) if laboratory is None else read_letterhead(laboratory)
     )
     names = authorised_by or [operator_name()]
+    for name in names:
+        Accounts.of(registry.root).refuse_typed(name, present_signature())
     if letterhead.people:
         names = [person_among(each, letterhead.people, "authorised by") for each in names]
     issuer, customer = letterhead.parties
@@ -207,10 +209,13 @@ def _issue(
         laboratory=issuer,
         customer=customer,
         refuse_unreviewed=letterhead.refuses_unreviewed,
+        require_signatures=letterhead.requires_signatures(registry.root),
     )
 
 
 def _issued(issued: IssuedCertificate) -> None:
+    from torquebench.records.signatures import how
+
     record = issued.record
     simulated = " - simulated" if record.simulated else ""
     say(f"[bold]Certificate {escape(record.number)}[/bold]{simulated}")
@@ -222,6 +227,9 @@ def _issued(issued: IssuedCertificate) -> None:
             f"{conformity.verdict.label}: tolerance {conformity.tolerance_percent_fs:g} % of full "
             f"scale, guard band w = U"
         )
+    for act in record.acts:
+        if act.role != "measured":
+            say(f"{act.role} by {escape(act.name)}: {escape(how(act.signature))}")
     if record.unreviewed:
         from torquebench.reports.certificate import UNREVIEWED
 
@@ -259,13 +267,20 @@ def _check(data: Path, given: str) -> None:
 
 
 def _say_check(found: CertificateCheck) -> None:
+    from torquebench.records.signatures import how
+
     answer(**CERTIFICATE_CHECKED.of(found))
     if found.foreign is not None:
         _say_foreign(found.foreign)
     for finding in found.findings:
         mark = "no match" if found.foreign is None else "invalid"
         say(f"[red]{mark}[/red]  {escape(finding)}")
-    if found.matches and found.entry is not None:
+    for unsigned in found.unsigned:
+        say(f"[red]{escape(unsigned)}[/red]")
+    for role, name, signature in found.acts:
+        if not found.unsigned:
+            say(f"{role} by {escape(name)}: {escape(how(signature))}")
+    if not found.findings and found.entry is not None:
         say(
             f"[green]matches[/green]  certificate {escape(found.number)}, issued "
             f"{found.entry.issued:%Y-%m-%d}, authorised by {escape(found.entry.authorised_by)}"

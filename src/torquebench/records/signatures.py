@@ -10,13 +10,22 @@ import hashlib
 import json
 import os
 import socket
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, field, replace
 from typing import Any, Literal, Self, get_args
 
 from torquebench.message import Message
 
-__all__ = ["Signature", "SignatureKind", "system_user"]
+__all__ = [
+    "Signature",
+    "SignatureKind",
+    "authenticated",
+    "how",
+    "present_signature",
+    "system_user",
+]
 
 SignatureKind = Literal["signed", "signed-in", "client", "typed", "automatic"]
 """With the account's password for this act; in a session that a password had opened; by the token
@@ -114,3 +123,28 @@ def system_user() -> tuple[str, str]:
         except (KeyError, OSError):
             user = ""
     return user, socket.gethostname()
+
+
+_present: ContextVar[Signature | None] = ContextVar("torquebench_signature", default=None)
+
+
+@contextmanager
+def authenticated(signature: Signature) -> Iterator[None]:
+    """Let everything that this thread does until the block ends be the act of a person."""
+    before = _present.set(signature)
+    try:
+        yield
+    finally:
+        _present.reset(before)
+
+
+def present_signature(*, automatic: bool = False) -> Signature:
+    """Return who acts now: the person of `authenticated`, otherwise the user of this computer.
+
+    Parameters
+    ----------
+    automatic : bool
+        Whether a command decides by itself.
+    """
+    found = _present.get()
+    return Signature.typed(automatic=automatic) if found is None else found

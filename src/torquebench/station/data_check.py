@@ -21,6 +21,7 @@ from torquebench.records import (
     RunSummary,
     check_records,
 )
+from torquebench.records.accounts import PANEL_FILE
 from torquebench.records.chain import START, ChainHead
 from torquebench.records.files import UNREADABLE
 from torquebench.records.integrity import survived
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
 
 __all__ = ["check_data_directory", "run_folders"]
 
-PANEL_DATABASE = "panel.sqlite"
+
 OF_AN_INDEX = "only an index is damaged: `torquebench records rebuild` repairs it"
 
 
@@ -81,7 +82,7 @@ def check_data_directory(
         if lost:
             return _unread([Finding("registry", str(data / REGISTRY_FILE), "", lost, "", WAY_BACK)])
         findings += _file_damage(data / REGISTRY_FILE)
-    findings += _file_damage(data / PANEL_DATABASE)
+    findings += _file_damage(data / PANEL_FILE)
     try:
         opened = Registry.open(data) if registry is None else Registry(registry, data)
         with opened:
@@ -112,7 +113,7 @@ def _file_damage(file: Path) -> Iterator[Finding]:
     remedy = WAY_BACK
     if index_damage_only(damage):
         remedy = OF_AN_INDEX
-    if file.name == PANEL_DATABASE:
+    if file.name == PANEL_FILE:
         remedy = "`torquebench records restore BACKUP`"
     yield Finding("database", str(file), "", damage[0] + more, "", remedy)
 

@@ -13,6 +13,8 @@ from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
+from torquebench.records.accounts import Accounts
+from torquebench.records.signatures import present_signature
 from torquebench.station.journal import WAITING_BLOCKS, QueuedJournal, RunJournal
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
@@ -58,7 +60,15 @@ class Recording:
         self._queue = queue
         self._audit = audit
         head = str(registry.known_head)  # links the folder to all records before it
-        self.known: dict[str, Any] = {**run_metadata(context), "registry_head": head, **metadata}
+        signature, operator = present_signature(), str(metadata.get("operator", ""))
+        if operator != signature.who:  # not the user who is logged in, but a typed name
+            Accounts.of(registry.root).refuse_typed(operator, signature)
+        self.known: dict[str, Any] = {
+            **run_metadata(context),
+            "registry_head": head,
+            "signature": signature,
+            **metadata,
+        }
         self.writer = RunFolder.create(runs, self.known, kind=kind)
         try:
             self._hold = RunLock(self.writer.path)
@@ -66,7 +76,6 @@ class Recording:
             self.writer.discard()
             raise
         queue.enter(self.writer.path)
-        operator = str(self.known.get("operator", ""))
         audit.begin_run(self.writer.run_id, operator, self.writer.path)
         audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
         described = context.description

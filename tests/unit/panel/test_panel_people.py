@@ -154,10 +154,9 @@ def test_an_administrator_lifts_a_lock(people: People, administrator: Actor) -> 
 
 @pytest.mark.parametrize(
     "name",
-    ["ANA", "\u0410na", "An\u0430", "Ana ", "\uff21na", "Station", "set-up", "T0rquebench", "PaneI",
-     "\u0391na", "\u13aana"],
-)  # fmt: skip
-def test_a_name_that_looks_like_another_is_refused(
+    ["ANA", "ana", "Ana ", "\uff21na", "A\uff4e\uff41", "Station", "set-up", "\uff33tation"],
+)
+def test_a_name_of_the_same_compatibility_form_is_refused(
     people: People, administrator: Actor, name: str
 ) -> None:
     with pytest.raises(InputError):

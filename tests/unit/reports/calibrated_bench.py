@@ -21,6 +21,7 @@ from torquebench.records import (
     RunSummary,
     json_text,
 )
+from torquebench.records.signatures import Signature
 
 RANGE_NM = 2000.0
 
@@ -121,6 +122,7 @@ def calibrated_bench(
             profile_name=chosen.name,
             profile_sha256=chosen.sha256,
             measured_by=operator,
+            signature=Signature.typed(),
         )
     )
     model = make_model("polynomial", degree=2, range_nm=RANGE_NM)

@@ -2,7 +2,7 @@
 
 import json
 from dataclasses import MISSING, fields, is_dataclass
-from datetime import date
+from datetime import date, datetime
 from types import UnionType
 from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
@@ -37,6 +37,8 @@ def _restored(kind: Any, value: Any) -> Any:
             _restored(inner[0] if inner[-1] is Ellipsis else inner[place], item)
             for place, item in enumerate(value)
         )
+    if kind is datetime:
+        return datetime.fromisoformat(value)
     if kind is date:
         return date.fromisoformat(value)
     if kind is Verdict:

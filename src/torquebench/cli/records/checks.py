@@ -99,11 +99,13 @@ def review(
 ) -> None:
     """Enter the review of a record."""
     from torquebench.records import Registry
+    from torquebench.records.signatures import how, present_signature
 
     subject, number = _subject(record)
     with Registry.open(data_directory(data)) as registry:
         registry.review(subject, number, checked_by=by, accepted=not reject, remark=remark)
     say(f"{record} checked by {by}: {'not accepted' if reject else 'accepted'}")
+    say(how(present_signature()))
     answer(record=record)
 
 
@@ -148,6 +150,7 @@ def use(
     overrides that, and the registry stores name and reason.
     """
     from torquebench.records import Registry
+    from torquebench.records.signatures import how, present_signature
 
     named = numbered(model, "model")
     if named is None:
@@ -167,3 +170,4 @@ def use(
         registry.activate(entry.model_id, operator=by, reason=reason, despite_contradictions=True)
     answer(record=model)
     say(f"In use: {model} of calibration-{entry.calibration_id}, by {by}: {reason}")
+    say(how(present_signature()))

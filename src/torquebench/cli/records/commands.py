@@ -38,7 +38,7 @@ from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 
 if TYPE_CHECKING:
-    from torquebench.records import Registry, RunSummary, VerificationEntry
+    from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
     from torquebench.records.runs.listing import RunLine
 
 __all__ = ["app"]
@@ -310,7 +310,7 @@ def _show_model(registry: Registry, model_id: int) -> None:
             "counter": entry.counter_identity,
             "range": f"{entry.range_nm:g} N·m",
             "created": _moment(entry.created),
-            "in use": "yes" if entry.active else "no",
+            "in use": _use(registry, entry),
             "data": "simulated" if entry.simulated else "measured",
             "file": state,
             **{
@@ -325,6 +325,19 @@ def _show_model(registry: Registry, model_id: int) -> None:
     for verification in registry.verifications(model_id):
         _show_verification(verification)
         answer(verifications=[verification])
+
+
+def _use(registry: Registry, model: ModelEntry) -> str:
+    """Return whether a model is in use, by whom, and how that came about."""
+    from torquebench.records.signatures import how
+
+    if not model.active:
+        return "no"
+    latest = registry.activations(model.transducer_serial)
+    used = next((each for each in reversed(latest) if each.model_id == model.model_id), None)
+    if used is None:
+        return "yes"
+    return f"yes, since {_moment(used.activated)}, {used.operator or '-'}, {how(used.signature)}"
 
 
 def _show_verification(verification: VerificationEntry) -> None:
@@ -355,6 +368,8 @@ def _show_verification(verification: VerificationEntry) -> None:
 
 
 def _show_calibration(registry: Registry, calibration_id: int) -> None:
+    from torquebench.records.signatures import how
+
     entry = registry.calibration(calibration_id)
     models = registry.models(calibration_id=calibration_id)
     reviews = registry.reviews("calibrations", calibration_id)
@@ -368,10 +383,10 @@ def _show_calibration(registry: Registry, calibration_id: int) -> None:
             "transducer": entry.transducer_serial,
             "counter": entry.counter_identity,
             "standard": entry.standard_serial,
-            "measured by": entry.measured_by,
+            "measured by": f"{entry.measured_by}, {how(entry.signature)}",
             "checked by": "; ".join(
                 f"{each.checked_by}, {_moment(each.checked)}"
-                f"{'' if each.accepted else ', not accepted'}"
+                f"{'' if each.accepted else ', not accepted'}, {how(each.signature)}"
                 f"{f' ({each.remark})' if each.remark else ''}"
                 for each in reviews
             ),

@@ -207,7 +207,11 @@ def activate(
     The newest numbers are by this model when the answer comes.
     """
     service.activate(
-        caller, model_id, body.reason, despite_contradictions=body.despite_contradictions
+        caller,
+        model_id,
+        body.reason,
+        despite_contradictions=body.despite_contradictions,
+        password=body.password or "",
     )
     service.wait_for_live()
 

@@ -104,9 +104,13 @@ class ReasonBody(Body):
 
 
 class ActivateBody(ReasonBody):
-    """Why a model is put into use, and whether although its calibration contradicts itself."""
+    """Why a model is put into use, and whether although its calibration contradicts itself.
+
+    With the password of the person the decision is signed.
+    """
 
     despite_contradictions: Flag = False
+    password: Secret | None = None
 
 
 class AcknowledgeBody(Body):
@@ -135,9 +139,13 @@ class AnswerBody(Body):
 
 
 class SignOffBody(Body):
-    """A metrologist's signature under a calibration."""
+    """A metrologist's signature under a calibration.
+
+    `sha256` is the hash of what the person saw, `signed_sha256` of the calibration.
+    """
 
     password: Secret
+    sha256: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""
     accepted: Flag = True
     remark: Text = ""
 
@@ -171,6 +179,10 @@ class UserChangeBody(Body):
     active: Flag | None = None
     password: NewSecret | None = None
     unlock: Flag = False
+    system_users: Annotated[
+        list[Annotated[str, Field(max_length=320)]] | None,
+        Field(max_length=20, description="Users of the operating system: user or user@host."),
+    ] = None
 
 
 class ClientBody(Body):

@@ -91,6 +91,7 @@ def change_user(service: Service, caller: Caller, name: UserName, body: UserChan
         active=body.active,
         password=body.password,
         unlock=body.unlock,
+        linked=body.system_users,
     )
 
 

@@ -220,7 +220,12 @@ def errors(
 def sign_off(service: Service, caller: Caller, calibration_id: Number, body: SignOffBody) -> None:
     """Sign the review of a calibration with the password; not by the person who measured it."""
     service.sign_off(
-        caller, calibration_id, body.password, accepted=body.accepted, remark=body.remark
+        caller,
+        calibration_id,
+        body.password,
+        accepted=body.accepted,
+        remark=body.remark,
+        sha256=body.sha256,
     )
 
 

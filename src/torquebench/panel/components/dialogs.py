@@ -51,6 +51,7 @@ def ask(
     confirm: str = "",
     field: str = "",
     kind: str = "text",
+    value: str = "",
     danger: bool = False,
 ) -> Any:
     """Ask whether something is to be done, and for one value where it needs one.
@@ -65,7 +66,9 @@ def ask(
 
     with sheet(title) as dialog:
         words("p", said)
-        entry = Field(field, kind=kind, on_enter=act, autocomplete="off") if field else None
+        entry = None
+        if field:
+            entry = Field(field, value, kind=kind, on_enter=act, autocomplete="off")
         with foot(text, dialog):
             button(confirm or title, act, "danger" if danger else "primary")
     return dialog

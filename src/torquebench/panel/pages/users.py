@@ -14,6 +14,9 @@ from torquebench.panel.text import Text
 __all__ = ["UsersView", "role_choice"]
 
 
+COLUMNS = ("name", "role", "state", "created", "system_users", "password_set")
+
+
 class UsersView(View):
     """Accounts, as far as the user may see them."""
 
@@ -52,13 +55,15 @@ class UsersView(View):
                 text.core(user.role),
                 text("users.active" if user.active else "users.inactive"),
                 user.created[:10],
+                ", ".join(user.system_users),
+                user.password_set,
             )
             for user in users
         ]
         with refilled(self._list), panel(text("users.accounts")):
             table(
                 text("users.accounts"),
-                [(text(f"users.{key}"), False) for key in ("name", "role", "state", "created")],
+                [(text(f"users.{key}"), False) for key in COLUMNS],
                 rows,
                 on_row=lambda place: self._edit(users[place]),
                 open_label=text("users.edit"),
@@ -99,6 +104,7 @@ class UsersView(View):
                 )
                 button(text("users.reset"), lambda: self._reset(user))
                 button(text("users.unlock"), lambda: self._change(user, unlock=True))
+                button(text("users.link"), lambda: self._link(user))
                 button(text("frame.close"), self._edited.clear, "quiet")
 
     def _change(self, user: User, **values: Any) -> bool:
@@ -110,6 +116,17 @@ class UsersView(View):
     def _changed(self) -> None:
         self._edited.clear()
         self._show()
+
+    def _link(self, user: User) -> None:
+        text = self._text
+        ask(
+            text,
+            text("users.link"),
+            text("users.link_explained", name=user.name),
+            lambda users: self._change(user, linked=users.split(",")),
+            field=text("users.system_users"),
+            value=", ".join(user.system_users),
+        )
 
     def _reset(self, user: User) -> None:
         text = self._text

@@ -469,8 +469,9 @@ class BenchService:
         reason: str = "",
         *,
         despite_contradictions: bool = False,
+        password: str = "",
     ) -> None:
-        """Put a model into use, on its chain.
+        """Put a model into use, on its chain; with the password the decision is signed.
 
         With `despite_contradictions` and a reason even one whose calibration contradicts itself,
         which a person has to decide.
@@ -491,6 +492,10 @@ class BenchService:
             raise PermissionDeniedError(
                 Message("{name} decides despite contradictions", actor.label), "a person's decision"
             )
+        signature = actor.signature
+        if password:
+            self.people.confirm_password(actor, password)
+            signature = actor.signed
         self.jobs.command(actor)
         model = self.station.registry.model(model_id)
         model.check_file()
@@ -499,6 +504,7 @@ class BenchService:
             operator=actor.label,
             reason=reason,
             despite_contradictions=despite_contradictions,
+            signature=signature,
         )
         self.note(
             actor,
@@ -516,7 +522,9 @@ class BenchService:
         self.jobs.command(actor)
         serial = self.station.description.module(side).transducer.serial
         counter = self.station.drivers.counter.clock_identity
-        self.station.registry.deactivate(serial, counter, operator=actor.label, reason=reason)
+        self.station.registry.deactivate(
+            serial, counter, operator=actor.label, reason=reason, signature=actor.signature
+        )
         self.note(actor, "deactivated compensation", side=side, reason=reason)
         self.refresh_compensation(side)
 
@@ -579,8 +587,19 @@ class BenchService:
         *,
         accepted: bool = True,
         remark: str = "",
+        sha256: str = "",
     ) -> None:
         """Enter the review of a calibration, signed with the password.
+
+        Parameters
+        ----------
+        actor : Actor
+        calibration_id : int
+        password : str
+        accepted : bool
+        remark : str
+        sha256 : str
+            Hash of what the person saw: calibration, models and their latest verifications.
 
         Raises
         ------
@@ -589,13 +608,26 @@ class BenchService:
         SignInError, LockedOutError
             The password is wrong.
         RecordError
-            There is no such calibration.
+            There is no such calibration, it has changed since it was shown, or the person measured
+            it.
         """
         require(actor, "metrologist")
+        registry = self.station.registry
+        present = actor.signed.about(registry.covered(calibration_id))
+        if sha256 and sha256 != present.sha256:
+            raise RecordError(
+                Message("calibration {number} has changed since it was shown", calibration_id),
+                "what was looked at",
+                "look at it again, then sign",
+            )
         self.people.confirm_password(actor, password)
-        self.station.registry.calibration(calibration_id)
-        self.station.registry.review(
-            "calibrations", calibration_id, checked_by=actor.name, accepted=accepted, remark=remark
+        registry.review(
+            "calibrations",
+            calibration_id,
+            checked_by=actor.name,
+            accepted=accepted,
+            remark=remark,
+            signature=present,
         )
         self.note(actor, "signed a calibration", calibration_id=calibration_id, accepted=accepted)
 
@@ -641,7 +673,7 @@ class BenchService:
         """Issue a certificate as a job, signed with the password; raises like `sign_off`."""
         require(actor, "metrologist")
         self.people.confirm_password(actor, password)
-        return self.jobs.start_kind(actor, CERTIFICATE_KIND, request)
+        return self.jobs.start_kind(actor, CERTIFICATE_KIND, request, actor.signed)
 
     # -- alarms and stop --------------------------------------------------------------------
 

@@ -21,12 +21,12 @@ from sqlalchemy import (
     Dialect,
     Float,
     Integer,
-    MetaData,
     Table,
     Text,
     TypeDecorator,
     insert,
     select,
+    update,
 )
 from sqlalchemy.dialects.sqlite import insert as sqlite_insert
 from sqlalchemy.engine import URL
@@ -34,14 +34,12 @@ from sqlalchemy.engine import URL
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.records import json_text
+from torquebench.records.accounts import PANEL_FILE, metadata, name_key, users
 from torquebench.records.registry.database import database_failures, engine_of
 
 __all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
 
-PANEL_FILE = "panel.sqlite"
-SCHEMA_VERSION = 2
-
-metadata = MetaData()
+SCHEMA_VERSION = 3
 
 
 class MessageText(TypeDecorator[str]):
@@ -73,12 +71,6 @@ def _table(name: str, texts: str, *others: Column[Any], key: str = "") -> Table:
     return Table(name, metadata, *numbers, *columns, *others)
 
 
-users = _table(
-    "users",
-    "name role password_hash created",
-    Column("key", Text, nullable=False, unique=True),
-    Column("active", Boolean, nullable=False),
-)
 sessions = _table(
     "sessions",
     "token_sha256 address",
@@ -168,6 +160,10 @@ class PanelStore:
                 )
             if found < SCHEMA_VERSION:
                 metadata.create_all(connection)
+                for row in connection.execute(select(users)).all():  # other keys before 0.3.0
+                    connection.execute(
+                        update(users).where(users.c.id == row.id).values(key=name_key(row.name))
+                    )
                 connection.exec_driver_sql(f"PRAGMA user_version={SCHEMA_VERSION}")
 
     def close(self) -> None:

@@ -838,9 +838,11 @@ class CertificateEntry(Registered, kw_only=True):
         **more : str
             Further entries of the summary.
         """
-        conformity = record["conformity"] or {}
+        conformity, digest = record["conformity"] or {}, sha256_of_record(record)
+        acts = record.get("acts", [])
+        signature = next((each["signature"] for each in acts if each["role"] == "authorised"), None)
         summary = {
-            "record_sha256": sha256_of_record(record),
+            "record_sha256": digest,
             "languages": record["languages"],
             "simulated": record["simulated"],
             "unreviewed": record.get("unreviewed", []),
@@ -850,6 +852,7 @@ class CertificateEntry(Registered, kw_only=True):
             "profile": record["method"]["name"],
             "profile_sha256": record["method"]["sha256"],
             "deviations": [each["clause"] for each in record["deviations"]],
+            "acts": acts,
             **more,
         }
         return cls(
@@ -860,6 +863,22 @@ class CertificateEntry(Registered, kw_only=True):
             files=files,
             summary=summary,
             supersedes=record["supersedes"],
+            signature=Signature.restored(signature).about({"record": digest})
+            if signature
+            else None,
+        )
+
+    @property
+    def acts(self) -> tuple[tuple[str, str, Signature | None], ...]:
+        """Role, name and signature of review, use and authorisation; empty before 0.3.0."""
+        return tuple(
+            (
+                act["role"],
+                act["name"],
+                Signature.restored(act["signature"]) if act.get("signature") else None,
+            )
+            for act in self.summary.get("acts", [])
+            if act["role"] != "measured"
         )
 
     @property
@@ -925,6 +944,7 @@ class Amendment(Registered):
     amended_by: Mapped[str]
     reason: Mapped[str]
     changes: Mapped[Json]
+    signature: Mapped[Signature | None] = _stated("signature", default=None)
 
 
 links = Table(

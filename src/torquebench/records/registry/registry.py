@@ -11,6 +11,7 @@ from sqlalchemy import func, select
 
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
+from torquebench.records.accounts import Accounts, name_key
 from torquebench.records.chain import canonical
 from torquebench.records.files import plain_json, sha256_of_file
 from torquebench.records.registry.entries import (
@@ -33,7 +34,7 @@ from torquebench.records.registry.entries import (
     metadata,
 )
 from torquebench.records.registry.runs import RunRecords
-from torquebench.records.signatures import Signature
+from torquebench.records.signatures import Signature, present_signature
 
 if TYPE_CHECKING:
     from torquebench.calibration import Contradiction, VerificationResult
@@ -135,7 +136,13 @@ class Registry(RunRecords):
         """Enter that a part is fitted into a whole, replacing the earlier part.
 
         Nothing is entered where the part is there already.
+
+        Raises
+        ------
+        InputError
+            Where the name of an account was typed by somebody else.
         """
+        Accounts.of(self.root).refuse_typed(performed_by, present_signature())
         with self.writing():
             whole_key, part_key = self.equipment_key(*whole), self.equipment_key(*part)
             present = self._fitted(whole_key).get(role)
@@ -167,7 +174,16 @@ class Registry(RunRecords):
         return {role: change for role, change in latest.items() if change.change == "fitted"}
 
     def add_adjustment(self, adjustment: Adjustment) -> None:
-        """Register work on a piece of equipment that may change its indication."""
+        """Register work on a piece of equipment that may change its indication.
+
+        Raises
+        ------
+        InputError
+            Where the name of an account was typed by somebody else.
+        """
+        accounts, signature = Accounts.of(self.root), present_signature()
+        for name in (adjustment.performed_by, adjustment.checked_by):
+            accounts.refuse_typed(name, signature)
         self.add(adjustment)
 
     def adjustments(self, serial: str) -> list[Adjustment]:
@@ -398,7 +414,7 @@ class Registry(RunRecords):
             Whether the operator, by name and with a reason, takes a model whose calibration
             contradicts itself.
         signature : Signature, optional
-            How the decision came about; by default typed on this computer.
+            How the decision came about; by default that of `present_signature`.
 
         Raises
         ------
@@ -435,7 +451,8 @@ class Registry(RunRecords):
                 )
             if contradictions:
                 reason = Message("although its calibration contradicts itself: {reason}", reason)
-            signature = signature or Signature.typed()
+            signature = signature or present_signature()
+            Accounts.of(self.root).refuse_typed(operator, signature)
             self.add(
                 Activation(
                     transducer_serial=model.transducer_serial,
@@ -458,6 +475,8 @@ class Registry(RunRecords):
         signature: Signature | None = None,
     ) -> None:
         """Deactivate the compensation of a chain; the history keeps earlier ones."""
+        signature = signature or present_signature()
+        Accounts.of(self.root).refuse_typed(operator, signature)
         self.add(
             Activation(
                 transducer_serial=transducer_serial,
@@ -466,7 +485,7 @@ class Registry(RunRecords):
                 activated=datetime.now(UTC),
                 operator=operator,
                 reason=reason,
-                signature=signature or Signature.typed(),
+                signature=signature,
             )
         )
 
@@ -563,6 +582,9 @@ class Registry(RunRecords):
             Where the number is taken, or calibration or replaced certificate aren't registered.
         """
         with self.writing():
+            Accounts.of(self.root).refuse_typed(
+                entry.authorised_by, entry.signature or present_signature()
+            )
             if self.entries(CertificateEntry, number=entry.number):
                 raise RecordError(
                     Message("certificate {number} is issued", entry.number),
@@ -587,7 +609,12 @@ class Registry(RunRecords):
 
     # -- reviews, amendments --------------------------------------------------------------------
 
-    def review(
+    def review(self, subject: Subject, subject_id: int, *, checked_by: str, **options: Any) -> None:
+        """Enter the review of a record; the options and errors are those of `prepare_review`."""
+        with self.writing():
+            self.add(self.prepare_review(subject, subject_id, checked_by=checked_by, **options))
+
+    def prepare_review(
         self,
         subject: Subject,
         subject_id: int,
@@ -596,8 +623,8 @@ class Registry(RunRecords):
         accepted: bool = True,
         remark: str = "",
         signature: Signature | None = None,
-    ) -> None:
-        """Enter the review of a record.
+    ) -> Review:
+        """Return the review of a record without entering it.
 
         Parameters
         ----------
@@ -608,46 +635,46 @@ class Registry(RunRecords):
         accepted : bool
         remark : str
         signature : Signature, optional
-            How the review came about; by default typed on this computer.
+            How the review came about; by default that of `present_signature`.
 
         Raises
         ------
         RecordError
             If there is no such record, no person is named, or the reviewer measured or entered it.
         """
-        with self.writing():
-            content = self._content(subject, subject_id)
-            measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
-            entered_by = (content.get("summary") or {}).get("entered by", "")
-            doers = [str(each) for each in (measured_by, entered_by) if each]
-            own = checked_by.strip().casefold() in (each.strip().casefold() for each in doers)
-            if not checked_by.strip() or own:
-                raise RecordError(
-                    Message(
-                        "{subject} {subject_id} checked by {checked_by}",
-                        subject,
-                        subject_id,
-                        checked_by.strip() or "nobody",
-                    ),
-                    Message("somebody else than {doers}", " and ".join(doers))
-                    if doers
-                    else "a name",
-                    "have a second person look over it",
-                )
-            covers: dict[str, str] = {subject: _sha256(content)}
-            if subject == "calibrations":
-                covers = self.covered(subject_id)
-            self.add(
-                Review(
+        signature, accounts = signature or present_signature(), Accounts.of(self.root)
+        accounts.refuse_typed(checked_by, signature)
+        content = self._content(subject, subject_id)
+        measured_by = next((content[name] for name in _DOERS if content.get(name)), "")
+        entered_by = (content.get("summary") or {}).get("entered by", "")
+        doers = [str(each) for each in (measured_by, entered_by) if each]
+        own = name_key(checked_by) in map(name_key, doers)
+        if content.get("signature"):
+            measured = Signature.restored(content["signature"])
+            own = own or bool(accounts.same_person(measured, signature))
+        if not checked_by.strip() or own:
+            raise RecordError(
+                Message(
+                    "{subject} {subject_id} checked by {checked_by}",
                     subject,
                     subject_id,
-                    datetime.now(UTC),
-                    checked_by.strip(),
-                    accepted,
-                    remark,
-                    (signature or Signature.typed()).about(covers),
-                )
+                    checked_by.strip() or "nobody",
+                ),
+                Message("somebody else than {doers}", " and ".join(doers)) if doers else "a name",
+                "have a second person look over it",
             )
+        covers: dict[str, str] = {subject: _sha256(content)}
+        if subject == "calibrations":
+            covers = self.covered(subject_id)
+        return Review(
+            subject,
+            subject_id,
+            datetime.now(UTC),
+            checked_by.strip(),
+            accepted,
+            remark,
+            signature.about(covers),
+        )
 
     def covered(self, calibration_id: int) -> dict[str, str]:
         """Return the hashes of what a signature under a calibration is about, by name.
@@ -675,6 +702,7 @@ class Registry(RunRecords):
         *,
         amended_by: str,
         reason: str,
+        signature: Signature | None = None,
     ) -> None:
         """Enter an amendment of a record. The record itself stays as it was.
 
@@ -686,6 +714,8 @@ class Registry(RunRecords):
             Field to its correct value.
         amended_by, reason : str
             Person and reason.
+        signature : Signature, optional
+            How the amendment came about; by default that of `present_signature`.
 
         Raises
         ------
@@ -707,6 +737,8 @@ class Registry(RunRecords):
                     ),
                     "what it should have said, who says so, and why",
                 )
+        signature = signature or present_signature()
+        Accounts.of(self.root).refuse_typed(amended_by, signature)
         with self.writing():
             content = self._content(subject, subject_id)
             for name in changes:
@@ -716,7 +748,8 @@ class Registry(RunRecords):
                         Message("{subject} have no field {name}", subject, name), known
                     )
             now, by = datetime.now(UTC), amended_by.strip()
-            self.add(Amendment(subject, subject_id, now, by, reason.strip(), changes))
+            covers = signature.about({subject: _sha256(content)})
+            self.add(Amendment(subject, subject_id, now, by, reason.strip(), changes, covers))
 
     def amendments(self, subject: Subject, subject_id: int) -> list[Amendment]:
         """Return the amendments of a record, the oldest first."""

@@ -9,6 +9,7 @@ from sqlalchemy import ColumnElement, exists, func, or_, select
 
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.records.accounts import Accounts
 from torquebench.records.chain import ChainHead
 from torquebench.records.files import sha256_of_file
 from torquebench.records.registry.database import Database
@@ -22,6 +23,7 @@ from torquebench.records.registry.entries import (
     VerificationEntry,
     links,
 )
+from torquebench.records.signatures import present_signature
 
 if TYPE_CHECKING:
     from torquebench.records.runs.folder import RunFolder
@@ -278,6 +280,8 @@ class RunRecords(Database):
             raise InputError(
                 Message("run {run} discarded without a reason", run_id), "a name and a reason"
             )
+        signature = present_signature()
+        Accounts.of(self.root).refuse_typed(by, signature)
         with self.writing() as session:
             run = self.run(run_id)
             ends = self.entries(RunEnd, run_key=run.number)
@@ -294,8 +298,9 @@ class RunRecords(Database):
                         "review the result with `torquebench records review --reject`",
                     )
             now, changes = datetime.now(UTC), {"status": DISCARDED}
+            why = reason.strip()
             self.add(
-                Amendment("run_ends", ends[0].number, now, by.strip(), reason.strip(), changes)
+                Amendment("run_ends", ends[0].number, now, by.strip(), why, changes, signature)
             )
 
 

@@ -1,6 +1,8 @@
 """From a calibration in the registry to the record of its certificate."""
 
-from collections.abc import Sequence
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
 from typing import Any
@@ -22,13 +24,18 @@ from torquebench.campaign.fitting import model_title
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import (
+    Activation,
     CalibrationEntry,
     Equipment,
     Registry,
+    Review,
     RunFolder,
     VerificationEntry,
 )
+from torquebench.records.accounts import Accounts, name_key
+from torquebench.records.signatures import Signature, present_signature
 from torquebench.reports.certificate.record import (
+    Act,
     CertificateRecord,
     Conformity,
     DeviationStatement,
@@ -64,6 +71,10 @@ UNREVIEWED = {
     "outside": "its verification is outside the tolerance",
     "unchecked": "no second person checked it before it was put into use",
     "self_signed": "the person who authorises it measured or entered it",
+    "typed_check": "the review was typed, not signed",
+    "typed_use": "the activation was typed, not signed in",
+    "typed_authorisation": "the authorisation was typed, not signed",
+    "unknown_person": "whether the person who measured is another one is unknown",
 }
 """Conditions of a certificate, and the messages of refusals."""
 
@@ -90,6 +101,12 @@ class Issue:
         Whether this is a preview; it needs no authorising person and can't be registered.
     refuse_unreviewed : bool
         Whether an unreviewed calibration is refused instead of stated on every page.
+    review : Review, optional
+        Review of the calibration that is entered with the certificate; see `prepare_review`.
+    signature : Signature, optional
+        How the authorisation came about; by default that of `present_signature`.
+    require_signatures : bool
+        Whether a review, an activation or an authorisation that was typed counts as none.
     model_id : int, optional
         For a draft: the model to be activated; by default the active one, or the latest.
     """
@@ -103,6 +120,9 @@ class Issue:
     issued: date | None = None
     draft: bool = False
     refuse_unreviewed: bool = True
+    review: Review | None = None
+    signature: Signature | None = None
+    require_signatures: bool = False
     model_id: int | None = None
 
 
@@ -180,7 +200,8 @@ def build_record(
     )
     measured_by = calibration.measured_by or source.run.operator
     verification = _verification(registry, source, issue.tolerance_percent_fs)
-    unreviewed = _unreviewed(registry, source, calibration, issue, verification)
+    acts = _Acts.of(registry, source, calibration, issue)
+    unreviewed = _unreviewed(source, calibration, issue, verification, acts)
     if unreviewed and issue.refuse_unreviewed and not issue.draft:
         raise RecordError(
             Message(
@@ -189,7 +210,8 @@ def build_record(
                 "; ".join(UNREVIEWED[each] for each in unreviewed),
             ),
             "verified within its tolerance on fresh points, checked by a second person before it "
-            "went into use, authorised by somebody who didn't measure",
+            "went into use, authorised by somebody who didn't measure, signed where the "
+            "laboratory has accounts",
             "verify it (`torquebench verification`), have it checked "
             "(`torquebench records review`), put its model into use again "
             "(`torquebench records use`), or have somebody else sign",
@@ -224,13 +246,14 @@ def build_record(
             DeviationStatement(each.clause, each.found, each.allowed) for each in deviations
         ),
         measured_by=measured_by,
-        checked_by=_checked_by(registry, calibration),
+        checked_by=", ".join(dict.fromkeys(each.checked_by for each in acts.reviews)),
         authorised_by=names,
         software_version=__version__,
         files=source.files(calibration),
         registry_head=str(registry.head()),
         supersedes=earlier[0].number if earlier else "",
         unreviewed=unreviewed,
+        acts=tuple(acts.stated(measured_by, calibration.signature, ", ".join(names))),
         loading_accuracy=_loading(data),
         turning="" if source.chain is None else turning_range(source.chain),
         turning_budget=None
@@ -255,36 +278,117 @@ def _mounting(source: Source) -> dict[str, Any]:
 
 
 def _unreviewed(
-    registry: Registry,
     source: Source,
     calibration: CalibrationEntry,
     issue: Issue,
     verification: VerificationSummary | None,
+    acts: _Acts,
 ) -> tuple[str, ...]:
     """Return the keys of `UNREVIEWED` not confirmed by a second person or fresh points."""
     found = []
     # The person who enters a table is as responsible as the person who has measured.
     entered_by = str(source.folder.metadata.get("entered_by") or "")
     doers = (calibration.measured_by, source.run.operator, entered_by)
-    measured = {name.strip().casefold() for name in doers if name.strip()}
+    measured = {name_key(name) for name in doers if name.strip()}
     model, tolerance = source.model_entry, issue.tolerance_percent_fs
     if model is not None and verification is None:
         found.append("unverified")
     limit_nm = float("inf") if tolerance is None else tolerance / 100.0 * calibration.range_nm
     if model is not None and verification is not None and verification.worst_after_nm > limit_nm:
         found.append("outside")
-    reviews = [
-        each.checked
-        for each in registry.reviews("calibrations", calibration.calibration_id)
-        if each.accepted and each.checked_by.strip().casefold() not in measured
-    ]
-    used = [] if model is None else registry.activations(calibration.transducer_serial)
-    begun = [each.activated for each in used if model and each.model_id == model.model_id]
-    if not reviews or (begun and min(reviews) > max(begun)):
+    reviews = [each for each in acts.reviews if name_key(each.checked_by) not in measured]
+    activation = acts.activation
+    if not reviews or (
+        activation is not None and min(each.checked for each in reviews) > activation.activated
+    ):
         found.append("unchecked")
-    if any(name.strip().casefold() in measured for name in issue.authorised_by):
+    same = acts.accounts.same_person(calibration.signature, acts.authorisation)
+    if any(name_key(name) in measured for name in issue.authorised_by) or same:
         found.append("self_signed")
+    if issue.require_signatures:
+        found += _unsigned(calibration, reviews, acts, same)
     return tuple(found)
+
+
+def _unsigned(
+    calibration: CalibrationEntry, reviews: Sequence[Review], acts: _Acts, same: bool | None
+) -> Iterator[str]:
+    """Yield what a policy that requires signatures doesn't accept."""
+    signed = [each for each in reviews if each.signature is not None and each.signature.signed]
+    if reviews and not signed:
+        yield "typed_check"
+    used = acts.activation
+    if used is not None and (used.signature is None or not used.signature.account):
+        yield "typed_use"
+    if not acts.authorisation.signed:
+        yield "typed_authorisation"
+    related = [acts.accounts.same_person(calibration.signature, each.signature) for each in signed]
+    if same is None or (signed and not any(each is False for each in related)):
+        yield "unknown_person"
+
+
+@dataclass(frozen=True)
+class _Acts:
+    """Acts of people for a certificate, as the registry has them.
+
+    `reviews` are the accepted ones that cover the calibration, its model and the verification as
+    they are now.
+    """
+
+    accounts: Accounts
+    reviews: tuple[Review, ...]
+    activation: Activation | None
+    authorisation: Signature
+
+    @classmethod
+    def of(
+        cls, registry: Registry, source: Source, calibration: CalibrationEntry, issue: Issue
+    ) -> _Acts:
+        model = source.model_entry
+        used = [] if model is None else registry.activations(calibration.transducer_serial)
+        activation = next(
+            (each for each in reversed(used) if model and each.model_id == model.model_id), None
+        )
+        covers = registry.covered(calibration.calibration_id)
+        wanted = {"calibration": covers["calibration"]}
+        if model is not None:
+            names = (f"model-{model.model_id}", f"verification of model-{model.model_id}")
+            wanted |= {name: covers[name] for name in names if name in covers}
+        reviews = [
+            each
+            for each in (
+                *registry.reviews("calibrations", calibration.calibration_id),
+                *([] if issue.review is None else [issue.review]),
+            )
+            if each.accepted
+            and (each.signature is None or wanted.items() <= dict(each.signature.covers).items())
+        ]
+        signature = (issue.signature or present_signature()).about(covers)
+        return cls(Accounts.of(registry.root), tuple(reviews), activation, signature)
+
+    def stated(self, measured_by: str, measured: Signature | None, names: str) -> Iterator[Act]:
+        """Yield the acts as the certificate states them."""
+        yield self._act("measured", measured_by, None, measured)
+        for review in {each.checked_by: each for each in self.reviews}.values():
+            yield self._act("checked", review.checked_by, review.checked, review.signature)
+        if self.activation is not None and self.activation.operator:
+            used = self.activation
+            yield self._act("used", used.operator, used.activated, used.signature)
+        if names:
+            yield self._act("authorised", names, datetime.now(UTC), self.authorisation)
+
+    def _act(
+        self, role: str, name: str, moment: datetime | None, signature: Signature | None
+    ) -> Act:
+        settings = (
+            self.accounts.set_by_others(signature.account, moment)
+            if signature is not None and signature.account and moment is not None
+            else []
+        )
+        covers = signature.sha256 if signature is not None and signature.covers else ""
+        days = tuple(dict.fromkeys((at.date(), by) for at, by in settings))
+        stated = None if signature is None else signature.about({})
+        return Act(role, name, moment, stated, covers, days)
 
 
 def _authorising(issue: Issue) -> tuple[str, ...]:
@@ -335,11 +439,6 @@ def _placement(source: Source) -> tuple[int, int, int] | None:
     rounds = found["rounds"]
     coarse, points = int(rounds[0]["points"]), int(rounds[-1]["points"])
     return coarse, points - coarse, len(rounds) - 1
-
-
-def _checked_by(registry: Registry, calibration: CalibrationEntry) -> str:
-    reviews = registry.reviews("calibrations", calibration.calibration_id)
-    return ", ".join(dict.fromkeys(each.checked_by for each in reviews if each.accepted))
 
 
 def _extremes(values: NDArray[np.float64] | None) -> tuple[float, float] | None:

@@ -8,6 +8,8 @@ from pathlib import Path
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import CertificateEntry, Registry
+from torquebench.records.signatures import Signature, how
+from torquebench.reports.certificate.laboratory import kept_letterhead
 from torquebench.reports.certificate.record import PAYLOAD_PREFIX
 from torquebench.tables import DigitalCertificate, parse_dcc
 
@@ -32,6 +34,10 @@ class CertificateCheck:
         The certificate of this number in the registry.
     findings : tuple of str
         Differences; empty for an unchanged certificate.
+    acts : tuple of (role, name, Signature or None)
+        How review, use and authorisation came about, as the registry has it.
+    unsigned : tuple of str
+        Acts that a policy doesn't accept that requires signatures.
     schema : {"valid", "invalid", "not checked", ""}
         Of a digital certificate; empty for other files.
     replaced_by : str
@@ -45,19 +51,22 @@ class CertificateCheck:
     findings: tuple[str, ...]
     schema: str = ""
     replaced_by: str = ""
+    acts: tuple[tuple[str, str, Signature | None], ...] = ()
+    unsigned: tuple[str, ...] = ()
     foreign: DigitalCertificate | None = None
 
     @property
     def matches(self) -> bool:
-        """Whether there are no findings."""
-        return not self.findings
+        """Whether there are no findings, and nothing unsigned that should be signed."""
+        return not self.findings and not self.unsigned
 
 
 def check_certificate(registry: Registry | None, given: str) -> CertificateCheck:
     """Compare a certificate's file, or the text of its QR code, with the registry.
 
     A file must have the very bytes that were issued; a code must have number and hash of an
-    issued record; XML is compared with schema and schematron too. Of a digital certificate of
+    issued record; XML is compared with schema and schematron too. Where the laboratory requires
+    signatures, a review or an authorisation that was typed is named. Of a digital certificate of
     another laboratory the schema alone is checked.
 
     Parameters
@@ -84,7 +93,7 @@ def check_certificate(registry: Registry | None, given: str) -> CertificateCheck
         )
     certificates = [] if registry is None else registry.certificates()
     if code is not None:
-        return _checked(certificates, code[1], code[2], None)
+        return _with_acts(registry, _checked(certificates, code[1], code[2], None))
     with path.open("rb") as file:
         content = file.read(MOST_BYTES + 1)
     if len(content) > MOST_BYTES:
@@ -99,8 +108,32 @@ def check_certificate(registry: Registry | None, given: str) -> CertificateCheck
     if digital and not number:
         foreign = parse_dcc(content, str(path))
         return CertificateCheck(foreign.number, None, faults or (), schema, foreign=foreign)
-    found = _checked(certificates, number, record_sha256, digest)
+    found = _with_acts(registry, _checked(certificates, number, record_sha256, digest))
     return replace(found, findings=(*found.findings, *(faults or ())), schema=schema)
+
+
+def _with_acts(registry: Registry | None, found: CertificateCheck) -> CertificateCheck:
+    """Return a check with the acts of people, by the registry, and what should be signed."""
+    entry = found.entry
+    if entry is None or registry is None:
+        return found
+    acts = entry.acts or (
+        *(
+            ("checked", review.checked_by, None)
+            for review in registry.reviews("calibrations", entry.calibration_id)
+            if review.accepted and review.checked <= entry.issued
+        ),
+        ("authorised", entry.authorised_by, None),
+    )
+    unsigned = []
+    if kept_letterhead(registry.root).requires_signatures(registry.root):
+        for role, name, signature in acts:
+            accepted = bool(
+                signature and (signature.account if role == "used" else signature.signed)
+            )
+            if not accepted:
+                unsigned.append(f"typed, not signed: {role} by {name} ({how(signature)})")
+    return replace(found, acts=acts, unsigned=tuple(unsigned))
 
 
 def _stated(content: bytes, digest: str, issued: list[CertificateEntry]) -> tuple[str, str]:

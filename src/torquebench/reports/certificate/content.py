@@ -5,8 +5,10 @@ from datetime import date
 from typing import Any
 
 from torquebench.message import Message
+from torquebench.records.signatures import how
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
+    Act,
     BudgetRow,
     CertificateRecord,
     Conformity,
@@ -16,7 +18,7 @@ from torquebench.reports.certificate.record import (
 from torquebench.reports.certificate.static_content import static_content
 from torquebench.uncertainty import Verdict
 
-__all__ = ["certificate_content", "chain_words", "not_in_u_words", "unreviewed_words"]
+__all__ = ["act_words", "certificate_content", "chain_words", "not_in_u_words", "unreviewed_words"]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -132,10 +134,35 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         (words["environment"], [_environment(record, words)]),
         (words["date_calibration"], [_period(record)]),
         (words["date_issue"], [record.issued.isoformat()]),
-        (words["measured_by"], [record.measured_by or unknown]),
-        (words["checked_by"], [record.checked_by or words["nobody"]]),
-        (words["authorised_by"], [", ".join(record.authorised_by) or words["nobody"]]),
+        (words["measured_by"], _person("measured", record.measured_by or unknown, record, words)),
+        (words["checked_by"], _person("checked", words["nobody"], record, words)),
+        *(
+            [(words["used_by"], used)]
+            if (used := _person("used", "", record, words)) != [""]
+            else []
+        ),
+        (words["authorised_by"], _person("authorised", words["nobody"], record, words)),
+        (words["signatures"], [words["signatures_text"]]),
     ]
+
+
+def _person(role: str, otherwise: str, record: CertificateRecord, words: Labels) -> list[str]:
+    """Return who acted in a role, and how that came about."""
+    acts = [act for act in record.acts if act.role == role and act.name]
+    return [line for act in acts for line in (act.name, f"– {act_words(act, words)}")] or [
+        otherwise
+    ]
+
+
+def act_words(act: Act, words: Labels) -> str:
+    """State how an act came about, when, and who set the person's password shortly before."""
+    parts = [words.said(how(act.signature))]
+    if act.moment is not None:
+        parts.append(f"{act.moment:%Y-%m-%d %H:%M} UTC")
+    parts += [
+        words["password_set"].format(by=by, date=day.isoformat()) for day, by in act.password_set
+    ]
+    return "; ".join(parts)
 
 
 def _method(record: CertificateRecord, words: Labels) -> list[str]:
@@ -346,6 +373,11 @@ def _records(record: CertificateRecord, words: Labels) -> dict[str, Any]:
         ],
         "hashes": [
             (words["record_hash"], record.sha256),
+            *(
+                (words["signed_hash"], signed)
+                for signed in dict.fromkeys(act.covers_sha256 for act in record.acts)
+                if signed
+            ),
             (words["profile_hash"], record.method.sha256),
             (words["registry_head"], record.registry_head),
         ],

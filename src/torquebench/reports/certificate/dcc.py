@@ -6,6 +6,7 @@ from functools import partial
 from xml.etree import ElementTree
 
 from torquebench.reports.certificate.content import (
+    act_words,
     chain_words,
     not_in_u_words,
     unreviewed_words,
@@ -119,11 +120,14 @@ class _Writer:
         ]
         # The schema requires a responsible person even of a draft that nobody has authorised.
         roles = roles or [("-", "authorised", True)]
-        roles += [(record.measured_by, "measured", False), (record.checked_by, "checked", False)]
+        acts = {act.role: act for act in record.acts}
+        roles += [(act.name, act.role, False) for act in record.acts if act.role != "authorised"]
         for name, role, main in roles:
             if name:
                 person = _add(persons, "respPerson")
                 self._text(_add(person, "person"), "name", name)
+                if role in acts:
+                    self._spoken(person, "description", partial(act_words, acts[role]))
                 _add(person, "role", role)
                 _add(person, "mainSigner", "true" if main else "false")
         self._contact(_add(parent, "customer"), record.customer)
@@ -220,6 +224,9 @@ class _Writer:
             self._words(statement, "name", "deviations")
             _add(statement, "reference", f"{record.method.name}: {each.clause}")
             self._spoken(statement, "declaration", partial(Labels.said, message=str(each)))
+        statement = _add(parent, "statement")
+        self._words(statement, "name", "signatures")
+        self._words(statement, "declaration", "signatures_text")
         for label, text in record.stated():
             statement = _add(parent, "statement")
             self._words(statement, "name", label)

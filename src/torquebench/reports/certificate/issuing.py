@@ -11,7 +11,7 @@ from pathlib import Path
 from torquebench.atomic_write import atomic_write, private_folder
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
-from torquebench.records import CertificateEntry, Registry
+from torquebench.records import CertificateEntry, Registry, Review
 from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.record import CertificateRecord
 from torquebench.reports.certificate.typesetting import certificate_pdf
@@ -60,7 +60,10 @@ def archive_folder(registry: Registry, number: str) -> Path:
 
 
 def issue_certificate(
-    registry: Registry, record: CertificateRecord, folder: Path | None = None
+    registry: Registry,
+    record: CertificateRecord,
+    folder: Path | None = None,
+    review: Review | None = None,
 ) -> IssuedCertificate:
     """Write the files of a certificate and register it.
 
@@ -74,6 +77,8 @@ def issue_certificate(
         As `build_record` returns it.
     folder : pathlib.Path, optional
         Folder for a second copy; it is created. Nothing in it is overwritten.
+    review : Review, optional
+        Entered with the certificate, or with it not at all.
 
     Raises
     ------
@@ -114,7 +119,10 @@ def issue_certificate(
         known = registry.certificates(record.calibration_id)
         if not any(each.number == entry.number and each.files == entry.files for each in known):
             # otherwise the server failed after it had stored the entry
-            registry.add_certificate(entry)
+            with registry.writing():
+                if review is not None:
+                    registry.add(review)
+                registry.add_certificate(entry)
 
     registry.patiently(register)
     if folder is not None:  # nothing leaves the archive before it is registered

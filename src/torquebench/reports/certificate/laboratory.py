@@ -8,6 +8,7 @@ from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.records.accounts import Accounts
 from torquebench.reports.certificate.record import Party
 from torquebench.validation import parse_toml, validated
 
@@ -41,13 +42,15 @@ class _Policy(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid")
 
     unreviewed: Literal["state", "refuse"] = "refuse"
+    signatures: Literal["state", "require"] | None = None
 
 
 class Letterhead(BaseModel):
     """The laboratory that issues, and the customer; the laboratory itself if none is given.
 
     `laboratory.people` are the persons who measure, check and sign. `policy.unreviewed` determines
-    whether an unreviewed certificate is refused, or issued with a statement on every page. The
+    whether an unreviewed certificate is refused, or issued with a statement on every page;
+    `policy.signatures` whether a review or an authorisation that was typed counts as one. The
     simulated bench needs no laboratory, but may have a policy.
     """
 
@@ -72,6 +75,12 @@ class Letterhead(BaseModel):
     def refuses_unreviewed(self) -> bool:
         """Whether unreviewed certificates are refused."""
         return self.policy.unreviewed == "refuse"
+
+    def requires_signatures(self, root: Path) -> bool:
+        """Whether reviews and authorisations must be signed; by default where accounts exist."""
+        if self.policy.signatures is None:
+            return bool(Accounts.of(root))
+        return self.policy.signatures == "require"
 
 
 def kept_letterhead(root: Path) -> Letterhead:
@@ -121,7 +130,7 @@ def read_letterhead(path: Path) -> Letterhead:
     path : pathlib.Path
         A TOML file with the table ``[laboratory]`` (name, street, post_code, city, country,
         email, people), where the customer is somebody else ``[customer]``, and where wanted
-        ``[policy]`` with ``unreviewed = "state"``.
+        ``[policy]`` with ``unreviewed = "state"`` or ``signatures = "require"``.
 
     Raises
     ------

@@ -3,7 +3,7 @@
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields
-from datetime import date
+from datetime import date, datetime
 from typing import Any
 
 from torquebench.bench.mounting_record import MOUNTING_WORDS
@@ -11,10 +11,12 @@ from torquebench.message import Message
 from torquebench.records import json_text
 from torquebench.records.files import with_messages
 from torquebench.records.registry.entries import sha256_of_record
+from torquebench.records.signatures import Signature
 from torquebench.uncertainty import CertifiedUncertainty, Verdict
 
 __all__ = [
     "PAYLOAD_PREFIX",
+    "Act",
     "BudgetRow",
     "CertificateRecord",
     "Conformity",
@@ -35,7 +37,7 @@ __all__ = [
 PAYLOAD_PREFIX = "torquebench-certificate"
 """Beginning of the QR code's text, before number and hash."""
 
-RECORD_FORMAT = 3
+RECORD_FORMAT = 4
 
 
 def stated(label: str, default: Any = MISSING) -> Any:
@@ -315,6 +317,38 @@ class DeviationStatement:
 
 
 @dataclass(frozen=True)
+class Act:
+    """What a person did for the certificate, and how it came about.
+
+    Parameters
+    ----------
+    role : {"measured", "checked", "used", "authorised"}
+    name : str
+        The person that it names.
+    moment : datetime.datetime or None
+        When, in UTC; None for the measurement, whose days are the calibration's.
+    signature : Signature or None
+        None before 0.3.0.
+    covers_sha256 : str
+        Hash of what it was about: the calibration with its models and their verifications.
+    password_set : tuple of (date, str)
+        Days on which somebody else set the password of the account, and who, in the 30 days before.
+    """
+
+    role: str
+    name: str
+    moment: datetime | None
+    signature: Signature | None
+    covers_sha256: str = ""
+    password_set: tuple[tuple[date, str], ...] = ()
+
+    @property
+    def signed(self) -> bool:
+        """Whether the person gave the password of their account for it."""
+        return self.signature is not None and self.signature.signed
+
+
+@dataclass(frozen=True)
 class StaticRow:
     """The quantities of a static evaluation at one step, in % of the deflection; None: not known.
 
@@ -423,7 +457,9 @@ class CertificateRecord:
         Of reversing cycles.
     unreviewed : tuple of str
         Statements without confirmation by a second person or fresh points, listed on every page:
-        ``"unverified"``, ``"outside"``, ``"unchecked"``, ``"self_signed"``.
+        the keys of `UNREVIEWED`.
+    acts : tuple of Act
+        How measurement, review, use and authorisation came about.
     turning : str
         Speeds, temperatures and accelerations that its effects were measured at; empty where none
         were.
@@ -475,6 +511,7 @@ class CertificateRecord:
     static: tuple[StaticTable, ...] = ()
     zero_hysteresis: ZeroHysteresisStatement | None = None
     unreviewed: tuple[str, ...] = ()
+    acts: tuple[Act, ...] = ()
     coaxiality: str = stated(MOUNTING_WORDS["coaxiality"], default="")
     clamp_pressure: str = stated(MOUNTING_WORDS["clamp_pressure"], default="")
     mounting_time: str = stated(MOUNTING_WORDS["mounting_time"], default="")

@@ -17,6 +17,7 @@ from torquebench.panel.pages.calibrate.workflow import (
 )
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.quick import quick_buttons
+from torquebench.panel.pages.view import part
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
 
@@ -137,7 +138,8 @@ class CalibratePage:
                     words("span", text(f"calibrate.step_{step}"))
         with refilled(self._content):
             self._view = self._views[self.step](self)
-            self._view.build()
+            with part(text):
+                self._view.build()
             self._navigation()
 
     def _navigation(self) -> None:
@@ -160,7 +162,10 @@ class CalibratePage:
         if number is None:
             return False
         reviews = self.visitor.service.station.registry.reviews("calibrations", number)
-        return any(review.accepted for review in reviews)
+        return any(
+            review.accepted and review.signature is not None and review.signature.signed
+            for review in reviews
+        )
 
     def _measuring(self) -> bool:
         calibrate = self.workflow.calibrate

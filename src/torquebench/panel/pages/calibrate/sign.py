@@ -9,12 +9,13 @@ from typing import Any
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.controls import Choice, Field, button, tolerance_field
-from torquebench.panel.components.elements import box, note, panel, tag, words
+from torquebench.panel.components.elements import box, note, pairs, panel, tag, words
 from torquebench.panel.components.verdicts import verdict_icon, verdict_kind
 from torquebench.panel.pages.calibrate.another_fit import titled
 from torquebench.panel.pages.calibrate.certificate_preview import CertificatePreview
 from torquebench.panel.pages.calibrate.page import CalibratePage, StepView
 from torquebench.panel.pages.downloads import certificate_buttons
+from torquebench.records import CalibrationEntry
 from torquebench.reports.errors_table import number
 
 __all__ = ["CertificateStep", "SignStep"]
@@ -40,8 +41,10 @@ class SignStep(StepView):
             if not visitor.has_role("metrologist"):
                 visitor.not_allowed()
                 return
-            measured_by = visitor.service.records.calibration(number).calibration.measured_by
-            if measured_by == visitor.looker.label:
+            detail = visitor.service.records.calibration(number)
+            self._signed_sha256 = detail.signed_sha256
+            self._identity(detail.calibration, detail.signed_sha256)
+            if detail.calibration.measured_by == visitor.looker.label:
                 note(text("sign.own"), "warn")
                 return
             models = workflow.models
@@ -70,6 +73,21 @@ class SignStep(StepView):
             self._password = Field(text("sign.password"), kind="password", on_enter=self._sign)
             with box("div", "line"):
                 button(text("sign.button"), self._sign, "primary", picture="draw")
+
+    def _identity(self, calibration: CalibrationEntry, sha256: str) -> None:
+        """State what is signed."""
+        text = self._text
+        words("h3", text("sign.what"))
+        pairs(
+            [
+                (text("sign.calibration"), f"calibration-{calibration.calibration_id}"),
+                (text("sign.performed"), calibration.performed),
+                (text("sign.transducer"), calibration.transducer_serial),
+                (text("sign.measured_by"), calibration.measured_by),
+                (text("sign.run"), calibration.run_id or ""),
+                ("SHA-256", sha256),
+            ]
+        )
 
     def _verdicts(self) -> None:
         """State how each model performs at the fresh points."""
@@ -124,9 +142,12 @@ class SignStep(StepView):
         with signing(self._page, self._password):
             actor = visitor.actor
             service.jobs.command(actor)  # checked before anything is signed
-            service.sign_off(actor, number, self._password.value, accepted=True, remark=remark)
+            password, seen = self._password.value, self._signed_sha256
+            service.sign_off(actor, number, password, accepted=True, remark=remark, sha256=seen)
             said = remark or text("sign.reason")
-            service.activate(actor, model_id, said, despite_contradictions=despite)
+            service.activate(
+                actor, model_id, said, despite_contradictions=despite, password=password
+            )
             visitor.messages.good(text("sign.done"))
             self._page.show("certificate")
 

@@ -27,9 +27,10 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.records.run import RunPanel, doubt_notes, run_title
 from torquebench.panel.pages.records.table_import import TableEntry, all_profile_titles
-from torquebench.panel.pages.view import View, tabs
+from torquebench.panel.pages.view import View, part, tabs
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.text import Text
+from torquebench.records.signatures import how
 from torquebench.units import minus_signs
 
 __all__ = ["drift_lines", "records_page"]
@@ -261,7 +262,8 @@ class _Drift(View):
         drifts = [(serial, records.drift(serial)) for serial in records.transducers()]
         for serial, quantities in drifts:
             for series in quantities:
-                self._series(serial, series)
+                with part(self._text):
+                    self._series(serial, series)
         if not any(quantities for _, quantities in drifts):
             with panel():
                 empty(self._text("records.no_drift"), "show_chart")
@@ -302,6 +304,9 @@ class _Certificates(View):
             with panel(text("records.certificate", number=number)), box("div", "stack"):
                 words("p", text("records.issued", when=issued, who=entry.authorised_by,
                                 number=entry.calibration_id))  # fmt: skip
+                for role, name, signature in entry.acts:
+                    came_about = text.core(how(signature))
+                    words("p", text(f"records.{role}", who=name, how=came_about), "muted")
                 if entry.superseded_by:
                     note(text("records.superseded", number=entry.superseded_by), "warn")
                 certificate_buttons(self._visitor, number, tuple(entry.files))

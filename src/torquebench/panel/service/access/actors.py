@@ -8,6 +8,7 @@ from typing import Literal
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.panel.service.problems import PermissionDeniedError
+from torquebench.records.signatures import Signature
 
 __all__ = ["ROLES", "Actor", "Role", "allows", "check_role", "require"]
 
@@ -34,6 +35,16 @@ class Actor:
     role: Role
     session_id: str
     kind: Literal["person", "client"] = "person"
+
+    @property
+    def signature(self) -> Signature:
+        """How the actor's acts come about: in a session, or by a program's token."""
+        return Signature("signed-in" if self.kind == "person" else "client", self.name)
+
+    @property
+    def signed(self) -> Signature:
+        """The same for an act that the person has given the password for."""
+        return Signature("signed", self.name)
 
     @property
     def label(self) -> str:

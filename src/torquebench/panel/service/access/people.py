@@ -6,12 +6,11 @@ import re
 import secrets
 import threading
 import time
-import unicodedata
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy import Row, delete, func, insert, select, update
+from sqlalchemy import Connection, Row, delete, func, insert, select, update
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -26,33 +25,32 @@ from torquebench.panel.service.problems import (
     PermissionDeniedError,
     SignInError,
 )
-from torquebench.panel.service.store import PanelStore, note, sessions, users, utc_text
+from torquebench.panel.service.store import PanelStore, note, sessions, utc_text
+from torquebench.records.accounts import name_key, password_settings, system_users, users
 
 __all__ = ["People", "User"]
 
+SYSTEM_USER = re.compile(r"[^\s@]{1,64}(@[^\s@]{1,253})?")
 NAME = re.compile(r"[^\W_][\w .'-]{0,62}[\w.]")
 SETUP = "set-up"
 RESERVED = frozenset({"set-up", "station", "panel", "system", "bench", "nobody", "torquebench"})
 """Names in logs for actors other than people."""
-EAST_ASIAN = frozenset({"CJK", "HIRAGANA", "KATAKANA", "HANGUL", "BOPOMOFO"})
-"""Scripts that are distinguishable from Latin letters; a name may contain both."""
-LOOK_ALIKES = str.maketrans(
-    "\u0430\u0435\u043e\u0440\u0441\u0443\u0445\u0456\u0458\u0455\u0501\u04bb"
-    "\u043a\u043c\u0442\u0432\u043d\u03b1\u03bf\u03c1\u03c5\u03bd\u03b9\u03ba\u03c4\u03c90"
-    "\u03b2\u03b5\u03b6\u03b7\u03bc\u03c7\u0131\u0251\u02531l",
-    "aeopcyxijsdhkmtbhaopuviktwobezhmxiabii",
-)
-"""Cyrillic and Greek letters, digits and l as the Latin letters that look like them."""
 
 
 @dataclass(frozen=True)
 class User:
-    """An account of a person."""
+    """An account of a person.
+
+    `system_users` are the users of the operating system that are the same person, as ``user`` or
+    ``user@host``; `password_set` says when and by whom else the password was set last.
+    """
 
     name: str
     role: Role
     active: bool
     created: str
+    system_users: tuple[str, ...] = ()
+    password_set: str = ""
 
 
 class People:
@@ -139,7 +137,7 @@ class People:
         return self._sessions.open(row.id, address)
 
     def _checked(self, name: str, password: str, address: str) -> Row[Any]:
-        key = _key(name)
+        key = name_key(name)
         attempt = self._guard.attempt(key, address)
         row = self._row(key)
         stored = None if row is None or not row.active else row.password_hash
@@ -218,7 +216,7 @@ class People:
         require(actor, "administrator")
         with self._store.transaction(reading=True) as connection:
             rows = connection.execute(select(users).order_by(users.c.key)).all()
-        return [_user(row) for row in rows]
+            return [_user(connection, row) for row in rows]
 
     def add_user(self, actor: Actor, name: str, role: Role, password: str) -> User:
         """Add an account.
@@ -242,7 +240,9 @@ class People:
         NotFoundError
             There is none of this name.
         """
-        return _user(self._known(name))
+        row = self._known(name)
+        with self._store.transaction(reading=True) as connection:
+            return _user(connection, row)
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all people with an active account."""
@@ -259,10 +259,13 @@ class People:
         active: bool | None = None,
         password: str | None = None,
         unlock: bool = False,
+        linked: Collection[str] | None = None,
     ) -> User:
         """Change an account and end its sessions; a new password also ends its lock.
 
-        `unlock` alone ends the pause after wrong passwords, and no session.
+        `unlock` alone ends the pause after wrong passwords, and no session. `linked` are all users
+        of the operating system that are this person, as ``user`` or ``user@host``. A password that
+        somebody else sets is on record, and certificates name it for 30 days.
 
         Raises
         ------
@@ -287,8 +290,35 @@ class People:
         if password is not None:
             check_password_rules(row.name, password)
             values["password_hash"] = hash_password(password)
+        if linked is not None:
+            self._link(actor, row, linked)
         self._update(actor, row, values)
         return self.user(name)
+
+    def _link(self, actor: Actor, row: Row[Any], linked: Collection[str]) -> None:
+        """State which users of the operating system are a person."""
+        wanted = {each.strip() for each in linked if each.strip()}
+        for each in wanted:
+            if not SYSTEM_USER.fullmatch(each):
+                raise InputError(
+                    Message("user {name!r} of the operating system", each[:80]),
+                    "a user, or user@host",
+                )
+        with self._store.transaction() as connection:
+            query = select(system_users).where(system_users.c.system_user.in_(wanted))
+            for other in connection.execute(query):
+                if other.key != row.key:
+                    raise InputError(
+                        Message(
+                            "{user} is linked to the account {name}", other.system_user, other.key
+                        ),
+                        "a user of nobody else",
+                        "end the other link first",
+                    )
+            connection.execute(delete(system_users).where(system_users.c.key == row.key))
+            for each in sorted(wanted):
+                connection.execute(insert(system_users).values(system_user=each, key=row.key))
+            note(connection, actor.label, "linked an account", name=row.name, users=sorted(wanted))
 
     def change_password(self, actor: Actor, old: str, new: str, address: str = "change") -> None:
         """Change one's own password; the person's other sessions end."""
@@ -320,6 +350,8 @@ class People:
             shown = {key: value for key, value in values.items() if key != "password_hash"}
             if "password_hash" in values:
                 shown["password"] = "changed"
+                if name_key(actor.name) != row.key:
+                    _set_by(connection, row.key, actor.label)
             note(connection, actor.label, "changed an account", name=row.name, **shown)
         self._sessions.close_all(row.id, keep=keep)
         if "password_hash" in values:
@@ -336,28 +368,21 @@ class People:
         check_role(role)
         check_password_rules(name, password)
         hashed = hash_password(password)
-        if len(_scripts(name)) > 1:
-            raise InputError(
-                Message("name {name!r} in letters of several scripts", name),
-                "one script, or Latin and Chinese, Japanese or Korean ones",
-                "type it again",
-            )
-        if _look(name) in {_look(each) for each in RESERVED}:
+        if name_key(name) in RESERVED:
             raise InputError(
                 Message("name {name!r}", name), "a person's name", "the panel itself uses this name"
             )
         with self._store.transaction() as connection:
-            taken = connection.scalars(select(users.c.name)).all()
-            alike = next((each for each in taken if _look(each) == _look(name)), None)
-            if alike is not None:
+            taken = connection.scalar(select(users.c.name).where(users.c.key == name_key(name)))
+            if taken is not None:
                 raise NameTakenError(
-                    Message("an account {name} exists", alike),
+                    Message("an account {name} exists", taken),
                     "a new name",
                     "a clearly different name",
                 )
             connection.execute(
                 insert(users).values(
-                    key=_key(name),
+                    key=name_key(name),
                     name=name,
                     role=role,
                     password_hash=hashed,
@@ -365,6 +390,8 @@ class People:
                     created=utc_text(),
                 )
             )
+            if by != SETUP:
+                _set_by(connection, name_key(name), by)
             note(connection, by, "added an account", name=name, role=role)
 
     def _row(self, key: str) -> Row[Any] | None:
@@ -372,7 +399,7 @@ class People:
             return connection.execute(select(users).where(users.c.key == key)).one_or_none()
 
     def _known(self, name: str) -> Row[Any]:
-        row = self._row(_key(name))
+        row = self._row(name_key(name))
         if row is None:
             raise NotFoundError(
                 Message("no account {name!r}", name[:80]), "a name from the list of users"
@@ -385,38 +412,23 @@ class People:
             connection.execute(delete(sessions).where(sessions.c.seen < self._sessions.oldest()))
 
 
-def _key(name: str) -> str:
-    """Return a name for comparison: without case and outer blanks, with a bounded length."""
-    return name.strip().casefold()[:128]
+def _set_by(connection: Connection, key: str, by: str) -> None:
+    """Note that somebody else has set the password of an account."""
+    connection.execute(insert(password_settings).values(key=key, at=utc_text(), by=by))
 
 
-def _look(name: str) -> str:
-    """Return a name's appearance: equal for names that look alike.
-
-    Examples
-    --------
-    >>> _look("Ana  Li") == _look("\u0410N\u0410 LI"), _look("Ana") == _look("Anna")
-    (True, False)
-    """
-    plain = unicodedata.normalize("NFKC", name).casefold().translate(LOOK_ALIKES)
-    return " ".join(plain.replace("rn", "m").split())
-
-
-def _scripts(name: str) -> set[str]:
-    """Return the scripts of a name's letters that look alike.
-
-    Examples
-    --------
-    >>> _scripts("Ana 王"), sorted(_scripts("An\u0430"))
-    ({'LATIN'}, ['CYRILLIC', 'LATIN'])
-    """
-    letters = unicodedata.normalize("NFKC", name)
-    found = {unicodedata.name(each, "").partition(" ")[0] for each in letters if each.isalpha()}
-    return found - EAST_ASIAN
-
-
-def _user(row: Row[Any]) -> User:
-    return User(row.name, row.role, row.active, row.created)
+def _user(connection: Connection, row: Row[Any]) -> User:
+    linked = select(system_users.c.system_user).where(system_users.c.key == row.key)
+    settings = select(password_settings).where(password_settings.c.key == row.key)
+    latest = connection.execute(settings.order_by(password_settings.c.id.desc()).limit(1)).first()
+    return User(
+        row.name,
+        row.role,
+        row.active,
+        row.created,
+        tuple(sorted(connection.scalars(linked))),
+        "" if latest is None else f"{latest.at[:10]} {latest.by}",
+    )
 
 
 def _bare(code: str) -> bytes:

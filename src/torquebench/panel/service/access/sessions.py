@@ -16,7 +16,8 @@ from sqlalchemy import delete, insert, select, update
 from torquebench.errors import RecordError
 from torquebench.panel.service.access.actors import Actor
 from torquebench.panel.service.problems import NotSignedInError
-from torquebench.panel.service.store import PanelStore, sessions, users
+from torquebench.panel.service.store import PanelStore, sessions
+from torquebench.records.accounts import users
 from torquebench.units import HOUR
 
 __all__ = ["IDLE_S", "LONGEST_S", "Later", "Sessions", "at_once", "token_sha256"]

@@ -167,6 +167,7 @@ def run_certificate(context: JobContext, request: CertificateRequest) -> JobResu
         laboratory=laboratory,
         customer=customer,
         refuse_unreviewed=letterhead.refuses_unreviewed,
+        require_signatures=letterhead.requires_signatures(registry.root),
     )
     record = registry.patiently(lambda: build_record(registry, calibration, issue))
     issued = issue_certificate(registry, record)

@@ -18,6 +18,7 @@ from torquebench.panel.service.jobs.values import (
     JobView,
     Problem,
 )
+from torquebench.records.signatures import Signature
 
 __all__ = ["Job", "Points"]
 
@@ -86,6 +87,7 @@ class Job:
 
     def __init__(self, state: JobView, actor: Actor) -> None:
         self.actor = actor
+        self.signature: Signature | None = None
         self.points = Points()
         self.cancelled, self.finishing, self.ended = (threading.Event() for _ in range(3))
         self._state = state

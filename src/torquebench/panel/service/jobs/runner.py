@@ -36,6 +36,7 @@ from torquebench.panel.service.jobs.values import (
 )
 from torquebench.panel.service.problems import BusyError, NotFoundError
 from torquebench.panel.service.settings.store import SettingsStore
+from torquebench.records.signatures import Signature, authenticated
 from torquebench.station import Station
 from torquebench.validation import validated
 
@@ -252,9 +253,16 @@ class JobRunner:
         return self.start_kind(actor, self._kind(kind), request)
 
     def start_kind(
-        self, actor: Actor, kind: JobKind, request: Mapping[str, Any] | JobRequest
+        self,
+        actor: Actor,
+        kind: JobKind,
+        request: Mapping[str, Any] | JobRequest,
+        signature: Signature | None = None,
     ) -> JobView:
-        """Start a job of a kind that may not be among `kinds`; raises like `start`."""
+        """Start a job of a kind that may not be among `kinds`; raises like `start`.
+
+        `signature` is that of a person who has given the password for it.
+        """
         require(actor, kind.role)
         asked = self._request(kind, request)
         self.command(actor)
@@ -267,6 +275,7 @@ class JobRunner:
                 self._station.supervisor.raise_if_latched()
             document = asked.model_dump(mode="json")
             job = kind.job(asked, document, actor)
+            job.signature = signature
             view = job.view()
             self._note(actor, "started a job", job_id=view.job_id, kind=view.kind, request=document)
             self.log.began(actor, view)
@@ -359,7 +368,8 @@ class JobRunner:
         result = problem = None
         try:
             mounting = getattr(request, "mounting", None)
-            with acting_as(job.actor.label), mounted_as(mounting):
+            signature = job.signature or job.actor.signature
+            with acting_as(job.actor.label), authenticated(signature), mounted_as(mounting):
                 result = kind.run(context, request)
             self._on_done(kind.name)
         except (RunAbortedError, ProcessEndedError) as error:

@@ -45,6 +45,7 @@ from torquebench.records.runs.time_check import (
     doubts_of_calibrations,
     doubts_of_runs,
 )
+from torquebench.records.signatures import Signature
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
@@ -297,6 +298,7 @@ class RecordQueries:
             tuple(self._registry.reviews("calibrations", calibration_id)),
             tuple(self._registry.certificates(calibration_id)),
             tuple(self._registry.activations(entry.transducer_serial)),
+            Signature("signed", "", covers=self._registry.covered(calibration_id)).sha256,
         )
 
     def models(self, transducer_serial: str | None = None) -> list[ModelEntry]:

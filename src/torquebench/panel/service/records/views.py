@@ -80,7 +80,10 @@ class RunDetail:
 
 @dataclass(frozen=True)
 class CalibrationDetail:
-    """A calibration with its models, verifications, reviews and certificates."""
+    """A calibration with its models, verifications, reviews and certificates.
+
+    `signed_sha256` is the hash of what a signature under it is about now.
+    """
 
     calibration: CalibrationEntry
     models: tuple[ModelEntry, ...]
@@ -88,6 +91,7 @@ class CalibrationDetail:
     reviews: tuple[Review, ...]
     certificates: tuple[CertificateEntry, ...]
     activations: tuple[Activation, ...]
+    signed_sha256: str
 
 
 @dataclass(frozen=True)

@@ -10,4 +10,5 @@ down_revision = "0003"
 
 def upgrade() -> None:
     """Add the signatures."""
-    add_columns("signature", "activations", "calibrations", "certificates", "reviews")
+    signed = ("activations", "amendments", "calibrations", "certificates", "reviews")
+    add_columns("signature", *signed)
