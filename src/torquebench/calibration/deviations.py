@@ -337,7 +337,8 @@ def _series_present(
 ) -> dict[tuple[float, int], list[tuple[NDArray[np.intp], bool]]]:
     """Return the series of the data by position and direction, in measuring order.
 
-    A series with points in both directions has the direction 0.
+    A series with points in both directions has the direction 0; its part of each direction counts
+    as a series of that direction, too.
     """
     position = np.zeros(len(data)) if data.position_deg is None else data.position_deg
     direction = data.loading_direction()
@@ -345,10 +346,13 @@ def _series_present(
     for number in dict.fromkeys(data.series.tolist()):
         member = np.flatnonzero(data.series == number)
         signs = set(direction[member].tolist()) - {0}
-        sign = signs.pop() if len(signs) == 1 else 0
-        loaded = ~data.unloaded[member]
-        decreasing = bool(np.any(loaded & (data.branch[member] < 0)))
-        found.setdefault((float(position[member[0]]), sign), []).append((member, decreasing))
+        parts = {sign: member[np.isin(direction[member], (0, sign))] for sign in signs}
+        if len(signs) != 1:
+            parts[0] = member
+        for sign, rows in parts.items():
+            loaded = ~data.unloaded[rows]
+            decreasing = bool(np.any(loaded & (data.branch[rows] < 0)))
+            found.setdefault((float(position[member[0]]), sign), []).append((rows, decreasing))
     return found
 
 

@@ -13,7 +13,7 @@ import inspect
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from types import NoneType
-from typing import Any, get_args, get_type_hints
+from typing import Any, get_args, get_origin, get_type_hints
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.evaluations import EVALUATIONS
@@ -93,6 +93,8 @@ def _kind(owner: Any, path: str) -> Any:
             owner = _hints(member)["return"]
         else:
             owner = _hints(owner).get(name, Any)
+            if getattr(get_origin(owner), "__name__", "") == "Mapped":  # a column of the registry
+                (owner,) = get_args(owner)
     return owner | None if missing else owner
 
 

@@ -26,6 +26,7 @@ from torquebench.reports.certificate import (
     kept_letterhead,
     read_letterhead,
 )
+from torquebench.reports.certificate.building import missing_statements
 from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.dcc import certificate_xml
 from torquebench.reports.certificate.labels import labels_of
@@ -230,6 +231,29 @@ def test_the_certificates_verdict_is_that_of_the_verification(
     assert record.conformity == record.verification.conformity
     assert read_back(record.to_json()) == record
     assert "point of the verification" in certificate_content(record, "en")["conformity"]["decides"]
+
+
+def test_a_standard_without_number_or_date_is_a_stated_deviation(registry: Registry) -> None:
+    bench = calibrated_bench(registry)
+    record = build_record(registry, bench.calibration, ISSUE)
+    assert not any("17025" in each.clause for each in record.deviations)
+    unstated = replace(record.reference, certificate_number="", performed=None)
+    found = [str(each) for each in missing_statements(unstated)]
+    assert len(found) == 2
+    assert all("ISO/IEC 17025 7.8.4.1 c" in each for each in found)
+    for language in ("de", "zh"):
+        assert all(labels_of(language).said(each) != each for each in found)
+
+
+def test_place_and_turning_are_stated_in_words(registry: Registry) -> None:
+    record = build_record(registry, calibrated_bench(registry).calibration, ISSUE)
+    facts = str(certificate_content(record, "en")["facts"])
+    assert "in place, in the bench Bench 4" in facts
+    assert "relate only to the item calibrated" in facts
+    elsewhere = replace(record, item=replace(record.item, in_place=False, bench="Lab 3"))
+    facts = str(certificate_content(elsewhere, "zh")["facts"])
+    assert "原位" not in facts
+    assert "Lab 3" in facts
 
 
 def test_what_nobody_has_confirmed_is_stated_or_refused(registry: Registry) -> None:

@@ -23,8 +23,9 @@ from torquebench.reports.certificate import (
     certificate_xml,
     schema_findings,
 )
+from torquebench.reports.certificate.content import certificate_content
 from torquebench.reports.certificate.labels import LANGUAGES, labels_of
-from torquebench.reports.certificate.record import DeviationStatement, StaticTable
+from torquebench.reports.certificate.record import DeviationStatement
 from torquebench.reports.certificate.static_content import class_words
 from torquebench.uncertainty import CertifiedUncertainty
 
@@ -191,13 +192,31 @@ def test_a_deviation_is_said_with_the_marks_of_the_language() -> None:
     )
 
 
-def test_many_steps_are_summed_up_in_the_pdf(record: CertificateRecord) -> None:
-    from torquebench.reports.certificate.static_content import static_content
+def test_many_steps_list_the_usual_ones_and_an_annex_all(registry: Registry) -> None:
+    many = STAIRCASE.with_options(step_percent=4.0)
+    bench = calibrated_bench(registry, profile=many, temperature_drift_k=0.5)
+    record = build_record(registry, bench.calibration, ISSUE)
+    content = certificate_content(record, "en")
+    table, static = record.static[0], content["static"]["tables"][0]
+    assert len(table.rows) == 25 > len(static["rows"])
+    *listed, largest, steps = static["rows"]
+    assert {"400", "800", "1200", "1600", "2000"} <= {row[0] for row in listed}
+    assert len(static["all"]) == len(table.rows)
+    assert largest[0] == "largest of 25"
+    worst = max(table.rows, key=lambda row: abs(row.indication or 0.0))
+    assert largest[1] == f"{abs(worst.indication or 0.0):.3f}"
+    assert steps[:2] == ["at N·m", f"{worst.torque_nm:g}"]  # the largest value names its step
+    results = content["results"]
+    assert len(results["all"]) == len(record.results) > 4 * 20
+    assert {"2000", "−2000", "0", "−0"} <= {row[0] for row in results["rows"]}
+    assert record.conformity is not None
+    deciding = labels_of("en").short(record.conformity.at_nm)
+    assert deciding in {row[0] for row in results["rows"]}
+    for language, annex in (("en", "Annex"), ("de", "Anhang"), ("zh", "附录")):
+        assert annex in text_of(record, language)
+    assert schema_findings(certificate_xml(record)) == ()
 
-    table = record.static[0]
-    many: StaticTable = replace(table, rows=table.rows * 3)
-    content = static_content(replace(record, static=(many,)), labels_of("en"))
-    assert content is not None
-    (row,) = content["tables"][0]["rows"]
-    assert row[0] == "largest of 24"
-    assert row[1] == f"{max(abs(each.indication or 0.0) for each in table.rows):.3f}"
+
+def test_few_steps_need_no_annex(record: CertificateRecord) -> None:
+    assert "Annex" not in text_of(record, "en")
+    assert certificate_content(record, "en")["results"]["left_out"] is None

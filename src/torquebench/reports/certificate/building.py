@@ -42,6 +42,7 @@ from torquebench.reports.certificate.record import (
     Item,
     Method,
     Party,
+    Reference,
     VerificationSummary,
 )
 from torquebench.reports.certificate.results import (
@@ -242,14 +243,16 @@ def build_record(
         verification=verification,
         static=static,
         zero_hysteresis=zero_hysteresis,
-        deviations=tuple(
-            DeviationStatement(each.clause, each.found, each.allowed) for each in deviations
+        deviations=(
+            *(DeviationStatement(each.clause, each.found, each.allowed) for each in deviations),
+            *missing_statements(source.reference),
         ),
         measured_by=measured_by,
         checked_by=", ".join(dict.fromkeys(each.checked_by for each in acts.reviews)),
         authorised_by=names,
         software_version=__version__,
         files=source.files(calibration),
+        model_file="" if source.model_entry is None else source.model_entry.file.name,
         registry_head=str(registry.head()),
         supersedes=earlier[0].number if earlier else "",
         unreviewed=unreviewed,
@@ -268,7 +271,20 @@ def build_record(
 
 def _loading(data: CalibrationData) -> str:
     percent = data.loading_accuracy_percent
-    return "" if percent is None else Message("{percent:.2g} %", percent)
+    return "" if percent is None else Message("{percent:.2g} % of range", percent)
+
+
+def missing_statements(reference: Reference) -> Iterator[DeviationStatement]:
+    """Yield what ISO/IEC 17025 wants stated of the standard's certificate and nobody has."""
+    clause = "ISO/IEC 17025 7.8.4.1 c"
+    if not reference.certificate_number:
+        yield DeviationStatement(
+            clause, "the number of the standard's certificate isn't stated", "stated"
+        )
+    if reference.performed is None:
+        yield DeviationStatement(
+            clause, "the date of the standard's certificate isn't stated", "stated"
+        )
 
 
 def _mounting(source: Source) -> dict[str, Any]:
@@ -456,6 +472,7 @@ def _item(registry: Registry, source: Source, calibration: CalibrationEntry) -> 
         bench=source.run.bench,
         counter_identity=calibration.counter_identity,
         range_nm=calibration.range_nm,
+        in_place=source.folder.metadata.get("bench") is not None,
     )
 
 

@@ -15,10 +15,22 @@ from torquebench.reports.certificate.record import (
     Party,
     ResultRow,
 )
-from torquebench.reports.certificate.static_content import static_content
+from torquebench.reports.certificate.static_content import (
+    MOST_ROWS,
+    listed_steps,
+    static_content,
+)
 from torquebench.uncertainty import Verdict
 
-__all__ = ["act_words", "certificate_content", "chain_words", "not_in_u_words", "unreviewed_words"]
+__all__ = [
+    "act_words",
+    "certificate_content",
+    "chain_words",
+    "not_in_u_words",
+    "place_words",
+    "unreviewed_words",
+    "verification_words",
+]
 
 _ARROWS = {1: "↑", -1: "↓", 0: ""}
 
@@ -59,6 +71,7 @@ def certificate_content(record: CertificateRecord, language: str) -> dict[str, A
         "budget": _budget(record, words),
         "turning": _turning(record, words),
         "records": _records(record, words),
+        "annex": words["annex"],
     }
 
 
@@ -132,6 +145,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         *((words.said(label), [words.said(text)]) for label, text in record.stated()),
         *([(words["not_in_u"], [not_in_u_words(record, words)])] if record.not_in_u else []),
         (words["environment"], [_environment(record, words)]),
+        (words["place"], [place_words(record, words)]),
         (words["date_calibration"], [_period(record)]),
         (words["date_issue"], [record.issued.isoformat()]),
         (words["measured_by"], _person("measured", record.measured_by or unknown, record, words)),
@@ -143,6 +157,7 @@ def _facts(record: CertificateRecord, words: Labels) -> list[tuple[str, list[str
         ),
         (words["authorised_by"], _person("authorised", words["nobody"], record, words)),
         (words["signatures"], [words["signatures_text"]]),
+        (words["validity"], [words["validity_text"]]),
     ]
 
 
@@ -163,6 +178,13 @@ def act_words(act: Act, words: Labels) -> str:
         words["password_set"].format(by=by, date=day.isoformat()) for day, by in act.password_set
     ]
     return "; ".join(parts)
+
+
+def place_words(record: CertificateRecord, words: Labels) -> str:
+    """State where it was calibrated."""
+    item = record.item
+    where = item.bench or words["not_stated"]
+    return words["place_in_bench"].format(bench=where) if item.in_place else where
 
 
 def _method(record: CertificateRecord, words: Labels) -> list[str]:
@@ -246,10 +268,11 @@ def _deviations(record: CertificateRecord, words: Labels) -> list[str]:
 def _verification(record: CertificateRecord, words: Labels) -> dict[str, str] | None:
     if not record.compensation:
         return None
-    return {"title": words["verification"], "text": _verification_text(record, words)}
+    return {"title": words["verification"], "text": verification_words(record, words)}
 
 
-def _verification_text(record: CertificateRecord, words: Labels) -> str:
+def verification_words(record: CertificateRecord, words: Labels) -> str:
+    """State the results of the verification at fresh points."""
     found = record.verification
     if found is None:
         return words["verification_none"]
@@ -273,6 +296,7 @@ def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
     pair = [f"{words['error']}\nN·m", "U\nN·m"]
     compensated, judged = bool(record.compensation), record.conformity is not None
     compensation = words.said(record.compensation)
+    shown = _shown(record)
     return {
         "title": words[_word("results", record)],
         "text": words[_word("results_text", record)].format(compensation=compensation),
@@ -287,8 +311,29 @@ def _results(record: CertificateRecord, words: Labels) -> dict[str, Any]:
             *(pair if compensated else []),
             *([words["verdict"]] if judged else []),
         ],
-        "rows": [_row(row, words) for row in record.results],
+        "rows": [_row(row, words) for row in shown],
+        "left_out": words["in_annex"].format(shown=len(shown), all=len(record.results))
+        if len(shown) < len(record.results)
+        else None,
+        "all": [_row(row, words) for row in record.results]
+        if len(shown) < len(record.results)
+        else None,
     }
+
+
+def _shown(record: CertificateRecord) -> list[ResultRow]:
+    """Return the rows of the table: all, or at many steps those of `listed_steps`.
+
+    The steps that decide about conformity and budget are always listed.
+    """
+    steps = {row.torque_nm for row in record.results}
+    if len(steps) <= MOST_ROWS:
+        return list(record.results)
+    listed = listed_steps(steps, record.item.range_nm)
+    listed.add(record.results[record.budget_step].torque_nm)
+    if record.conformity is not None and not record.conformity.fresh:
+        listed.add(record.conformity.at_nm)
+    return [row for row in record.results if row.torque_nm in listed]
 
 
 def _row(row: ResultRow, words: Labels) -> list[str]:

@@ -9,7 +9,9 @@ from torquebench.reports.certificate.content import (
     act_words,
     chain_words,
     not_in_u_words,
+    place_words,
     unreviewed_words,
+    verification_words,
 )
 from torquebench.reports.certificate.labels import Labels, labels_of
 from torquebench.reports.certificate.record import (
@@ -152,7 +154,7 @@ class _Writer:
         self._words(identification, "name", "record_hash")
         _add(parent, "beginPerformanceDate", record.calibrated_from.isoformat())
         _add(parent, "endPerformanceDate", record.calibrated_to.isoformat())
-        _add(parent, "performanceLocation", "laboratory")
+        _add(parent, "performanceLocation", "other" if record.item.in_place else "laboratory")
         _add(parent, "issueDate", record.issued.isoformat())
         if record.supersedes:
             replaced = _add(parent, "reportAmendedSubstituted")
@@ -225,13 +227,39 @@ class _Writer:
             _add(statement, "reference", f"{record.method.name}: {each.clause}")
             self._spoken(statement, "declaration", partial(Labels.said, message=str(each)))
         statement = _add(parent, "statement")
+        self._words(statement, "name", "place")
+        self._spoken(statement, "declaration", partial(place_words, record))
+        statement = _add(parent, "statement")
+        self._words(statement, "name", "validity")
+        self._words(statement, "declaration", "validity_text")
+        _add(statement, "date", record.calibrated_to.isoformat())
+        self._model(parent)
+        statement = _add(parent, "statement")
         self._words(statement, "name", "signatures")
         self._words(statement, "declaration", "signatures_text")
         for label, text in record.stated():
             statement = _add(parent, "statement")
             self._words(statement, "name", label)
-            self._text(statement, "declaration", text)
+            self._spoken(statement, "declaration", partial(Labels.said, message=text))
         self._static_statements(parent)
+
+    def _model(self, parent: ElementTree.Element) -> None:
+        """Add the model by the hash of its file, and its verification."""
+        record = self.record
+        if not record.compensation:
+            return
+        statement = _add(parent, "statement")
+        self._words(statement, "name", "compensation")
+        for name, digest in record.files.items():
+            if name == record.model_file:
+                _add(statement, "reference", f"{name}: SHA-256 {digest}")
+        self._spoken(statement, "declaration", partial(Labels.said, message=record.compensation))
+        if record.verification is not None:
+            statement = _add(parent, "statement")
+            self._words(statement, "name", "verification")
+            _add(statement, "reference", f"SHA-256 {record.verification.data_sha256}")
+            self._spoken(statement, "declaration", partial(verification_words, record))
+            _add(statement, "date", record.verification.performed.isoformat())
 
     def _conformity(self, parent: ElementTree.Element, found: Conformity) -> None:
         parent.set("refType", "basic_conformity")

@@ -80,6 +80,8 @@ class Item:
         Of the transducer.
     side : str
         ``"input"`` or ``"output"`` of the bench; empty elsewhere.
+    in_place : bool
+        Whether it was calibrated where it is used, in its bench.
     bench, counter_identity : str
         The rest of the chain: where it is fitted, and which clock times it.
     range_nm : float
@@ -93,6 +95,7 @@ class Item:
     bench: str
     counter_identity: str
     range_nm: float
+    in_place: bool = True
 
 
 @dataclass(frozen=True)
@@ -467,7 +470,7 @@ class CertificateRecord:
     measured_by, checked_by, authorised_by : tuple of str
         The persons who measured, reviewed and authorised.
     files : mapping of str to str
-        SHA-256 of the files that the certificate rests on.
+        SHA-256 of the files that the certificate rests on; `model_file` is the model's.
     registry_head : str
         End of the registry's chain when the certificate was issued.
     supersedes : str
@@ -521,6 +524,7 @@ class CertificateRecord:
     turning: str = stated("While it turns, the compensation holds for", default="")
     turning_budget: TurningBudget | None = None
     not_in_u: tuple[str, ...] = ()
+    model_file: str = ""
     format: int = field(default=RECORD_FORMAT)
 
     @property

@@ -154,11 +154,16 @@ def turning_range(chain: MeasuringChain) -> str:
     said = []
     for each in chain.stored:
         if isinstance(each, MeasuredRotation):
-            said.append(Message("{low:.4g} … {high:.4g} 1/min", each.low_rpm, each.high_rpm))
+            said.append(
+                Message("speeds of {low:.4g} to {high:.4g} rpm", each.low_rpm, each.high_rpm)
+            )
         elif isinstance(each, MeasuredTemperature):
-            said.append(Message("{low:.3g} … {high:.3g} °C", each.low_c, each.high_c))
+            said.append(
+                Message("temperatures of {low:.3g} to {high:.3g} °C", each.low_c, each.high_c)
+            )
         elif isinstance(each, Inertia):
-            said.append(Message("≤ {largest:.3g} rad/s²", each.largest_rad_s2))
+            rate = each.largest_rad_s2 / (2.0 * np.pi) * 60.0
+            said.append(Message("changes of speed up to {rate:.3g} rpm/s", rate))
     return Message.joined(said)
 
 

@@ -1,6 +1,6 @@
 """The static evaluation in words and numbers of one language, for PDF and digital certificate."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from torquebench.reports.certificate.labels import Labels
@@ -10,12 +10,16 @@ __all__ = [
     "MOST_ROWS",
     "STATIC_QUANTITIES",
     "class_words",
+    "listed_steps",
     "static_content",
     "zero_hysteresis_words",
 ]
 
 MOST_ROWS = 20
-"""Most steps that the PDF lists; the digital certificate has all of them."""
+"""Most steps of a table in the PDF's text; beyond, the annex has all of them."""
+
+LISTED_SHARES = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0)
+"""Steps listed of more, as shares of the range: the usual ones of torque calibrations."""
 
 STATIC_QUANTITIES = {
     "indication": "f_q",
@@ -27,6 +31,23 @@ STATIC_QUANTITIES = {
     "interval": "W′",
 }
 """Symbol of each quantity of a row, in the order of the table."""
+
+
+def listed_steps(steps: Collection[float], range_nm: float) -> set[float]:
+    """Return the steps of either direction that are nearest to the listed shares of the range.
+
+    Examples
+    --------
+    >>> sorted(listed_steps(range(0, 101, 5), 100.0))
+    [0, 10, 20, 40, 60, 80, 100]
+    """
+    by_direction = [[step for step in steps if step * sign >= 0.0] for sign in (1.0, -1.0)]
+    return {
+        min(side, key=lambda step: abs(abs(step) - share * range_nm))
+        for side in by_direction
+        if side
+        for share in LISTED_SHARES
+    }
 
 
 def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] | None:
@@ -47,9 +68,16 @@ def static_content(record: CertificateRecord, words: Labels) -> dict[str, Any] |
 def _table(table: StaticTable, record: CertificateRecord, words: Labels) -> dict[str, Any]:
     side = words["after" if table.compensated else "before"] if record.compensation else ""
     direction = words["clockwise" if table.direction > 0 else "counter-clockwise"]
+    listed = {row.torque_nm for row in table.rows}
+    every = [_row(row, words) for row in table.rows]
+    many = len(table.rows) > MOST_ROWS
+    if many:
+        listed = listed_steps(listed, record.item.range_nm)
+    rows = [cells for cells, row in zip(every, table.rows, strict=True) if row.torque_nm in listed]
     return {
         "title": ", ".join(part for part in (direction, side) if part),
-        "rows": _rows(table, words),
+        "rows": [*rows, *_largest(table, words)] if many else rows,
+        "all": every if many else None,
         "notes": " ".join((_zero_residual(table, words), class_words(table, words))),
     }
 
@@ -58,12 +86,23 @@ def _values(row: StaticRow) -> tuple[float | None, ...]:
     return tuple(getattr(row, name) for name in STATIC_QUANTITIES)
 
 
-def _rows(table: StaticTable, words: Labels) -> list[list[str]]:
-    if len(table.rows) <= MOST_ROWS:
-        return [[words.short(row.torque_nm), *_cells(_values(row), words)] for row in table.rows]
-    columns = zip(*(_values(row) for row in table.rows), strict=True)
-    largest = [max((abs(v) for v in column if v is not None), default=None) for column in columns]
-    return [[words["static_largest"].format(count=len(table.rows)), *_cells(largest, words)]]
+def _row(row: StaticRow, words: Labels) -> list[str]:
+    return [words.short(row.torque_nm), *_cells(_values(row), words)]
+
+
+def _largest(table: StaticTable, words: Labels) -> list[list[str]]:
+    """Return the largest magnitude of each quantity over all steps, and below it its step."""
+    largest: list[str] = []
+    steps: list[str] = []
+    for name in STATIC_QUANTITIES:
+        values = [
+            (abs(v), row.torque_nm) for row in table.rows if (v := getattr(row, name)) is not None
+        ]
+        value, step = max(values, default=(None, None))
+        largest += _cells([value], words)
+        steps.append("–" if step is None else words.short(step))
+    title = words["static_largest"].format(count=len(table.rows))
+    return [[title, *largest], [words["static_largest_at"], *steps]]
 
 
 def _cells(values: Sequence[float | None], words: Labels) -> list[str]:
