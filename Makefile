@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 PLUGINS := opcua plant sparkplug teds
 PROJECTS := pyproject.toml constraints.txt $(PLUGINS:%=plugins/%/pyproject.toml)
 
-.PHONY: run plant test programs lint types contracts docs pictures tests other-processor clean clean-kernels
+.PHONY: run plant test check nightly programs lint types contracts docs pictures tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
@@ -20,8 +20,18 @@ plant: $(VENV)/.installed-plant
 # idle.
 test: programs
 	$(MAKE) lint
-	$(MAKE) --jobs 2 types docs contracts other-processor
+	$(MAKE) --jobs 2 types docs contracts
 	$(MAKE) tests
+
+# The daily loop: what needs no browser, no server and no other program.
+check: $(VENV)/.installed-test
+	$(MAKE) --jobs 2 lint types contracts
+	$(BIN)/pytest -n auto --dist worksteal tests/unit
+
+# Campaigns, soak tests and demonstrations, and the numbers as on another processor.
+nightly: programs
+	$(BIN)/pytest -n auto --dist worksteal -m nightly
+	$(MAKE) other-processor
 
 # The programs that the tests start (a browser, PostgreSQL, an MQTT broker, …): installed by apt
 # where root may do that, named otherwise.

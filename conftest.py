@@ -49,7 +49,6 @@ _LONG = (
     "test_papers_command.py",
     "test_panel_calibration.py",
     "test_panel_actions.py",
-    "test_plant_demonstration.py",
     "test_documentation_bench.py",
     "test_networked_bench.py",
     "test_reevaluation_postgresql.py",

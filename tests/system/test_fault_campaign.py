@@ -70,6 +70,7 @@ def gone_through(number: int, file: Path) -> list[Outcome]:
     return faults.gone_through(begun, tell=False)
 
 
+@pytest.mark.nightly
 def test_a_sample_of_the_campaign_leaves_nothing_wrong(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -165,8 +166,18 @@ def procedure(name: str) -> faults.Procedure:
     ("fault", "name", "alarm"),
     [
         (WireFault("reference", "drop"), "verify output", "instrument failed: acquisition"),
-        (WireFault("input_drive", "delay"), "verify input", "drive fault: input"),
-        (WireFault("output_drive", "disconnect"), "verify output", "drive fault: output"),
+        pytest.param(
+            WireFault("input_drive", "delay"),
+            "verify input",
+            "drive fault: input",
+            marks=pytest.mark.nightly,
+        ),
+        pytest.param(
+            WireFault("output_drive", "disconnect"),
+            "verify output",
+            "drive fault: output",
+            marks=pytest.mark.nightly,
+        ),
     ],
 )
 def test_an_instrument_that_does_not_answer_leaves_nothing_wrong(
@@ -204,6 +215,7 @@ def test_an_instrument_that_fails_once_is_no_reason_to_stop(
     assert (outcome.problems, outcome.status) == ((), "harmless")
 
 
+@pytest.mark.nightly
 def test_the_same_holds_in_real_time(tmp_path: Path) -> None:
     fault, draw = WireFault("input_drive", "disconnect"), np.random.default_rng(1)
     for attempt in range(TRIES):  # a busy computer may stop it before its drive is broken
@@ -215,6 +227,7 @@ def test_the_same_holds_in_real_time(tmp_path: Path) -> None:
     assert outcome.status == "stopped"
 
 
+@pytest.mark.nightly
 @pytest.mark.parametrize("name", ["seal: killed"])
 def test_a_calibration_that_was_killed_is_found_and_certified(name: str) -> None:
     number = [kind.name for kind in PHASE_KINDS].index(name)

@@ -28,6 +28,7 @@ def test_a_quick_page_of_the_simulated_bench(tmp_path: Path) -> None:
     assert (tmp_path / "a.pdf").read_bytes().startswith(b"%PDF")
 
 
+@pytest.mark.nightly
 def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_path: Path) -> None:
     page = ("papers", "--quick", "--no-study")
     with simulating(tmp_path) as (bench, _):

@@ -9,22 +9,22 @@ from tests.system import killed_writers
 
 from torquebench.records import RunFolder
 
-KILLS = 50
 LONGEST_S = 1000.0
 """On a busy computer with a slow disk the kills take their time."""
 
 
 @pytest.mark.timeout(1.2 * LONGEST_S)
-def test_nothing_acknowledged_is_lost_by_kills_at_any_moment(tmp_path: Path) -> None:
+@pytest.mark.parametrize("kills", [8, pytest.param(50, marks=pytest.mark.nightly)])
+def test_nothing_acknowledged_is_lost_by_kills_at_any_moment(kills: int, tmp_path: Path) -> None:
     writers = subprocess.run(
-        [sys.executable, killed_writers.__file__, str(tmp_path), str(KILLS), "4711"],
+        [sys.executable, killed_writers.__file__, str(tmp_path), str(kills), "4711"],
         capture_output=True,
         text=True,
         check=True,
         timeout=LONGEST_S,
     )
     acknowledged = json.loads(writers.stdout)
-    assert len(acknowledged) == KILLS
+    assert len(acknowledged) == kills
     written = 0
     for name, (documents, rows, tick) in acknowledged.items():
         if not (tmp_path / name / "run.json").exists():  # killed before anything was acknowledged
@@ -38,7 +38,7 @@ def test_nothing_acknowledged_is_lost_by_kills_at_any_moment(tmp_path: Path) -> 
         check_samples(folder, rows)
         check_edges(folder, tick)
         written += tick > 0
-    assert written > KILLS // 2, "the children were killed before they wrote"
+    assert written > kills // 2, "the children were killed before they wrote"
 
 
 def check_documents(folder: RunFolder, acknowledged: int) -> None:

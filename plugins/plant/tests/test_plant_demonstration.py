@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from tests import postgresql_server
 
 if postgresql_server.binaries() is None and not os.environ.get("CI"):
@@ -13,6 +14,7 @@ if postgresql_server.binaries() is None and not os.environ.get("CI"):
 ROOT = Path(__file__).parents[3]
 
 
+@pytest.mark.nightly
 def test_the_demonstration_loses_nothing() -> None:
     done = subprocess.run(
         [sys.executable, "-m", "plugins.plant.example.demonstration"],
