@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from torquebench.atomic_write import atomic_write
-from torquebench.chain import Dynamics, MeasuringChain, Readings, effect_from, load_chain
+from torquebench.chain import Dynamics, MeasuringChain, Readings, effect_from
+from torquebench.compensation import StoredModel, load_model
 from torquebench.dynamics import (
     PARAMETERS,
     Delay,
@@ -36,7 +37,14 @@ from torquebench.dynamics import (
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.records import json_text, sha256_of_file
-from torquebench.tables import Table, TableColumns, read_table
+from torquebench.tables import (
+    Conversion,
+    Table,
+    TableColumns,
+    check_model,
+    model_conversion,
+    read_table,
+)
 
 __all__ = ["IdentifiedDynamics", "identify_dynamics", "load_dynamics", "save_dynamics"]
 
@@ -126,7 +134,8 @@ def identify_dynamics(
         Naming what the tables lack or don't identify.
     """
     # not its other effects: inertia and dynamics are to be identified
-    chain = None if model is None else MeasuringChain(load_chain(model).model)
+    stored = None if model is None else load_model(model)
+    chain = None if stored is None else MeasuringChain(stored.model)
 
     def torque_of(table: _Table) -> NDArray[np.float64]:
         if chain is None:
@@ -145,13 +154,13 @@ def identify_dynamics(
         )
     known, hashes, simulated = [], {}, False
     for path, content in {} if on_bench else tables.items():
-        table = _Table(path, content, ("time_s", "reading_nm", "standard_nm"))
+        table = _Table(path, content, ("time_s", "reading_nm", "standard_nm"), stored)
         known.append(Known(table.interval_s, torque_of(table), table["standard_nm"]))
         hashes[path.name] = table.sha256
         simulated = simulated or table.simulated
     inertia = None
     if empty is not None:
-        table = _Table(empty, read_table(empty), ("time_s", "reading_nm", "speed_rpm"))
+        table = _Table(empty, read_table(empty), ("time_s", "reading_nm", "speed_rpm"), stored)
         inertia = identify_inertia(
             table["time_s"],
             torque_of(table),
@@ -346,8 +355,17 @@ def load_dynamics(path: Path) -> Dynamics:
 class _Table:
     """A table with an even sample rate."""
 
-    def __init__(self, path: Path, table: Table, required: tuple[str, ...]) -> None:
-        columns = TableColumns(table, required)
+    def __init__(
+        self,
+        path: Path,
+        table: Table,
+        required: tuple[str, ...],
+        model: StoredModel | None = None,
+    ) -> None:
+        conversion = None if model is None else model_conversion(model, Conversion())
+        columns = TableColumns(table, required, (), conversion)
+        if model is not None:
+            check_model(model, table, columns)
         self.values = {key: columns.numbers(table, key) for key in required}
         self.simulated = table.simulated
         self.sha256 = sha256_of_file(path)

@@ -54,8 +54,8 @@ _OWN_ONLY = ("true_torque",)
 """Quantities of torquebench's own tables, which no words of others mean."""
 _BRACKETED = re.compile(r"^(.*?)\s*[\[({<]\s*([^\[\](){}<>]*?)\s*[\])}>]\s*$", re.DOTALL)
 _JOINED = (
-    re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S+)$"),
-    re.compile(r"^(.*?\S)\s*/\s*(\S+)$"),
+    re.compile(r"^(.*\S)\s+(?:in|en)\s+(\S+(?: \S+)?)$"),
+    re.compile(r"^(.*?\S)\s*/\s*(\S+(?: \S+)?)$"),
     re.compile(r"^(.*\S)\s*[,;:]\s*(.+)$"),
 )
 _LAST_WORD = re.compile(r"^(.*)[\s_]+([^\s_]+)$")
@@ -64,6 +64,8 @@ _OF_STANDARD = ("standard", "nominal")
 _NO_NAMES = ("min", "max", "ms", "in", "std", "tr", "rev", "gf", "mg")
 """Names of columns that aren't meant as the unit that they are, too."""
 _SHARES = ("%", "percent", "pct", "% fs", "%fs", "fs")
+_BY_MEANING, _SURE = 16, 8
+"""Rank of a column whose words mean a quantity; lead that another one needs to be proposed."""
 _COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", re.IGNORECASE)
 
 
@@ -659,7 +661,10 @@ class _Choice:
             rank = self._rank(quantity, kind, name)
             if rank > 0:
                 ranked.append((-rank, index))
-        return min(ranked)[1] if ranked else None
+        ranked.sort()
+        if len(ranked) > 1 and -ranked[0][0] < _BY_MEANING and ranked[1][0] - ranked[0][0] < _SURE:
+            return None
+        return ranked[0][1] if ranked else None
 
     def _rank(self, quantity: str, kind: Kind, name: str) -> int:
         units = {each for _, text in _forms(name) if text for each in kinds_of(text)}
@@ -669,13 +674,13 @@ class _Choice:
             fitting.update(SIGNALS if quantity == "reading" else ("force", "mass"))
         if bracketed is not None and units and not fitting & units:
             return 0
-        words = [found for stem, _ in _forms(name) if (found := meanings(stem)) is not None]
+        words = {found for stem, _ in _forms(name) if (found := meanings(stem)) is not None}
         rank = 1 if fitting & units else 0
         if quantity == "reading" and units & set(SIGNALS):
             rank += 8  # beside a signal, a torque is the standard's
         for found in words:
             if matches(found, quantity, kind):
-                return 16 + rank
+                return _BY_MEANING + rank
             others = (q for q in self._wanted if q != quantity)
             if any(matches(found, each, self._wanted[each]) for each in others):
                 if not (quantity == "standard" and "nominal" in found):

@@ -157,7 +157,9 @@ def _header(
         return not any(map(_is_value, cells)) and sum(map(bool, cells)) >= least
 
     def holds_values(row: Sequence[str]) -> bool:
-        return 2 * sum(_is_value(_cell(row, column)) for column in numeric) >= len(numeric)
+        cells = [_cell(row, column) for column in numeric]
+        values = sum(map(_is_value, cells))
+        return 2 * values >= len(numeric) and (_is_value(cells[0]) or 2 * values > len(numeric))
 
     candidates = [index for index, row in enumerate(rows) if names(row)]
     begin = next((index for index, row in enumerate(rows) if holds_values(row)), len(rows))
@@ -166,12 +168,11 @@ def _header(
         return next(
             (index for index in candidates if index > begin and index < len(rows) - 1), None
         )
+    above = [
+        index for index in above if index == above[0] or not _is_units(rows[index], numeric)
+    ] or above
     scores = {index: sum(1 for cell in rows[index] if cell and known(cell)) for index in above}
-    best = max(scores.values())
-    if best:
-        return next(index for index in above if scores[index] == best)
-    units = [index for index in above if _is_units(rows[index], numeric) and index > above[0]]
-    return max((index for index in above if index not in units), default=above[0])
+    return max(above, key=lambda index: (scores[index], index))
 
 
 def _is_units(row: Sequence[str], numeric: tuple[int, ...]) -> bool:

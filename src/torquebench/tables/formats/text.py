@@ -473,7 +473,7 @@ def _separator(lines: Sequence[str]) -> str:
     for separator in _SEPARATORS:
         if not any(separator in line for line in lines):
             continue
-        rows = [_split(line, separator) for line in lines]
+        rows = [_split(line, separator) for line in lines if separator != " " or "\t" not in line]
         widths = [len(row) for row in rows if len(row) > 1]
         if not widths:
             continue
