@@ -190,6 +190,23 @@ def test_a_reference_out_of_date_is_refused(command: Command, due: str, found: s
         assert "clause reference.in_date" in said
 
 
+@pytest.mark.parametrize(("day", "stated"), [("", False), ("2026-01-15", True)])
+def test_the_day_of_the_standards_calibration_is_stated_or_a_deviation(
+    command: Command, day: str, stated: bool
+) -> None:
+    assert enter(command, good(), "staircase", reference_performed=day)[0] == 0
+    code, said = certificate(command)
+    assert code == 0, said
+    assert ("the date of the standard's certificate isn't stated" in said) is not stated
+
+
+def test_a_standard_calibrated_after_the_measurement_is_refused(command: Command) -> None:
+    code, said = enter(command, good(), "staircase", reference_performed="2026-03-03")
+    assert code == 2, said
+    assert "on the day of the measurement, 2026-03-02, or before" in said
+    assert not list(Path("data").glob("runs/*"))
+
+
 def test_a_record_changed_after_the_fact_is_refused(command: Command) -> None:
     assert enter(command, good(), "staircase")[0] == 0
     (results,) = Path("data").glob("runs/*/results.json")

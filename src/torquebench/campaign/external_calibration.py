@@ -175,6 +175,16 @@ def check_circumstances(circumstances: ExternalCalibration) -> None:
         Where something isn't named, or the measurement is in the future.
     """
     refuse_future(circumstances.performed)
+    calibrated = circumstances.reference.performed
+    if calibrated is not None and calibrated > circumstances.performed.date():
+        raise InputError(
+            Message("a standard that was calibrated on {day}", calibrated.isoformat()),
+            Message(
+                "on the day of the measurement, {day}, or before",
+                f"{circumstances.performed:%Y-%m-%d}",
+            ),
+            "give the certificate that was valid then",
+        )
     for value, what, option in (
         (circumstances.transducer.serial, "the transducer's serial number", "--transducer"),
         (circumstances.indicator, "the counter or amplifier it was read with", "--indicator"),

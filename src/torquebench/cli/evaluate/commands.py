@@ -72,6 +72,12 @@ class RegistrationOptions:
             parser=moment_in_utc, metavar="DAY", help="Last day of the standard's certificate."
         ),
     ] = None
+    reference_performed: Annotated[
+        datetime | None,
+        typer.Option(
+            parser=moment_in_utc, metavar="DAY", help="Day of the standard's calibration."
+        ),
+    ] = None
     reference_serial: Annotated[str, typer.Option(help="Serial number of the standard.")] = ""
     reference_model: Annotated[str, typer.Option(help="Type of the standard.")] = ""
     reference_certificate: Annotated[
@@ -133,6 +139,9 @@ class RegistrationOptions:
                 standard.serial,
                 standard.certificate_number,
                 laboratory=self.reference_laboratory,
+                performed=None
+                if self.reference_performed is None
+                else self.reference_performed.date(),
                 due=standard.due,
             ),
             reference_model=self.reference_model,

@@ -43,6 +43,7 @@ READ_FILE = (
 """Sends the file's name and bytes; only the name if the file is too large."""
 LONGEST_NAME = 120
 SHOWN_DEVIATIONS = 12
+DAYS = ("reference_performed", "reference_due")
 NEEDED = ("transducer_serial", "indicator", "measured_by", "reference_serial")
 OPTIONAL = (
     "manufacturer", "transducer_model", "place", "reference_model", "reference_certificate",
@@ -120,6 +121,7 @@ class TableEntry:
                 self._stated("torque")
                 self._field("resolution_nm", "0.01", unit="N·m", inputmode="decimal")
                 self._field("range_nm", unit="N·m", inputmode="decimal", hinted=True)
+                self._field("reference_performed", kind="date", max=today)
                 self._field("reference_due", kind="date")
             with box("div", "line"):
                 button(text("external.look"), self._look, "primary", picture="search")
@@ -208,7 +210,7 @@ class TableEntry:
         good = bool(self._content)
         if not good:
             self._bad(self._text("external.no_file"))
-        for name in ("profile", "performed", *numbers, "reference_due", *names):
+        for name in ("profile", "performed", *numbers, *DAYS, *names):
             field = self._fields[name]
             said = field.value.strip()
             wrong = ""

@@ -111,6 +111,9 @@ class TableRequest(BaseModel):
     range_nm: Annotated[Number, Field(gt=0, le=LARGEST_NM)] | None = Field(
         default=None, description="Full scale, N·m; the table's own, or its largest torque."
     )
+    reference_performed: Day | None = Field(
+        default=None, description="Day of the standard's calibration."
+    )
     reference_due: Day | None = Field(
         default=None, description="Last day of the standard's certificate."
     )
@@ -482,6 +485,7 @@ def _circumstances(asked: EnterTableRequest, points: CalibrationData) -> Externa
             asked.reference_serial,
             asked.reference_certificate,
             laboratory=asked.reference_laboratory,
+            performed=asked.reference_performed,
             due=asked.reference_due,
         ),
         reference_model=asked.reference_model,
