@@ -182,6 +182,11 @@ def test_two_encoders_that_swing_give_lost_motion_and_too_few_strokes_are_refuse
     assert by_key["lost_motion"] == pytest.approx(6.0, rel=0.01)
     assert (tmp_path / "o" / "curves.csv").read_text(encoding="utf-8").startswith("stroke,")
     assert "stroke by stroke" in report.read_text(encoding="utf-8")
+    ahead = [[given, given / 15.0 - taken] for given, taken in rows]
+    late = write(tmp_path / "late.csv", "input_deg,output_deg", ahead)
+    found = evaluate("transmission-error", late, "--ratio", 30)
+    assert found.exit_code == 1
+    assert "delayed" in " ".join(found.output.split())
     short = write(tmp_path / "short.csv", "input_deg,output_deg", rows[:200])
     refused(evaluate("transmission-error", short, "--ratio", 30), "1 strokes", "whole output")
 
@@ -209,6 +214,13 @@ def test_a_motors_current_and_angle_give_the_loop_at_the_output(tmp_path):
     in_the_middle = 1.0 / 12.5 + 2.0 * 0.24 * 75.0 / 100.0**2
     assert values["stiffness"] == pytest.approx(1.0 / in_the_middle, rel=1e-3)
     assert values["backlash"] == pytest.approx(0.48, rel=2e-3)
+    rows = [[5.0 * current, angle] for current, angle in motor_loops()]
+    mixed = write(tmp_path / "mixed.csv", "torque_nm,angle_deg", rows)
+    options_of = ("--rated-torque", 100, "--ratio", 50, "--motor-columns", "motion")
+    found = evaluate("hysteresis", mixed, *options_of, "--output", tmp_path / "mixed")
+    content = json.loads((tmp_path / "mixed" / "result.json").read_text(encoding="utf-8"))
+    again = {each["key"]: each["value"] for each in content["quantities"]}
+    assert again == pytest.approx(values, rel=1e-6)
     # without the current a torque constant says nothing, and without it there is no torque
     torque = write(tmp_path / "torque.csv", "torque_nm,angle_deg", motor_loops())
     refused(evaluate("hysteresis", torque, *options), "no column current")

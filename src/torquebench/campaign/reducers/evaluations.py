@@ -143,11 +143,12 @@ class GearedEvaluation(MotorEvaluation, ABC):
 
     ratio: Annotated[
         float | None,
-        Option(
-            "Columns are the motor's: its turns per output turn. Results are those at the output, "
-            "torques times the ratio without a loss."
-        ),
+        Option("Motor's turns per output turn: results are those at the output, without a loss."),
     ] = None
+    motor_columns: Annotated[
+        Literal["all", "motion", "torque"],
+        Option("Which columns are the motor's, with --ratio: motion is angle or speed."),
+    ] = "all"
 
     def at_output(self, table: Table) -> Table:
         """Return torques, angles and speeds at the output."""
@@ -158,7 +159,11 @@ class GearedEvaluation(MotorEvaluation, ABC):
             raise InputError(
                 Message("ratio {ratio}", self.ratio), "input turns for one output turn, not 0"
             )
-        factors = {"torque": self.ratio, "angle": 1.0 / self.ratio, "speed": 1.0 / self.ratio}
+        factors = {}
+        if self.motor_columns != "motion":
+            factors["torque"] = self.ratio
+        if self.motor_columns != "torque":
+            factors |= {"angle": 1.0 / self.ratio, "speed": 1.0 / self.ratio}
         return {
             name: values * factors.get(self.columns.get(name, ""), 1.0)
             for name, values in table.items()

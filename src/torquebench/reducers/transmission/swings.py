@@ -206,6 +206,19 @@ def evaluate_swings(
     ]
     counts = Contribution("resolution", step / 6.0**0.5 / ARCMIN)
     lost = _over_strokes(gaps, noise, [*common, counts])
+    if gap < -lost.expanded_uncertainty() * ARCMIN:
+        findings.append(
+            Finding(
+                "negative lost motion",
+                Message(
+                    "the output is ahead of the input by {gap:.3g} arcmin in both directions, "
+                    "which no reducer does: one encoder's readings are delayed",
+                    -gap / ARCMIN,
+                ),
+                "swing more slowly, or read both encoders at the same moments",
+                severe=True,
+            )
+        )
     if np.ptp(local) > max(0.3 * abs(gap), 8.0 * along):
         findings.append(
             Finding(
