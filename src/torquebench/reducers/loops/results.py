@@ -505,7 +505,9 @@ def loop_findings(loops: Sequence[LoopFeatures], settings: LoopSettings) -> list
     positions = {each.position for each in loops}
     rule = settings.lost_motion_rule
     if len(loops) < 3 * len(positions):
-        few = Message("{loops} whole loops at one position", len(loops))
+        few: str = "a single whole loop"
+        if len(loops) > 1:
+            few = Message("{loops} whole loops at one position", len(loops))
         if len(positions) > 1:
             few = Message(
                 "{loops} whole loops at {positions} positions", len(loops), len(positions)
