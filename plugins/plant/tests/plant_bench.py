@@ -67,7 +67,7 @@ def backlash_results(
         "quantities": [
             {
                 "key": quantity,
-                "title": "Backlash",
+                "title": "backlash",
                 "value": value,
                 "expanded_uncertainty": 0.05,
                 "unit": "arcmin",

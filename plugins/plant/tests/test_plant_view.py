@@ -66,6 +66,7 @@ def test_the_plant_is_read_without_a_bench(reader: str, tmp_path: Path) -> None:
         assert "<svg" in production.text
         chinese = browser.get("/production", params={**chosen, "lang": "zh"})
         assert "过程能力" in chinese.text
+        assert "过程能力：RV-40E 的背隙，arcmin" in chinese.text
         assert "标准差" in chinese.text
         for page in ("overview", "runs", "transducers", "production"):
             shown = browser.get(f"/{page}", params={**chosen, "serial": "T-1", "lang": "zh"}).text

@@ -359,6 +359,8 @@ def _figure(language: Language, answer: Answer) -> str:
     moving.plot(answer.columns["ewma"], color=COLOURS[0], linewidth=1.0)
     for name in ("ewma_lower", "ewma_upper"):
         moving.plot(answer.columns[name], color=COLOURS[1], linewidth=0.8)
+    for axes in (single, moving):
+        axes.margins(y=0.1)  # limits stay off the frame
     label = _say(language, "Control charts")
     return f'<div role="img" aria-label="{label}">{svg_text(figure)}</div>'
 
