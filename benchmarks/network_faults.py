@@ -76,6 +76,8 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[Order, ...]]] = {
     "scale": (("counter", *DRIVES, "reference", "temperature"), (Order("scale", 1.03),)),
     "jitter": (("counter", "reference"), (Order("jitter", 0.1),)),
     "busy": (MODBUS, (Order("busy"),)),
+    "local": (("output_drive",), (Order("local"),)),
+    "not yet": (("output_drive",), (Order("not yet", replies=3),)),
     "latency": (ENDPOINTS, (Order("delay", 0.003),)),
     "slow": (DRIVES, (Order("slow", 0.3),)),
     "drop once": (ASKED_AGAIN, (Order("drop", replies=1),)),
@@ -86,7 +88,7 @@ SET_UP_ONLY = ("modes", "clamp")
 """Asked while a procedure sets up the bench; they misbehave from its start."""
 MAY_DO_NO_HARM = ("freeze", "lie", "ignore", "scale", "jitter")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
-DOES_NO_HARM = ("latency", "slow", "drop once", "busy once")
+DOES_NO_HARM = ("latency", "slow", "drop once", "busy once", "not yet")
 """An instrument that is a little slow, or fails once, is no reason to stop."""
 AT_REST_S = 15.0
 """How long both drives may take to go off, s of wall time, with every time-out on the way."""

@@ -5,6 +5,7 @@ import socket
 import struct
 import threading
 import time
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -43,6 +44,11 @@ class Cia402Peer:
         self._texts = {0x1008: b"drive of its own"}
         self._identity = {1: 0xAFFE, 2: 7, 3: 1, 4: serial}
         self._segments = b""
+        self.largest_permille = LARGEST_PERMILLE
+        self.bits = 0x210  # voltage enabled, remote
+        self.missing: set[tuple[int, int]] = set()
+        self.not_yet = 0  # so many writings are refused in this state
+        self.spoil: Callable[[bytes], bytes] | None = None
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         self._clients: list[tuple[threading.Thread, socket.socket]] = []
@@ -93,8 +99,15 @@ class Cia402Peer:
                         with self.motor.lock:
                             answer = self._frame(int(words[1], 16), frame)
                         if answer:
+                            answer = self.spoil(answer) if self.spoil else answer
                             head = f"< frame {0x580 + self.node:03X} {time.time():.6f} "
                             client.sendall(head.encode() + answer.hex().upper().encode() + b" >")
+
+    def emergency(self, code: int) -> None:
+        """Send an EMCY message to everybody."""
+        frame = struct.pack("<HB5x", code, 1).hex().upper()
+        for _, client in self._clients:
+            client.sendall(f"< frame {0x80 + self.node:03X} {time.time():.6f} {frame} >".encode())
 
     def _frame(self, can_id: int, data: bytes) -> bytes:
         self._look()
@@ -134,6 +147,8 @@ class Cia402Peer:
 
     def _read(self, index: int, subindex: int) -> bytes:
         motor = self.motor
+        if (index, subindex) in self.missing:
+            raise _Abort(0x06090011 if subindex else 0x06020000)
         if index in self._texts:
             return self._texts[index]
         if index == 0x1018 and subindex in self._identity:
@@ -142,9 +157,9 @@ class Cia402Peer:
         velocity = round(motor.speed.present / RPM * UNITS_PER_RPM)
         found = {
             0x603F: struct.pack("<H", 0x8130 if motor.tripped else 0),
-            0x6041: struct.pack("<H", STATES[self._state] | 0x10),
+            0x6041: struct.pack("<H", STATES[self._state] | self.bits),
             0x6061: struct.pack("<b", self._stored[0x6060, 0]),
-            0x6072: struct.pack("<H", LARGEST_PERMILLE),
+            0x6072: struct.pack("<H", self.largest_permille),
             0x6074: struct.pack("<h", torque),
             0x6076: struct.pack("<I", RATED_MNM),
             0x6077: struct.pack("<h", torque),
@@ -160,7 +175,10 @@ class Cia402Peer:
 
     def _download(self, index: int, subindex: int, data: bytes) -> None:
         layout = WRITABLE.get((index, subindex))
-        if layout is None:
+        if self.not_yet and index != 0x1016:
+            self.not_yet -= 1
+            raise _Abort(0x08000022)
+        if layout is None or (index, subindex) in self.missing:
             raise _Abort(0x06010002 if index in READ_ONLY else 0x06020000)
         if struct.calcsize(layout) != len(data):
             raise _Abort(0x06070010)

@@ -20,7 +20,7 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
     description : BenchDescription
     identities : iterable of Identity
         Identities stated by the instruments. Roles without a serial number in the description (a
-        read-out) aren't compared.
+        read-out) aren't compared, nor instruments that state none.
 
     Raises
     ------
@@ -29,7 +29,7 @@ def check_identities(description: BenchDescription, identities: Iterable[Identit
     """
     for identity in identities:
         described = description.serials.get(identity.role)
-        if described is not None and identity.serial != described:
+        if described is not None and identity.serial not in ("", described):
             raise BenchError(
                 Message(
                     "{role}: {manufacturer} {model} answers with serial {serial!r}",

@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import DriverSet
+from torquebench.bench.drivers.base import DriveLimits, DriverSet
 from torquebench.bench.roles import (
     MODES,
     MOUNTINGS,
@@ -100,6 +100,9 @@ class BenchState(Protocol):
     def limits(self, side: Side) -> SideLimits:
         """Limits in force on a side."""
 
+    def drive_limits(self, side: Side) -> DriveLimits:
+        """Limits that a drive states itself."""
+
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
 
@@ -146,6 +149,7 @@ class PresentState:
         self.rail = _always_at_end if rail is None else rail.position
         self.supplied = _always_on if supply is None else supply.supplies
         self._has_rail = rail is not None
+        self._drives = drivers.drives
         self._supervisor = supervisor
         self._commands = commands
         self._acquisition = acquisition
@@ -167,6 +171,10 @@ class PresentState:
         """Torque that a transducer reads. Raises SignalFault if it is unknown."""
         return self._acquisition.reading_nm(torque_channel(side))
 
+    def drive_limits(self, side: Side) -> DriveLimits:
+        """Limits that a drive states itself."""
+        return self._drives[side].limits()
+
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
         return self._supervisor.alarm
@@ -181,11 +189,13 @@ def check_set_point(state: BenchState, side: Side, quantity: Quantity, value: fl
     Any but zero needs a driven side, an enabled drive and no alarm; a torque needs a closed clamp,
     a speed too if anything is mounted.
     """
-    limits = state.limits(side)
+    limits, own = state.limits(side), state.drive_limits(side)
     if quantity == "torque":
         check_torque_limit(side, value, limits.torque_nm)
+        _check_own_limit(side, value, own.torque_nm, "N·m")
     else:
         check_speed_limit(side, value * RPM_PER_RAD_S, limits.speed_rpm)
+        _check_own_limit(side, value * RPM_PER_RAD_S, own.speed_rad_s * RPM_PER_RAD_S, "rpm")
     if value == 0.0:
         return
     _check_may_drive(state, side, quantity)
@@ -210,6 +220,17 @@ def check_speed_limit(side: Side, speed_rpm: float, limit_rpm: float) -> None:
             Message("{speed_rpm:g} rpm requested from the {side} drive", speed_rpm, side),
             Message("±{limit:g} rpm", limit_rpm),
             Message("raise {side}.limits.speed_rpm only if the whole chain withstands it", side),
+        )
+
+
+def _check_own_limit(side: Side, value: float, limit: float, unit: str) -> None:
+    """Refuse what the drive itself would refuse, or silently cut off."""
+    if abs(value) > limit * (1.0 + _ROUNDING):
+        raise LimitError(
+            Message("{value:g} {unit} requested from the {side} drive", value, unit, side),
+            Message("±{limit:g} {unit}, the drive's own limit", limit, unit),
+            "raise the limit in the drive's settings if motor and chain withstand it, or "
+            "request less",
         )
 
 

@@ -85,25 +85,37 @@ class SideCommands:
         """Ramp time to zero if it is unknown whether the drive got a command, s; else 0."""
         return max(point.uncertain_s for point in self.set_points.values())
 
-    def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> None:
+    def ask(self, quantity: Quantity, value: float, rate: float, time_s: float) -> SetPoint:
         """Record that the command is about to be given."""
-        self.set_points[quantity] = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
+        asked = SetPoint(value, rate, asked_s=time_s, told_s=math.inf)
+        self.set_points[quantity] = asked
         self.controls = quantity
+        return asked
 
-    def told(self, quantity: Quantity, value: float, time_s: float) -> None:
-        """Record that the command was given."""
-        if quantity == "torque":
-            self.torque_nm = value
-        else:
-            self.speed_rad_s = value
-        self.changed_s = time_s
-        self.set_points[quantity] = replace(self.set_points[quantity], told_s=time_s)
+    def told(self, quantity: Quantity, asked: SetPoint, time_s: float) -> SetPoint:
+        """Record that the command was given, unless another one followed; return it."""
+        told = replace(asked, told_s=time_s)
+        if self.set_points[quantity] is asked:
+            if quantity == "torque":
+                self.torque_nm = asked.value
+            else:
+                self.speed_rad_s = asked.value
+            self.changed_s = time_s
+            self.set_points[quantity] = told
+        return told
 
     def on(self) -> None:
         """Note that the drive has power, at zero torque."""
         self.controls = "torque"
         self.enabled_wall_s = time.monotonic()
         self.enabled = True
+
+    def withdraw(
+        self, quantity: Quantity, asked: SetPoint, before: tuple[Quantity, SetPoint]
+    ) -> None:
+        """Record that a command was refused: the controlled quantity and set point before hold."""
+        if self.set_points[quantity] is asked:
+            self.controls, self.set_points[quantity] = before
 
     def ask_zero(self, time_s: float, ramp_s: float) -> SetPoint:
         """Note that the drive is about to be commanded to go to zero, and within which time."""

@@ -129,6 +129,7 @@ class _Books:
         self.description = present.description
         self.book = LimitBook(present.description)
         self.limits = self.book.side
+        self.drive_limits = present.drive_limits
         self.standard = present.mounted()
         self.closed = present.clamped()
         self.rail_at = present.rail()

@@ -17,7 +17,7 @@ from torquebench.units import MS_PER_S, RPM_PER_RAD_S
 
 __all__ = ["Cia402Node", "serial_number"]
 
-VOLTAGE_ENABLED, REMOTE, TARGET_REACHED = 0x010, 0x200, 0x400
+VOLTAGE_ENABLED, TARGET_REACHED = 0x010, 0x400
 COMMUNICATION_ERROR = 0x11
 """Error register: generic and communication."""
 SENDS_BOOT_UP, ENTERS_PRE_OPERATIONAL = 129, 128
@@ -188,7 +188,8 @@ class Cia402Node:
                 enabled = shown == "operation enabled"
                 shown = "switch on disabled" if enabled else "operation enabled"
             reached = 0 if self._drive.ramping else TARGET_REACHED
-            return STATUS[shown] | VOLTAGE_ENABLED | REMOTE | reached
+            remote = 0 if self._faults.local else cia402.REMOTE
+            return STATUS[shown] | VOLTAGE_ENABLED | remote | reached
         told = 1.0 / max(self._faults.scale, 1e-9)
         torque, speed = told * (state.torque_nm or 0.0), told * (state.speed_rad_s or 0.0)
         values = {
@@ -220,7 +221,9 @@ class Cia402Node:
 
     def _written(self, index: int, subindex: int, od: Any, data: bytes) -> None:
         value = int(od.decode_raw(data))
-        if self._faults.ignoring:
+        if self._faults.not_yet:
+            raise canopen.SdoAbortedError(cia402.NOT_IN_THIS_STATE)
+        if self._faults.ignoring or (self._faults.local and index != cia402.HEARTBEAT_CONSUMER):
             return
         with self._plant.lock:
             if index == cia402.HEARTBEAT_CONSUMER and subindex:

@@ -16,6 +16,8 @@
 `ignore`         commands are acknowledged, and nothing is done
 `unguarded`      a drive's own watchdog never acts
 `slow`           a drive needs `amount` seconds for each step from off to ready and to power
+`local`          a CANopen drive is in local control: it says so, and does nothing
+`not yet`        a CANopen drive refuses commands in its present state (0x08000022)
 `busy`           a Modbus server answers that it is busy (exception 6)
 ===============  ============================================================================
 
@@ -51,6 +53,8 @@ MisbehaviourKind = Literal[
     "ignore",
     "unguarded",
     "slow",
+    "local",
+    "not yet",
     "busy",
 ]
 KINDS: tuple[MisbehaviourKind, ...] = get_args(MisbehaviourKind)
@@ -151,6 +155,16 @@ class WireFaults:
     def ignoring(self) -> bool:
         """Whether this command is to be acknowledged only."""
         return self._take("ignore") is not None
+
+    @property
+    def local(self) -> bool:
+        """Whether a drive is in local control."""
+        return self.active("local")
+
+    @property
+    def not_yet(self) -> bool:
+        """Whether this command is to be refused in the present state."""
+        return self._take("not yet") is not None
 
     @property
     def busy(self) -> bool:

@@ -69,7 +69,9 @@ class LowBench:
         """Command the output module, past every interlock."""
         self.commands.output.ask("torque", torque_nm, rate_nm_per_s, self.clock.now())
         self.drivers.drives["output"].command_torque(torque_nm, rate_nm_per_s)
-        self.commands.output.told("torque", torque_nm, self.clock.now())
+        self.commands.output.told(
+            "torque", self.commands.output.set_points["torque"], self.clock.now()
+        )
 
     def zeroed_and_off(self) -> bool:
         """Whether the supervisor's way to safety has been gone to its end."""

@@ -15,6 +15,7 @@ from torquebench.bench.audit.entries import AuditLog
 from torquebench.bench.drivers.base import (
     Clamp,
     Drive,
+    DriveLimits,
     DriverSet,
     DriveState,
     GuideRail,
@@ -85,6 +86,10 @@ class AuditedDrive:
     def identity(self) -> Identity:
         """Read the identity of the drive."""
         return self.drive.identity()
+
+    def limits(self) -> DriveLimits:
+        """Return the drive's own limits."""
+        return self.drive.limits()
 
     def enable(self) -> None:
         """Power the motor at zero torque and zero speed."""

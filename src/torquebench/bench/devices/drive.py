@@ -15,14 +15,21 @@ from ophyd_async.core import (
     soft_signal_r_and_setter,
 )
 
+from torquebench.bench.description import ModuleDescription
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.interlocks import check_enable, check_set_point
 from torquebench.bench.roles import Side
-from torquebench.bench.state import Quantity
-from torquebench.errors import InputError
+from torquebench.bench.state import Quantity, SetPoint
+from torquebench.errors import InputError, LimitError
 from torquebench.message import Message
+from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["DriveAxis", "DriveDevice", "DriveSwitch", "RampTo"]
+__all__ = ["DriveAxis", "DriveDevice", "DriveSwitch", "RampTo", "slice_s"]
+
+SHORTEST_SLICE_S = 0.1
+"""Shortest slice of a ramp, s: half of it is left for the next command to come."""
+SLICE_SHARE = 0.1
+"""Largest part of the range that a longer slice adds."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +87,9 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
     async def set(self, value: float | RampTo) -> None:
         """Command the drive; done when its ramp has had its time.
 
-        The drive itself ramps, at its own rate or at a lower one of `RampTo`. A command is recorded
+        The drive itself ramps, at its own rate or at a lower one of `RampTo`. Where time is real, a
+        ramp is commanded in slices (see `slice_s`), each before the drive has reached the end of
+        the one before: a drive that loses this computer goes no further. A command is recorded
         before and after the drive gets it, if it has power.
 
         Raises
@@ -88,24 +97,61 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         InterlockError
             Clamp open, side not driven, alarm latched, drive off.
         LimitError
-            The value is beyond the limits of the bench description.
+            The value is beyond the limits of the bench description or of the drive.
         BenchError
             The drive doesn't obey, which is an alarm.
         """
-        context, side, quantity = self._context, self._side, self._quantity
+        context, quantity = self._context, self._quantity
         ramp = value if isinstance(value, RampTo) else RampTo(value, math.inf)
-        check_set_point(context.state, side, quantity, ramp.target)
+        check_set_point(context.state, self._side, quantity, ramp.target)
+        commands = context.commands.side(self._side)
+        module = context.description.module(self._side)
+        rate = min(ramp.rate, module.drive.rate(quantity))
+        # in fast time the bench doesn't go on without this computer
+        sliced = commands.enabled and not context.clock.fast
+        part_s = slice_s(module, quantity, rate) if sliced else math.inf
+        start = commands.value(quantity)
+        way, done = abs(ramp.target - start), 0.0
+        while True:
+            ahead = done + rate * part_s
+            last = ahead >= way
+            target = ramp.target if last else start + math.copysign(ahead, ramp.target - start)
+            told = await self._command(target, rate)
+            acquired_s = context.clock.now()
+            left_s = (way - done) / rate
+            await context.clock.sleep_until(told.told_s + min(left_s, part_s / 2.0))
+            superseded = commands.set_points[quantity] is not told
+            if last or superseded:  # a pause or a stop has commanded zero meanwhile
+                break
+            # a simulated drive has got as far as the samples, a real one further
+            clock = context.clock
+            passed_s = min(clock.now() - acquired_s, clock.present() - told.told_s)
+            done = min(ahead, done + rate * passed_s)
+        await context.clock.sleep_until(told.told_s + left_s)
+
+    async def _command(self, target: float, rate: float) -> SetPoint:
+        """Command the drive, if it has power, and record that."""
+        context, side, quantity = self._context, self._side, self._quantity
         commands, drive = context.commands.side(side), context.drivers.drives[side]
-        before = commands.value(quantity)
-        rate = min(ramp.rate, context.description.module(side).drive.rate(quantity))
-        commands.ask(quantity, ramp.target, rate, context.clock.now())
+        before = commands.controls, commands.set_points[quantity]
+        asked = commands.ask(quantity, target, rate, context.clock.now())
         if commands.enabled:
             tell = drive.command_torque if quantity == "torque" else drive.command_speed
-            order = Message("go to {target:g} {unit}", ramp.target, self._unit)
-            await context.tell_drive(side, order, tell, ramp.target, rate)
-        told_s = context.clock.present()  # the samples so far end before the ramp
-        commands.told(quantity, ramp.target, told_s)
-        await context.clock.sleep_until(told_s + abs(ramp.target - before) / rate)
+            order = Message("go to {target:g} {unit}", target, self._unit)
+            try:
+                await context.tell_drive(side, order, tell, target, rate)
+            except (InputError, LimitError):  # refused before the drive got it
+                commands.withdraw(quantity, asked, before)
+                raise
+        # the samples so far end before the ramp
+        told = commands.told(quantity, asked, context.clock.present())
+        present = commands.set_points[quantity]
+        overtaken = present is not told and present.value == 0.0 != target
+        if overtaken and commands.enabled:
+            # zero was commanded while the drive got this, and counts
+            ramp_s = context.description.safety.ramp_to_zero_s
+            await context.tell_drive(side, "go to zero", drive.ramp_to_zero, ramp_s)
+        return told
 
     async def stop(self, success: bool = True) -> None:
         """Bring torque and speed to zero at the drive's own rates, without waiting for it."""
@@ -116,6 +162,17 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
         """Set point as commanded."""
         value = self._present()
         return Location(setpoint=value, readback=value)
+
+
+def slice_s(module: ModuleDescription, quantity: Quantity, rate: float) -> float:
+    """Return how far ahead a drive is commanded on a ramp, s: after a loss it goes no further.
+
+    A slice is no longer than the drive's watchdog, and adds at most a tenth of the range if that
+    takes `SHORTEST_SLICE_S`.
+    """
+    speed = module.limits.speed_rpm / RPM_PER_RAD_S
+    most = SLICE_SHARE * (module.range_nm if quantity == "torque" else speed)
+    return min(module.drive.watchdog_s, max(SHORTEST_SLICE_S, most / rate))
 
 
 class DriveSwitch(StandardReadable):

@@ -9,6 +9,7 @@ an event loop have to move such calls to a thread. A method that fails raises
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
@@ -45,6 +46,7 @@ __all__ = [
     "Clamp",
     "CounterCard",
     "Drive",
+    "DriveLimits",
     "DriveState",
     "DriverSet",
     "GuideRail",
@@ -122,13 +124,24 @@ class DriveState:
     """The state that a drive reports.
 
     `torque_nm` and `speed_rad_s` are the active set points, `None` where the drive doesn't
-    follow that quantity.
+    follow that quantity; `limited` states that a limit of the drive keeps it from its set point,
+    `remote` that it takes commands of the bus.
     """
 
     enabled: bool
     torque_nm: float | None
     speed_rad_s: float | None
     fault: str = ""
+    limited: bool = False
+    remote: bool = True
+
+
+@dataclass(frozen=True)
+class DriveLimits:
+    """Largest torque and speed that a drive accepts; infinite where it states none."""
+
+    torque_nm: float = math.inf
+    speed_rad_s: float = math.inf
 
 
 @runtime_checkable
@@ -137,6 +150,9 @@ class Drive(Protocol):
 
     def identity(self) -> Identity:
         """Read the identity of the drive."""
+
+    def limits(self) -> DriveLimits:
+        """Return the drive's own limits, as read when it was opened."""
 
     def enable(self) -> None:
         """Power the motor at zero torque and zero speed."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+import struct
 import time
 from collections.abc import Callable
 from importlib import resources
@@ -15,7 +16,7 @@ from typing import Annotated, Any, TypeVar
 
 from pydantic import ConfigDict, Field
 
-from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
 from torquebench.bench.drivers.links import (
     LONGEST_TIME_OUT_S,
     Link,
@@ -44,6 +45,7 @@ MAXIMUM_TORQUE, RATED_TORQUE, MAXIMUM_SPEED = 0x6072, 0x6076, 0x6080
 TARGET_VELOCITY, VELOCITY_DEMAND = 0x60FF, 0x606B
 ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION = 0x6083, 0x6084, 0x6085
 ABORT_OPTION, HEARTBEAT_CONSUMER, IDENTITY = 0x6007, 0x1016, 0x1018
+DEVICE_NAME, QUICK_STOP_OPTION, FAULT_REACTION = 0x1008, 0x605A, 0x605E
 
 PROFILE_VELOCITY, PROFILE_TORQUE = 3, 4
 SHUT_DOWN, SWITCH_ON, ENABLE_OPERATION, FAULT_RESET = 0x06, 0x07, 0x0F, 0x80
@@ -52,6 +54,11 @@ ABORT_BY_FAULT = 1
 OPERATIONAL = 5
 LARGEST_SLOPE = 2**31 - 1
 HEARTBEAT_ERRORS = (0x8130, 0x8110, 0x8120)
+REMOTE, INTERNAL_LIMIT = 0x0200, 0x0800
+"""Bits of the statusword: the drive takes commands of the bus; a limit of its own acts."""
+TIMED_OUT, NOT_IN_THIS_STATE = 0x05040000, 0x08000022
+ABSENT = (0x06020000, 0x06090011)
+"""Abort codes: no answer; refused in the present state; no such object or subindex."""
 POLL_S = 0.005
 
 STATES = (
@@ -69,6 +76,13 @@ BUSY_STATES = ("not ready to switch on", "fault reaction active")
 """States that end by themselves, and in which a drive accepts no controlword."""
 
 Result = TypeVar("Result")
+
+
+class _Refusal(BenchError):  # noqa: N818 - the drive's answer, not a defect of the wire
+    """The drive refuses to read or write an object."""
+
+    code = 0
+    """Abort code of CiA 301."""
 
 
 class BusOptions(Options):
@@ -149,34 +163,67 @@ class CanopenLink(Link[Any]):
     def _close(self, connection: Any) -> None:
         connection.disconnect()
 
-    def exchange(self, ask: Callable[[Any, Any], Result]) -> Result:
-        """Ask something of the network and its node, with this project's errors."""
+    def exchange(self, ask: Callable[[Any, Any], Result], what: str) -> Result:
+        """Ask something of the network and its node; `what` names that in messages."""
+        aborted, garbled = self._canopen.SdoAbortedError, self._canopen.SdoCommunicationError
+        malformed = (
+            self._canopen.ObjectDictionaryError,
+            struct.error,
+            ValueError,
+            TypeError,
+            IndexError,
+        )
 
         def question(network: Any) -> Result:
-            sdo_errors = self._canopen.SdoAbortedError, self._canopen.SdoCommunicationError
             try:
                 network.check()
                 return ask(network, network[self._options.node])
-            except sdo_errors[0] as error:
-                if error.code == 0x05040000:  # time-out
-                    raise WireError(str(error)) from error
-                raise BenchError(
-                    Message("{name} at {address} refuses: {error}", self.name, self.address, error),
+            except aborted as error:
+                if error.code == TIMED_OUT:
+                    raise WireError(Message("{what}: {failure}", what, error)) from error
+                refusal = _Refusal(
+                    Message("{name} at {address} refuses {what}: {error}",
+                            self.name, self.address, what, error),
                     "an object and a value that the drive supports",
                     "compare its object dictionary with cia402.eds",
-                ) from error
-            except (sdo_errors[1], self._can.CanError, ValueError, EOFError) as error:
-                raise WireError(str(error) or type(error).__name__) from error
+                )  # fmt: skip
+                refusal.code = error.code
+                raise refusal from error
+            except (garbled, self._can.CanError, EOFError) as error:
+                text = str(error) or type(error).__name__
+                raise WireError(Message("{what}: {failure}", what, text)) from error
+            except malformed as error:
+                raise WireError(Message("{what}: garbled answer ({error})", what, error)) from error
 
         return self.call(question)
 
     def read(self, index: int, subindex: int = 0) -> int:
         """Read an integer object."""
-        return int(self.exchange(lambda _, node: self._variable(node, index, subindex).raw))
+        return int(
+            self.exchange(
+                lambda _, node: self._variable(node, index, subindex).raw,
+                Message("to read {object}", self._named(index, subindex)),
+            )
+        )
+
+    def read_optional(self, index: int, subindex: int = 0) -> int | None:
+        """Read an integer object; None if the drive doesn't have it."""
+        try:
+            return self.read(index, subindex)
+        except _Refusal as refusal:
+            if refusal.code in ABSENT:
+                return None
+            raise
 
     def read_text(self, index: int) -> str:
-        """Read a text object."""
-        return str(self.exchange(lambda _, node: self._variable(node, index, 0).raw))
+        """Read a text object; empty if the drive doesn't have it."""
+        what = Message("to read {object}", self._named(index, 0))
+        try:
+            return str(self.exchange(lambda _, node: self._variable(node, index, 0).raw, what))
+        except _Refusal as refusal:
+            if refusal.code in ABSENT:
+                return ""
+            raise
 
     def write(self, index: int, value: int, subindex: int = 0) -> None:
         """Write an integer object."""
@@ -185,7 +232,14 @@ class CanopenLink(Link[Any]):
             del network
             self._variable(node, index, subindex).raw = value
 
-        self.exchange(ask)
+        named = self._named(index, subindex)
+        self.exchange(ask, Message("to write {value} to {object}", value, named))
+
+    def _named(self, index: int, subindex: int) -> str:
+        """Return number and name of an object, such as "0x6072 (Max torque)"."""
+        entry = self._dictionary[index]
+        variable = entry[subindex] if subindex else entry
+        return f"0x{index:04X}{f':{subindex}' * bool(subindex)} ({variable.name})"
 
     def _variable(self, node: Any, index: int, subindex: int) -> Any:
         return node.sdo[index][subindex] if subindex else node.sdo[index]
@@ -193,7 +247,10 @@ class CanopenLink(Link[Any]):
     def beat(self) -> None:
         """Send this computer's heartbeat once."""
         can_id = 0x700 + self._options.master
-        self.exchange(lambda network, _: network.send_message(can_id, bytes([OPERATIONAL])))
+        self.exchange(
+            lambda network, _: network.send_message(can_id, bytes([OPERATIONAL])),
+            "to send a heartbeat",
+        )
 
     def start_node(self) -> None:
         """Bring the node to the NMT state operational."""
@@ -202,7 +259,17 @@ class CanopenLink(Link[Any]):
             del network
             node.nmt.state = "OPERATIONAL"
 
-        self.exchange(ask)
+        self.exchange(ask, "to start the node")
+
+    def emergency(self) -> str:
+        """Return the last emergency message (EMCY) that the drive hasn't reset; empty if none."""
+
+        def ask(network: Any, node: Any) -> str:
+            del network
+            active = node.emcy.active
+            return str(active[-1]).replace("Code ", "EMCY ") if active else ""
+
+        return self.exchange(ask, "to read its emergencies")
 
 
 class Cia402Drive:
@@ -238,40 +305,63 @@ class Cia402Drive:
         self._maximum_rad_s = link.read(MAXIMUM_SPEED) / RPM_PER_RAD_S
 
     def identity(self) -> Identity:
-        """Read from the drive its identity object."""
+        """Read identity and reactions of the drive; what CiA 301 leaves optional may be missing."""
         link = self._link
-        vendor, product, revision, serial = (link.read(IDENTITY, sub) for sub in (1, 2, 3, 4))
+        vendor = link.read(IDENTITY, 1)
+        product, revision, serial = (link.read_optional(IDENTITY, sub) for sub in (2, 3, 4))
+        product_text = "" if product is None else f"0x{product:X}"
+        reactions = {
+            "reaction to a fault (0x605E)": link.read_optional(FAULT_REACTION),
+            "reaction to quick stop (0x605A)": link.read_optional(QUICK_STOP_OPTION),
+        }
         return Identity(
             f"{self._side}.drive",
             f"vendor 0x{vendor:X}",
-            link.read_text(0x1008),
-            str(serial),
-            f"revision 0x{revision:X}",
-            {"product": f"0x{product:X}", "address": link.address},
+            link.read_text(DEVICE_NAME) or f"product {product_text}",
+            "" if serial is None else str(serial),
+            "" if revision is None else f"revision 0x{revision:X}",
+            {"product": product_text, "address": link.address}
+            | {name: str(value) for name, value in reactions.items() if value is not None},
         )
+
+    def limits(self) -> DriveLimits:
+        """Return the limits of objects 0x6072 and 0x6080."""
+        return DriveLimits(self._maximum_nm, self._maximum_rad_s)
 
     # -- state machine ----------------------------------------------------------------------
 
-    def _status(self) -> str:
-        word = self._link.read(STATUSWORD)
+    def _status(self, word: int | None = None) -> str:
+        word = self._link.read(STATUSWORD) if word is None else word
         return next((name for mask, value, name in STATES if word & mask == value), "unknown")
+
+    def _write(self, index: int, value: int, subindex: int = 0) -> None:
+        """Write an object; again where the drive isn't in a state for that yet."""
+        deadline = time.monotonic() + self._options.switching_s
+        while True:
+            try:
+                return self._link.write(index, value, subindex)
+            except _Refusal as refusal:
+                if refusal.code != NOT_IN_THIS_STATE or time.monotonic() > deadline:
+                    raise
+            self._link.beat()
+            time.sleep(POLL_S)
 
     def _switch(self, controlword: int, wanted: str) -> None:
         """Write a controlword and wait until its state is reached."""
-        self._link.write(CONTROLWORD, controlword)
+        self._write(CONTROLWORD, controlword)
         self._await_state(lambda status: status == wanted, wanted, controlword != FAULT_RESET)
 
     def _await_state(self, reached: Callable[[str], bool], wanted: str, refuses: bool) -> str:
         """Wait for a state and send heartbeats meanwhile, as the drive may expect them already."""
         deadline = time.monotonic() + self._options.switching_s
-        while not reached(status := self._status()):
+        while not reached(status := self._status(word := self._link.read(STATUSWORD))):
             if time.monotonic() > deadline or (refuses and status == "fault"):
                 raise BenchError(
                     Message(
                         "{name} is in the state {status!r}{reason}",
                         self._link.name,
                         status,
-                        self._reason(status),
+                        self._reason(status, word),
                     ),
                     Message(
                         "the state {wanted!r} within {switching_s:g} s",
@@ -284,16 +374,25 @@ class Cia402Drive:
             time.sleep(POLL_S)
         return status
 
-    def _reason(self, status: str) -> str:
+    def _reason(self, status: str, word: int = REMOTE) -> str:
+        """Return what the drive states about a fault, or that it doesn't obey the bus."""
         if "fault" not in status:
-            return ""
-        code = self._link.read(ERROR_CODE)
+            return "" if word & REMOTE else ": local control, its remote bit is 0"
+        code = self._link.read_optional(ERROR_CODE)
+        emergency = self._link.emergency()
+        if not code:
+            return Message(": {emergency}", emergency or "no error code")
         if code in HEARTBEAT_ERRORS:
             return Message(
                 ": error 0x{code:04X}, watchdog not fed for {watchdog_s:g} s",
                 code,
                 self._watchdog_s,
             )
+        if emergency and f"0x{code:04X}" not in emergency:
+            return Message(": error 0x{code:04X}; {emergency}", code, emergency)
+        name = emergency.partition(", ")[2]
+        if name:
+            return Message(": error 0x{code:04X} ({name})", code, name)
         return Message(": error 0x{code:04X}", code)
 
     def enable(self) -> None:
@@ -302,17 +401,17 @@ class Cia402Drive:
         link.start_node()
         link.beat()
         milliseconds = round(self._watchdog_s * MS_PER_S)
-        link.write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
-        link.write(ABORT_OPTION, ABORT_BY_FAULT)
+        self._write(HEARTBEAT_CONSUMER, self._options.master << 16 | milliseconds, 1)
+        self._write(ABORT_OPTION, ABORT_BY_FAULT)
         link.beat()
         status = self._await_state(lambda status: status not in BUSY_STATES, "ready", False)
         if status == "fault":  # a rising edge of the bit resets, and the bit may still be high
-            link.write(CONTROLWORD, DISABLE_VOLTAGE)
+            self._write(CONTROLWORD, DISABLE_VOLTAGE)
             self._switch(FAULT_RESET, "switch on disabled")
         elif status == "quick stop active":
             self._switch(DISABLE_VOLTAGE, "switch on disabled")
-        link.write(TARGET_TORQUE, 0)
-        link.write(TARGET_VELOCITY, 0)
+        self._write(TARGET_TORQUE, 0)
+        self._write(TARGET_VELOCITY, 0)
         self._set_mode(PROFILE_TORQUE)
         self._switch(SHUT_DOWN, "ready to switch on")
         self._switch(SWITCH_ON, "switched on")
@@ -325,7 +424,7 @@ class Cia402Drive:
     def _set_mode(self, mode: int) -> None:
         if self._link.read(MODE_DISPLAY) == mode:
             return
-        self._link.write(MODE, mode)
+        self._write(MODE, mode)
         deadline = time.monotonic() + self._options.switching_s
         while (shown := self._link.read(MODE_DISPLAY)) != mode:
             if time.monotonic() > deadline:
@@ -334,6 +433,7 @@ class Cia402Drive:
                     Message("mode {mode}", mode),
                     "check that the drive supports profile torque and profile velocity",
                 )
+            self._link.beat()
             time.sleep(POLL_S)
 
     def _check_enabled(self) -> None:
@@ -358,8 +458,8 @@ class Cia402Drive:
         self._check_enabled()
         # Set the target before the mode: the drive follows its present target as soon as the mode
         # changes.
-        self._link.write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
-        self._link.write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
+        self._write(TORQUE_SLOPE, self._slope(ramp_nm_per_s))
+        self._write(TARGET_TORQUE, round(1e3 * torque_nm / self._rated_nm))
         self._set_mode(PROFILE_TORQUE)
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
@@ -370,8 +470,8 @@ class Cia402Drive:
         self._check_enabled()
         ramp = self._ramp(ramp_rad_per_s2)
         for index in (ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION):
-            self._link.write(index, ramp)
-        self._link.write(TARGET_VELOCITY, self._velocity(speed_rad_s))
+            self._write(index, ramp)
+        self._write(TARGET_VELOCITY, self._velocity(speed_rad_s))
         self._set_mode(PROFILE_VELOCITY)
 
     def quick_stop(self) -> None:
@@ -413,7 +513,8 @@ class Cia402Drive:
 
     def state(self) -> DriveState:
         """Ask for the set point of the active mode and the fault state."""
-        status = self._status()
+        word = self._link.read(STATUSWORD)
+        status = self._status(word)
         mode = self._link.read(MODE_DISPLAY)
         torque_nm = speed_rad_s = None
         if mode == PROFILE_VELOCITY:
@@ -423,7 +524,14 @@ class Cia402Drive:
             torque_nm = self._link.read(TORQUE_DEMAND) * self._rated_nm / 1e3
         enabled = status == "operation enabled"
         fault = f"{status}{self._reason(status)}" if "fault" in status else ""
-        return DriveState(enabled, torque_nm, speed_rad_s, fault)
+        return DriveState(
+            enabled,
+            torque_nm,
+            speed_rad_s,
+            fault,
+            limited=bool(word & INTERNAL_LIMIT),
+            remote=bool(word & REMOTE),
+        )
 
     def close(self) -> None:
         """Release the drive. A second call does nothing."""

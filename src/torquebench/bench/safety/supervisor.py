@@ -326,7 +326,7 @@ class SafetySupervisor:
 
     def _act(self, violation: Violation | None, changes: list[Change]) -> None:
         if violation is not None and self._book.latched is None:
-            self._trip_for(violation)
+            self._trip_for(self._with_the_drives_words(violation))
         for change in changes:
             if change.watch.number:
                 self._book.clear(change.watch.number)
@@ -336,6 +336,19 @@ class SafetySupervisor:
                 change.watch.number = self.warn(
                     found.kind, found.source, found.found, found.allowed, found.remedy
                 ).number
+
+    def _with_the_drives_words(self, violation: Violation) -> Violation:
+        """Add what the drive states about a command that it doesn't follow."""
+        if violation.kind is not AlarmKind.FOLLOWING:
+            return violation
+        state = next(w.state for side, w in self._workers.items() if side == violation.source)
+        if state is not None and not state.remote:
+            words = Message("{found}; the drive states local control", violation.found)
+        elif state is not None and state.limited:
+            words = Message("{found}; the drive states that its own limit acts", violation.found)
+        else:
+            return violation
+        return replace(violation, found=words)
 
     def check_lateness(self, late_s: float, allowed_s: float) -> None:
         """Check how late acquisition is: with power on that stops the bench, else it is shown."""

@@ -16,7 +16,7 @@ from torquebench.units import DEG_PER_RAD, MS_PER_S, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.audit.entries import AuditLog
-    from torquebench.bench.description import BenchDescription
+    from torquebench.bench.description import BenchDescription, ModuleDescription
     from torquebench.bench.drivers.base import Drive, DriverSet, Side
     from torquebench.station import Station
 
@@ -59,7 +59,12 @@ def _problem(what: str, error: TorquebenchError) -> Finding:
 
 
 def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
-    """Connect to each instrument and read its identity; a failure doesn't affect the others."""
+    """Connect to each instrument, read identity and status; a failure doesn't affect the others."""
+    yield from _connected(description, data)
+    yield from _losses(description)
+
+
+def _connected(description: BenchDescription, data: Path) -> Iterator[Finding]:
     if description.bench.driver != "instruments":
         with _opened(description, data) as drivers:
             for identity in drivers.identities():
@@ -72,6 +77,23 @@ def instruments(description: BenchDescription, data: Path) -> Iterator[Finding]:
         for role in ROLES:
             if description.driver.get(role) is not None:
                 yield _instrument(description, role)
+
+
+def _losses(description: BenchDescription) -> Iterator[Finding]:
+    """State how far a ramp goes on at most after a loss of computer or cable."""
+    from torquebench.bench.devices.drive import slice_s
+    from torquebench.bench.drivers.base import SIDES
+
+    for side in SIDES:
+        module = description.module(side)
+        rate = module.drive.torque_rate_nm_per_s
+        ahead_s = slice_s(module, "torque", rate)
+        yield Finding(
+            f"{side} loss",
+            "ok",
+            f"without computer or cable a ramp adds at most {rate * ahead_s:.3g} N·m, "
+            f"{ahead_s:g} s at {rate:g} N·m/s; after {module.drive.watchdog_s:g} s the drive stops",
+        )
 
 
 @contextlib.contextmanager
@@ -123,7 +145,7 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
             found = _identified(description, name, instrument.identity())
             if not isinstance(instrument, Drive) or found.state == "problem":
                 return found
-            return _with_status(found, instrument)
+            return _with_status(found, instrument, description.module(_side_of(role)))
         counts = instrument.counts()
         return Finding(name, "ok", ", ".join(f"{side} {count}" for side, count in counts.items()))
     except TorquebenchError as error:
@@ -132,19 +154,44 @@ def _instrument(description: BenchDescription, role: str) -> Finding:
         instrument.close()
 
 
-def _with_status(found: Finding, drive: Drive) -> Finding:
-    """Add a drive's status to its identity: a drive whose status can't be read isn't usable."""
-    state = drive.state()
+def _side_of(role: str) -> Side:
+    return "input" if role.startswith("input") else "output"
+
+
+def _with_status(found: Finding, drive: Drive, module: ModuleDescription) -> Finding:
+    """Add a drive's status and its own limits: one that can't be read isn't usable."""
+    state, own = drive.state(), drive.limits()
+    details = drive.identity().details
+    text = "; ".join([found.found] + [f"{k} {v}" for k, v in details.items() if "reaction" in k])
     if state.enabled:
+        remedy = "find out who has switched it on"
+        return Finding(found.what, "problem", f"{text}; it has power", remedy)
+    if not state.remote:
+        remedy = "set it to remote control: it ignores commands of the bus"
+        return Finding(found.what, "problem", f"{text}; local control (remote bit 0)", remedy)
+    limit_rpm = own.speed_rad_s * RPM_PER_RAD_S
+    if own.torque_nm < module.range_nm:
         return Finding(
-            found.what, "problem", f"{found.found}; it has power", "find out who has switched it on"
+            found.what,
+            "problem",
+            f"{text}; its own limit is {own.torque_nm:g} N·m, the range {module.range_nm:g} N·m",
+            "raise the limit in the drive's settings, or load with smaller profiles only",
         )
-    return Finding(found.what, "ok", f"{found.found}; off{f', {state.fault}' * bool(state.fault)}")
+    if limit_rpm < module.limits.speed_rpm * (1.0 - 1e-6):
+        text += f"; its own limit is {limit_rpm:g} of {module.limits.speed_rpm:g} rpm"
+    if state.limited:
+        text += "; a limit of its own acts"
+    text += f"; off{f', {state.fault}' * bool(state.fault)}"
+    return Finding(found.what, found.state, text, found.remedy)
 
 
 def _identified(description: BenchDescription, name: str, identity: Any) -> Finding:
     found = f"{identity.manufacturer} {identity.model}, serial {identity.serial}"
     described = description.serials.get(identity.role)
+    if not identity.serial and described:
+        return Finding(
+            name, "note", f"{found}none", "it states no serial number: compare its plate"
+        )
     if described not in (None, identity.serial):
         return Finding(
             name,
@@ -358,13 +405,6 @@ def _off(drive: Drive) -> None:
         return
 
 
-def _pass(drivers: DriverSet, description: BenchDescription, duration_s: float) -> None:
-    """Let bench time pass: reading a counter's block takes the time that it covers."""
-    block_s = description.counter.block_s
-    for _ in range(math.ceil(duration_s / block_s)):
-        drivers.counter.read_block(block_s)
-
-
 def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
     what, drive = f"{side} stop", drivers.drives[side]
     drive.enable()
@@ -385,14 +425,28 @@ def _stop(drivers: DriverSet, description: BenchDescription, side: Side) -> Find
 def _watchdog(drivers: DriverSet, description: BenchDescription, side: Side) -> Finding:
     what, drive = f"{side} watchdog", drivers.drives[side]
     limit_s = description.module(side).drive.watchdog_s
+    block_s, allowed_s = description.counter.block_s, limit_s + WATCHDOG_MARGIN_S
+    simulated = drivers.simulated_time or "simulation" in description.driver
     drive.enable()
-    _pass(drivers, description, limit_s + WATCHDOG_MARGIN_S)
-    state = drive.state()
-    if state.enabled:
-        return Finding(
-            what,
-            "problem",
-            f"still on {limit_s + WATCHDOG_MARGIN_S:g} s after it was last fed",
-            "don't use the bench: set up the drive's own watchdog, it is the last line of defence",
-        )
-    return Finding(what, "ok", f"it stopped by itself: {state.fault or 'disabled'}")
+    drive.feed_watchdog()
+    fed, passed_s = time.monotonic(), 0.0
+    while True:
+        # simulated time passes as blocks are read; a card may have buffered blocks of earlier
+        drivers.counter.read_block(block_s)
+        passed_s += block_s
+        state, wall_s = drive.state(), time.monotonic() - fed
+        unfed_s = passed_s if simulated else wall_s
+        if not state.enabled:
+            break
+        if min(passed_s, wall_s) > allowed_s:
+            return Finding(
+                what,
+                "problem",
+                f"still on {unfed_s:.2f} s after it was last fed",
+                "don't use the bench: set up the drive's own watchdog, it is the last line of "
+                "defence",
+            )
+    found = f"it stopped by itself after {unfed_s:.2f} s: {state.fault or 'disabled'}"
+    if unfed_s > allowed_s:
+        return Finding(what, "problem", found, f"set its watchdog to {limit_s:g} s")
+    return Finding(what, "ok", found)

@@ -49,7 +49,9 @@ def test_a_drive_that_keeps_its_torque_is_stopped(bench: LowBench) -> None:
     bench.load_output(900.0)
     bench.clock.wait(1.0)
     bench.commands.output.ask("torque", 100.0, RATE, bench.clock.now())
-    bench.commands.output.told("torque", 100.0, bench.clock.now())  # it never hears of it
+    bench.commands.output.told(
+        "torque", bench.commands.output.set_points["torque"], bench.clock.now()
+    )  # it never hears of it
     with pytest.raises(BenchError, match=r"instead of 100\.0 N·m"):
         bench.clock.wait(5.0)
 
@@ -107,7 +109,7 @@ def test_a_drive_that_follows_late_is_never_called_astray(
     path = [(0.0, 0.0)]  # where a drive would be that follows at once
     for target_nm, blocks in commanded:
         read.commands.output.ask("torque", target_nm, RATE, read.now_s)
-        read.commands.output.told("torque", target_nm, read.now_s)
+        read.commands.output.told("torque", read.commands.output.set_points["torque"], read.now_s)
         for _ in range(blocks):
             time_s, torque_nm = path[-1]
             step = np.clip(target_nm - torque_nm, -RATE * BLOCK_S, RATE * BLOCK_S)
@@ -122,7 +124,7 @@ def test_nothing_is_held_against_a_drive_while_it_is_being_told() -> None:
     read.commands.output.on()
     read.commands.output.ask("torque", 1000.0, RATE, 0.0)
     assert {read.block(0.0) for _ in range(40)} == {""}  # two seconds on a bad wire
-    read.commands.output.told("torque", 1000.0, read.now_s)
+    read.commands.output.told("torque", read.commands.output.set_points["torque"], read.now_s)
     assert {read.block(0.0) for _ in range(10)} == {""}  # it may have come at their end
     assert "0.0 N·m instead of" in [read.block(0.0) for _ in range(10)][-1]
 
@@ -132,7 +134,7 @@ def test_a_side_that_is_free_to_turn_may_take_up_less(standard: bool) -> None:
     read = Read(standard=standard)
     read.commands.output.on()
     read.commands.output.ask("torque", 1000.0, RATE, 0.0)
-    read.commands.output.told("torque", 1000.0, 0.0)
+    read.commands.output.told("torque", read.commands.output.set_points["torque"], 0.0)
     found = {read.block(0.0) for _ in range(40)}
     assert (found == {""}) is not standard
 
@@ -142,7 +144,7 @@ def test_a_drive_that_turns_the_other_way_is_astray(turns: float, wrong: bool) -
     read = Read(standard=False)
     read.commands.output.on()
     read.commands.output.ask("speed", 1.0, 10.0, 0.0)
-    read.commands.output.told("speed", 1.0, 0.0)
+    read.commands.output.told("speed", read.commands.output.set_points["speed"], 0.0)
     found = {read.block(0.0, turns) for _ in range(40)}
     assert any("rpm instead of" in each for each in found) is wrong
 
@@ -151,7 +153,7 @@ def test_a_reading_that_is_missing_says_nothing_of_the_drive() -> None:
     read = Read(standard=True)
     read.commands.output.on()
     read.commands.output.ask("torque", 1000.0, RATE, 0.0)
-    read.commands.output.told("torque", 1000.0, 0.0)
+    read.commands.output.told("torque", read.commands.output.set_points["torque"], 0.0)
     assert {read.block(float("nan")) for _ in range(40)} == {""}
 
 
@@ -159,7 +161,7 @@ def test_a_drive_that_was_off_begins_anew() -> None:
     read = Read(standard=True)
     read.commands.output.on()
     read.commands.output.ask("torque", 1000.0, RATE, 0.0)
-    read.commands.output.told("torque", 1000.0, 0.0)
+    read.commands.output.told("torque", read.commands.output.set_points["torque"], 0.0)
     for torque_nm in (200.0, 400.0, 600.0, 800.0, 1000.0):
         assert read.block(torque_nm) == ""
     read.commands.output.off(read.now_s)
@@ -212,7 +214,7 @@ def test_a_turning_shaft_that_keeps_its_torque_may_change_its_speed(bench: LowBe
     for rpm in (5.0, 10.0, 0.0):
         commands.ask("speed", rpm / RPM_PER_RAD_S, 1.0, bench.clock.now())
         drive.command_speed(rpm / RPM_PER_RAD_S, 1.0)
-        commands.told("speed", rpm / RPM_PER_RAD_S, bench.clock.now())
+        commands.told("speed", commands.set_points["speed"], bench.clock.now())
         bench.clock.wait(2.0)
         bench.command_torque(900.0 + rpm, SLOWLY)
         bench.clock.wait(2.0)
@@ -227,7 +229,7 @@ def test_torque_is_watched_while_the_speed_of_a_held_shaft_changes() -> None:
     read.commands.output.on()
     for quantity, value in (("torque", 1000.0), ("speed", 1.0)):
         read.commands.output.ask(quantity, value, RATE, read.now_s)
-        read.commands.output.told(quantity, value, read.now_s)
+        read.commands.output.told(quantity, read.commands.output.set_points[quantity], read.now_s)
     assert {read.block(1000.0, 0.5) for _ in range(40)} == {""}
     assert "0.0 N·m instead of 1000.0 N·m" in [read.block(0.0, 0.5) for _ in range(20)][-1]
 
@@ -239,10 +241,10 @@ def test_a_shaft_that_turned_under_torque_is_taken_over_at_its_speed_or_from_res
     read, rate = Read(standard=False), 2.0
     read.commands.output.on()
     read.commands.output.ask("torque", 100.0, RATE, 0.0)
-    read.commands.output.told("torque", 100.0, 0.0)
+    read.commands.output.told("torque", read.commands.output.set_points["torque"], 0.0)
     assert {read.block(100.0, 20.0) for _ in range(10)} == {""}
     read.commands.output.ask("speed", 25.0, rate, read.now_s)
-    read.commands.output.told("speed", 25.0, read.now_s)
+    read.commands.output.told("speed", read.commands.output.set_points["speed"], read.now_s)
     speeds = np.minimum(25.0, starts_at + rate * BLOCK_S * np.arange(1, 400))
     assert {read.block(0.0, speed) for speed in speeds} == {""}
     found = [read.block(0.0, -20.0) for _ in range(20)][-1]

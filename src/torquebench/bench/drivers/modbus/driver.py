@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable
 from typing import TypeVar
 
-from torquebench.bench.drivers.base import DriveState, Identity, Side
+from torquebench.bench.drivers.base import DriveLimits, DriveState, Identity, Side
 from torquebench.bench.drivers.links import SwitchingTime, check_drive_order, drive_timeout
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import device_map
@@ -73,11 +73,17 @@ class ModbusDrive:
         self._watchdog_ms = round(watchdog_s * MS_PER_S)
         self._fed = 0
         words = link.input_registers(DriveReport.MAXIMUM_TORQUE, 4)
-        self._maximum = register_map.float_of(words[:2]), register_map.float_of(words[2:])
+        self._limits = DriveLimits(
+            register_map.float_of(words[:2]), register_map.float_of(words[2:])
+        )
 
     def identity(self) -> Identity:
         """Read the identity of the drive."""
         return self._link.identity(f"{self._side}.drive")
+
+    def limits(self) -> DriveLimits:
+        """Return the limits of the register map."""
+        return self._limits
 
     def enable(self) -> None:
         """Reset a fault, arm the watchdog, power the motor at zero torque and speed."""
@@ -105,11 +111,13 @@ class ModbusDrive:
 
     def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
         """Go to a torque at a limited rate and keep it."""
-        self._command(DriveMode.TORQUE, torque_nm, ramp_nm_per_s, self._maximum[0], "N·m")
+        self._command(DriveMode.TORQUE, torque_nm, ramp_nm_per_s, self._limits.torque_nm, "N·m")
 
     def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
         """Go to a speed at a limited rate and keep it."""
-        self._command(DriveMode.SPEED, speed_rad_s, ramp_rad_per_s2, self._maximum[1], "rad/s")
+        self._command(
+            DriveMode.SPEED, speed_rad_s, ramp_rad_per_s2, self._limits.speed_rad_s, "rad/s"
+        )
 
     def _command(
         self, mode: DriveMode, value: float, rate: float, maximum: float, unit: str

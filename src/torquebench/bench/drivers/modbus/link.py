@@ -20,6 +20,13 @@ __all__ = ["ModbusLink", "ModbusOptions"]
 BUSY = 6
 """Exception "server device busy": the same request is asked again."""
 BUSY_S = 0.01
+EXCEPTIONS = {
+    1: " (illegal function)",
+    2: " (illegal data address)",
+    3: " (illegal data value)",
+    4: " (device failure)",
+}
+"""Meaning of exception codes (Modbus application protocol 1.1b3, 7)."""
 
 
 class _BusyError(Exception):
@@ -67,7 +74,9 @@ class ModbusLink(Link[Any]):
     def _close(self, connection: Any) -> None:
         connection.close()
 
-    def _exchange(self, ask: Callable[[Any], Any]) -> Any:
+    def _exchange(self, ask: Callable[[Any], Any], what: str) -> Any:
+        """Ask something of the client; `what` names that in messages."""
+
         def question(client: Any) -> Any:
             try:
                 answer = ask(client)
@@ -86,10 +95,12 @@ class ModbusLink(Link[Any]):
             if answer.isError():
                 raise BenchError(
                     Message(
-                        "{name} at {address} refuses: exception {exception_code}",
+                        "{name} at {address} refuses {what}: exception {exception_code}{meaning}",
                         self.name,
                         self.address,
+                        what,
                         answer.exception_code,
+                        EXCEPTIONS.get(answer.exception_code, ""),
                     ),
                     "a register and a value that the instrument supports",
                     "compare its register map with docs/reference/device-protocols.md",
@@ -118,7 +129,8 @@ class ModbusLink(Link[Any]):
         """Read input registers (function 4)."""
         place, unit = self._base + first, self._unit
         found = self._exchange(
-            lambda client: client.read_input_registers(place, count=count, device_id=unit)
+            lambda client: client.read_input_registers(place, count=count, device_id=unit),
+            Message("to read input registers {first} to {last}", place, place + count - 1),
         ).registers
         return self._complete(found, count)
 
@@ -126,20 +138,25 @@ class ModbusLink(Link[Any]):
         """Read holding registers (function 3)."""
         place, unit = self._base + first, self._unit
         found = self._exchange(
-            lambda client: client.read_holding_registers(place, count=count, device_id=unit)
+            lambda client: client.read_holding_registers(place, count=count, device_id=unit),
+            Message("to read holding registers {first} to {last}", place, place + count - 1),
         ).registers
         return self._complete(found, count)
 
     def write(self, first: int, values: list[int]) -> None:
         """Write holding registers (function 16), all at once."""
         place, unit = self._base + first, self._unit
-        self._exchange(lambda client: client.write_registers(place, values, device_id=unit))
+        self._exchange(
+            lambda client: client.write_registers(place, values, device_id=unit),
+            Message("to write holding registers {first} to {last}", place, place + len(values) - 1),
+        )
 
     def contacts(self, first: int, count: int) -> list[bool]:
         """Read discrete inputs (function 2)."""
         place, unit = self._base + first, self._unit
         found = self._exchange(
-            lambda client: client.read_discrete_inputs(place, count=count, device_id=unit)
+            lambda client: client.read_discrete_inputs(place, count=count, device_id=unit),
+            Message("to read discrete inputs {first} to {last}", place, place + count - 1),
         ).bits
         return [bool(bit) for bit in self._complete(found, count)]
 
@@ -147,14 +164,18 @@ class ModbusLink(Link[Any]):
         """Read coils (function 1)."""
         place, unit = self._base + first, self._unit
         found = self._exchange(
-            lambda client: client.read_coils(place, count=count, device_id=unit)
+            lambda client: client.read_coils(place, count=count, device_id=unit),
+            Message("to read coils {first} to {last}", place, place + count - 1),
         ).bits
         return [bool(bit) for bit in self._complete(found, count)]
 
     def switch(self, first: int, values: list[bool]) -> None:
         """Write coils (function 15), all at once."""
         place, unit = self._base + first, self._unit
-        self._exchange(lambda client: client.write_coils(place, values, device_id=unit))
+        self._exchange(
+            lambda client: client.write_coils(place, values, device_id=unit),
+            Message("to write coils {first} to {last}", place, place + len(values) - 1),
+        )
 
     def _complete(self, found: list[int], count: int) -> list[int]:
         if len(found) < count:

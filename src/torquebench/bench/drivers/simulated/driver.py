@@ -23,6 +23,7 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import (
     SIDES,
     Block,
+    DriveLimits,
     DriverSet,
     DriveState,
     Identity,
@@ -586,6 +587,10 @@ class SimulatedDrive:
         """Name plate of the simulated drive."""
         drive = self._bench.description.module(self._side).drive
         return Identity(f"{self._side}.drive", "simulated", "drive of the twin", drive.serial)
+
+    def limits(self) -> DriveLimits:
+        """Return no limits: the bench's own apply."""
+        return DriveLimits()
 
     def enable(self) -> None:
         """Power the motor at zero torque."""
