@@ -24,6 +24,7 @@ from torquebench.calibration import (
     find_contradictions,
     rows_in_words,
     summarise_errors,
+    tare,
 )
 from torquebench.calibration.plausibility import contradiction_of
 from torquebench.campaign.chains import mounting_effect
@@ -347,6 +348,17 @@ def _remarks(
         )
 
 
+def _untared(data: CalibrationData, examination: Examination) -> Iterator[str]:
+    """Yield the zero of a table that wasn't tared: the model corrects it with the rest."""
+    zero = max(tare(data).zeros_nm, key=abs, default=0.0)
+    if zero and not abs(zero) <= 2.0 * examination.expanded_nm:
+        yield Message(
+            "without load the reading is {zero:+.4g} N·m: the model subtracts it, so it takes "
+            "readings that aren't tared",
+            zero,
+        )
+
+
 def _contradictions(
     data: CalibrationData,
     examination: Examination,
@@ -436,6 +448,7 @@ def fit_table(
         fitted=summarise_errors(model.predict(X), kept.standard_nm, kept.range_nm),
         remarks=(
             *_remarks(data, kept, examination),
+            *_untared(data, examination),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),
