@@ -64,8 +64,8 @@ _OF_STANDARD = ("standard", "nominal")
 _NO_NAMES = ("min", "max", "ms", "in", "std", "tr", "rev", "gf", "mg")
 """Names of columns that aren't meant as the unit that they are, too."""
 _SHARES = ("%", "percent", "pct", "% fs", "%fs", "fs")
-_BY_MEANING, _SURE = 16, 8
-"""Rank of a column whose words mean a quantity; lead that another one needs to be proposed."""
+_SURE = 8
+"""Rank that a torque needs to be proposed among several: of a signal, or by its words."""
 _COUNTS = re.compile(r"counts\s*/\s*([0-9.]+(?:e[0-9]+)?)", re.IGNORECASE)
 
 
@@ -662,9 +662,9 @@ class _Choice:
             if rank > 0:
                 ranked.append((-rank, index))
         ranked.sort()
-        if len(ranked) > 1 and -ranked[0][0] < _BY_MEANING and ranked[1][0] - ranked[0][0] < _SURE:
+        if not ranked or (kind == "torque" and len(ranked) > 1 and -ranked[0][0] < _SURE):
             return None
-        return ranked[0][1] if ranked else None
+        return ranked[0][1]
 
     def _rank(self, quantity: str, kind: Kind, name: str) -> int:
         units = {each for _, text in _forms(name) if text for each in kinds_of(text)}
@@ -677,10 +677,10 @@ class _Choice:
         words = {found for stem, _ in _forms(name) if (found := meanings(stem)) is not None}
         rank = 1 if fitting & units else 0
         if quantity == "reading" and units & set(SIGNALS):
-            rank += 8  # beside a signal, a torque is the standard's
+            rank += _SURE  # beside a signal, a torque is the standard's
         for found in words:
             if matches(found, quantity, kind):
-                return _BY_MEANING + rank
+                return 2 * _SURE + rank
             others = (q for q in self._wanted if q != quantity)
             if any(matches(found, each, self._wanted[each]) for each in others):
                 if not (quantity == "standard" and "nominal" in found):

@@ -477,6 +477,37 @@ def test_a_table_of_another_chain_than_the_models_is_refused_everywhere(
         assert not (tmp_path / "out.csv").exists()
 
 
+@pytest.mark.parametrize("unit", ["[mV/V]", "in Hz", "_mV", "(counts)"])
+def test_of_a_signal_and_a_torque_the_signal_is_proposed(tmp_path: Path, unit: str) -> None:
+    header = ["mean_torque [Nm]", f"ch1{unit if unit[0] == '_' else f' {unit}'}", "Nominal [Nm]"]
+    path = written(tmp_path / "t.csv", header, [STANDARD, READING, STANDARD])
+    with pytest.raises(InputError) as refused:
+        read_calibration(path)
+    assert "reading=ch1" in str(refused.value.remedy)
+
+
+@pytest.mark.parametrize(
+    "text", [";;\n;;\n", '""', ",", '"', '"a\n' + "1,2\n" * 500, "# x\n", "\n", '";"\n', "a;b\n;\n"]
+)
+def test_a_text_without_cells_is_refused(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "t.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=r"empty|no values|end of data"):
+        read_calibration(path)
+
+
+def test_an_empty_sheet_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "t.xlsx"
+    book = openpyxl.Workbook()
+    book.save(path)
+    with pytest.raises(InputError):
+        read_calibration(path)
+    book.active["C7"] = " "
+    book.save(path)
+    with pytest.raises(InputError):
+        read_calibration(path)
+
+
 def test_the_answer_names_what_was_understood(tmp_path: Path) -> None:
     path = written(
         tmp_path / "t.csv",

@@ -232,16 +232,18 @@ class TextFile:
             head.append((number, line))
             if len(head) == HEAD_ROWS:
                 break
-        if not head:
+        self.separator = _separator([line for _, line in head])
+        last = head[-1][0] if head else 0
+        shown = _uncommented("\n".join(lines[:last]))
+        cut = "".join(shown).count('"') % 2 == 1 and last < len(lines)
+        records = list(_records(shown, self.separator, self.origin, 0, forgiving=cut))
+        if cut and not records:  # one cell of so many lines
+            records = list(_records(shown, self.separator, self.origin, 0))
+        if not records:
             raise InputError(
                 Message("{origin} is empty", self.origin),
                 "a header line and at least one line of values",
             )
-        self.separator = _separator([line for _, line in head])
-        last = head[-1][0]
-        shown = _uncommented("\n".join(lines[:last]))
-        cut = "".join(shown).count('"') % 2 == 1 and last < len(lines)
-        records = list(_records(shown, self.separator, self.origin, 0, forgiving=cut))
         commented = _split(comment.lstrip("# ").strip(), self.separator) if comment else []
         layout = find_layout(
             [cells for cells, *_ in records],
