@@ -352,6 +352,11 @@ class CompensationModel(Estimator, ABC):
         """Standard deviation of a single calibration point in N·m, root mean square of all."""
         return float(self.noise_nm_)
 
+    @property
+    def scatter_freedom(self) -> float:
+        """Degrees of freedom of `scatter_at`."""
+        return float(self.degrees_of_freedom_)
+
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
         """Explain errors at held-out points; empty if the kind of model can't."""
         return ""

@@ -154,7 +154,7 @@ def check_points(
                 model,
             ),
             Message("at least {limit}", minimum),
-            "record more points or take a simpler model, such as polynomial-1",
+            "record more points; the default model takes five",
         )
     for name, values in (("reading", points.reading), ("standard", points.y)):
         if np.ptp(values) == 0.0:
@@ -177,7 +177,7 @@ def check_points(
                 model,
             ),
             Message("at least {minimum_distinct} distinct readings", minimum_distinct),
-            "record points at more torques or take a simpler model, such as polynomial-1",
+            "record points at more torques; the default model takes three",
         )
     _refuse_contradictions(points)
 

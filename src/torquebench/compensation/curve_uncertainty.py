@@ -46,6 +46,8 @@ class CurveUncertainty:
     scatter : float or float64 array of shape (n,)
         Standard deviation of single readings about the truth by the same posterior, as a fraction
         of full scale, there or everywhere; NaN where the model's own noise is used.
+    freedom : float
+        Degrees of freedom of the scatter; NaN in models of version 0.2.0.
     """
 
     nodes: FloatArray
@@ -53,6 +55,7 @@ class CurveUncertainty:
     down: FloatArray
     unknown: FloatArray
     scatter: FloatArray | float = float("nan")
+    freedom: float = float("nan")
 
     def at(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the standard uncertainty at readings u (fractions of full scale).
@@ -115,7 +118,7 @@ def student_widening(freedom: float) -> float:
     Parameters
     ----------
     freedom : float
-        Degrees of freedom of the noise; less than 4 counts as 4.
+        Degrees of freedom of the noise; less than 1 counts as 1.
 
     Returns
     -------
@@ -126,4 +129,4 @@ def student_widening(freedom: float) -> float:
     >>> round(student_widening(20.0), 3)
     1.064
     """
-    return float(stdtrit(max(freedom, 4.0), 0.975)) / COVERAGE_95
+    return float(stdtrit(max(freedom, 1.0), 0.975)) / COVERAGE_95

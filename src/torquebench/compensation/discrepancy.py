@@ -19,6 +19,7 @@ from torquebench.compensation.curve_uncertainty import (
     COVERAGE_95,
     CurveUncertainty,
     half_widths,
+    student_widening,
 )
 from torquebench.compensation.estimator import clone
 from torquebench.compensation.state import encode_value
@@ -40,15 +41,15 @@ Posterior = Callable[[FloatArray, FloatArray], tuple[FloatArray, FloatArray]]
 
 _SPACING = 0.025  # distance of the nodes, as a share of full scale
 _SAMPLES_PER_NODE = 4
-FEWEST_POINTS = 8
+FEWEST_POINTS = 5
 """Fewest points for which a discrepancy is estimated."""
 
 
 class DiscrepancyUncertainty(CompensationModel):
     """An estimator whose uncertainty is its discrepancy from the posterior.
 
-    The values are those of the estimator. Fewer than eight points don't determine a discrepancy;
-    the estimator's covariance is used then.
+    The values are those of the estimator. Fewer than five points don't determine a discrepancy; the
+    estimator's covariance is used then, widened for its degrees of freedom.
 
     Parameters
     ----------
@@ -194,6 +195,15 @@ class DiscrepancyUncertainty(CompensationModel):
         squares = np.square(self.uncertainty_.scatter)
         return float(self.full_scale_nm_ * np.sqrt(np.mean(squares)))
 
+    @property
+    def scatter_freedom(self) -> float:
+        """Degrees of freedom of the scatter, which is the posterior's."""
+        if self.uncertainty_ is None:
+            return self.estimator_.scatter_freedom
+        if np.isnan(self.uncertainty_.freedom):  # of version 0.2.0, which took at least 4
+            return max(self.degrees_of_freedom_, 4.0)
+        return self.uncertainty_.freedom
+
     def with_range(self, range_nm: float) -> Self:
         """Return an unfitted copy for another range."""
         return type(self)(self.estimator.with_range(range_nm), self.posterior)
@@ -214,16 +224,13 @@ class DiscrepancyUncertainty(CompensationModel):
         raise NotImplementedError  # `fit` leaves the check to the estimator
 
     def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        if self.uncertainty_ is None:
-            return self.estimator_._predict(X, return_std)
         torque, _ = self.estimator_._predict(X, return_std=False)
-        if not return_std:
-            return torque, None
-        return torque, self._curve_uncertainty(X)
+        return torque, self._curve_uncertainty(X) if return_std else None
 
     def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
         if self.uncertainty_ is None:
-            return self.estimator_._curve_uncertainty(X)
+            widening = student_widening(self.degrees_of_freedom_)
+            return np.asarray(widening * self.estimator_._curve_uncertainty(X))
         u, branch = X[:, 0] / self.full_scale_nm_, feature_column(X, "branch")
         return np.asarray(self.full_scale_nm_ * self.uncertainty_.at(u, branch))
 
@@ -290,7 +297,7 @@ def _against(
         branches=frozenset(branches[branches != 0.0].tolist()),
     )
     scatter = posterior.scatter_at(scale * uncertainty.nodes) / scale
-    return replace(uncertainty, scatter=scatter)
+    return replace(uncertainty, scatter=scatter, freedom=posterior.scatter_freedom)
 
 
 def discrepancy(

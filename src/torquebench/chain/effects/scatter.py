@@ -32,7 +32,7 @@ class Scatter(Effect):
 
     @cached_property
     def _widening(self) -> float:
-        return student_widening(float(self.model.degrees_of_freedom_))
+        return student_widening(self.model.scatter_freedom)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the scatter of a mean over the loadings."""
