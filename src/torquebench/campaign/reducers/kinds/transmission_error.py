@@ -144,13 +144,15 @@ def _polar(result: TransmissionErrorResult) -> str:
 
 def _over_strokes(result: SwingsResult) -> str:
     """Draw the error of each stroke over the angle: the gap between both directions."""
+    middle = float(np.mean(np.concatenate([stroke.error_rad for stroke in result.swings])))
     with styled():
         figure, (axes,) = new_figure(3.2)
         for forward, colour in ((True, COLOURS[0]), (False, COLOURS[1])):
             label: str | None = "forward" if forward else "backward"
             for stroke in result.swings:
                 if stroke.forward == forward:
-                    angle, error = stroke.angle_rad * DEG_PER_RAD, stroke.error_rad / ARCMIN
+                    angle = stroke.angle_rad * DEG_PER_RAD
+                    error = (stroke.error_rad - middle) / ARCMIN
                     axes.plot(angle, error, color=colour, lw=0.8, label=label)
                     label = None
         axes.set_xlabel("output angle in degrees")
@@ -161,7 +163,9 @@ def _over_strokes(result: SwingsResult) -> str:
 
 def _figures(result: TransmissionErrorResult | SwingsResult) -> tuple[tuple[str, str], ...]:
     if isinstance(result, SwingsResult):
-        strokes = "Output angle minus input angle divided by the ratio, stroke by stroke."
+        strokes = (
+            "Output angle minus input angle divided by the ratio, mean removed, stroke by stroke."
+        )
         return ((_over_strokes(result), strokes),)
     caption = (
         "Output angle minus input angle divided by the ratio over "
