@@ -71,7 +71,7 @@ def _runs(data: CalibrationData) -> list[_Run]:
         if last is None or rises or np.any(keys[row] != keys[last]):
             grouped.append([])
         grouped[-1].append(row)
-    ends = [*(rows[0] for rows in grouped[1:]), len(data)]
+    ends = [*(rows[0] for rows in grouped[1:]), len(data)][: len(grouped)]
     runs = []
     for group, end in zip(grouped, ends, strict=True):
         rows = np.array(group, dtype=np.intp)

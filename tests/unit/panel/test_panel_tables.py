@@ -232,6 +232,13 @@ def test_a_table_of_another_kind_has_no_endless_answer(looking: TableImport) -> 
     assert len(view.deviations) == 200
 
 
+def test_a_table_without_a_loaded_point_is_shown_as_one(looking: TableImport) -> None:
+    content = "reading_nm,standard_nm,branch\n0.02,0,up\n400.3,400,up\n0.05,0,down\n"
+    shown = looking.preview({"content": content, "range_nm": 1e9, **CIRCUMSTANCES})
+    assert shown.points == 3
+    assert not shown.directions
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_an_upload_is_read_as_spreadsheets_save_it(encoding: str) -> None:
     assert read_table("Größe;1,5".encode(encoding)) == "Größe;1,5"
