@@ -236,7 +236,7 @@ def contradiction_of(
         "{where}: standard − reading differs from that of the other rows by {size}, at most "
         "{largest:.3g} N·m",
         where,
-        Message.joined(parts, " and "),
+        Message.joined(parts),
         part.size_nm,
     )
     cause = {

@@ -19,6 +19,7 @@ from torquebench.calibration import (
     load_profile,
 )
 from torquebench.tables import read_calibration
+from torquebench.translations import translated
 from torquebench.twin import BenchTwin, Preset, Side, TwinParameters
 
 PROFILE = load_profile("rapid-in-situ").with_options(step_percent=10.0)
@@ -225,3 +226,11 @@ def test_settings_of_version_0_2_0_are_read() -> None:
     document = PROFILE.model_dump(mode="json")
     document["plausibility"] |= {"split_percent": 0.06, "scatter_percent": 0.15}
     assert Profile.model_validate(document) == PROFILE
+
+
+def test_a_contradiction_is_chinese_as_a_whole() -> None:
+    (found,) = find_contradictions(
+        zero("standard_nm", 0.5)(healthy(), np.arange(len(healthy())) >= 6)
+    )
+    for sentence in (found.found, found.allowed, found.cause):
+        assert translated(sentence, "zh") != sentence
