@@ -140,8 +140,9 @@ def test_one_noisy_loop_states_what_it_can_tell(tmp_path):
 )
 def test_strong_orders_are_no_wrong_ratio(tmp_path, file, ratio, order, degrees):
     options = ("--ratio", ratio, "--highest-order", order)
-    found, _ = told(tmp_path, "transmission-error", file, *options)
+    found, findings = told(tmp_path, "transmission-error", file, *options)
     assert found["transmission_error"]["value"] / 3600.0 == degrees
+    assert ("strong order left out" in findings) == (order == 12)
 
 
 def test_one_bad_sample_is_named_by_its_row_and_can_be_kept(tmp_path):

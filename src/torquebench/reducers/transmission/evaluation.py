@@ -44,6 +44,8 @@ __all__ = [
 
 LARGEST_ORDERS = 8
 """Number of orders that a result lists."""
+STRONG_SHARE = 0.01
+"""Share of the peak to peak value from which an order that was left out is named."""
 
 
 @dataclass(frozen=True)
@@ -283,7 +285,7 @@ def evaluate_transmission_error(
         directions=tuple(directions),
         peak_to_peak=worst.peak_to_peak,
         reversal_arcsec=_reversal(means, known, ratio),
-        findings=(*samples.findings, *findings, *_findings(directions)),
+        findings=(*samples.findings, *findings, *_cut(means), *_findings(directions)),
     )
 
 
@@ -437,6 +439,26 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
     common = Contribution("encoders", 2.0**0.5 * encoders, shared=Shared.CALIBRATION)
     return budget(value, "arcsec", [*noise, common])
+
+
+def _cut(means: list[Revolution]) -> list[Finding]:
+    """Name an order above the highest one that changes the peak to peak value."""
+    worst = max(means, key=lambda each: each.cut_arcsec)
+    noise = worst.noise_arcsec / max(worst.order.size, 1) ** 0.5
+    if worst.cut_arcsec <= max(STRONG_SHARE * worst.peak_to_peak_arcsec, 5.0 * noise):
+        return []
+    return [
+        Finding(
+            "strong order left out",
+            Message(
+                "order {order:g}, above the highest evaluated one, has an amplitude of "
+                "{amplitude:.4g} arcsec: the peak to peak value is that of the orders below",
+                worst.cut_order,
+                worst.cut_arcsec,
+            ),
+            "evaluate up to a higher order",
+        )
+    ]
 
 
 def _findings(directions: list[DirectionError]) -> list[Finding]:

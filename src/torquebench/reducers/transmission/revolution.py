@@ -40,6 +40,8 @@ class Revolution:
     mean_rad : float
         Removed part.
     revolutions : int
+    cut_order, cut_arcsec : float
+        Strongest order above the highest one, as far as the samples show it, and its amplitude.
     """
 
     angle_rad: Floats
@@ -55,6 +57,8 @@ class Revolution:
     amplitude_error_arcsec: Floats
     mean_rad: float
     revolutions: int
+    cut_order: float
+    cut_arcsec: float
 
 
 def mean_revolution(run: Run, highest_order: float) -> Revolution:
@@ -89,6 +93,8 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
     curve = filtered.mean(axis=0)
     noise, freedom, spread = _noise(filtered, lines, order, 0.4 * per_revolution, highest_order)
     whole = np.arange(revolutions, lines.size, revolutions)
+    cut = whole[(order[whole] > highest_order) & (order[whole] < 0.4 * per_revolution)]
+    strongest = int(cut[np.argmax(np.abs(lines[cut]))]) if cut.size else 0
     whole = whole[order[whole] <= highest_order * (1 + 1e-9)]
     # The noise of a mean curve is distributed over its lines: variance of the curve = sum of a²/2.
     per_line = noise * np.sqrt(2.0 / max(whole.size, 1))
@@ -108,6 +114,8 @@ def mean_revolution(run: Run, highest_order: float) -> Revolution:
         amplitude_error_arcsec=np.full(whole.size, per_line),
         mean_rad=mean,
         revolutions=revolutions,
+        cut_order=float(order[strongest]),
+        cut_arcsec=2.0 * float(np.abs(lines[strongest])) / size if strongest else 0.0,
     )
 
 
