@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import cho_solve, cholesky
 
 from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
-from torquebench.compensation.hybrid.calibration_path import path_clock
+from torquebench.compensation.hybrid.calibration_path import path_clocks
 from torquebench.compensation.kernels import (
     PRIOR_MEAN,
     PRIOR_STD,
@@ -142,8 +142,9 @@ class GaussianProcessModel(CompensationModel):
         self.train_branch_ = feature_column(X, "branch")
         self.train_target_ = target / self.target_scale_
         self.train_weights_ = weights
-        clock = path_clock(self.train_u_, self.train_branch_, feature_column(X, "series"))
-        self.train_elapsed_ = clock.reshape(int(clock.size > 0), self.train_u_.size)
+        self.train_elapsed_ = path_clocks(
+            self.train_u_, self.train_branch_, feature_column(X, "series")
+        )
         data = _Data(self._train_points(), self.train_target_, weights)
         mode = _find_mode(data)
         progress.reach(SHARES * 7 // 10, "averaging over hyper-parameters")

@@ -26,7 +26,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 from torquebench.compensation.base import CompensationModel, FloatArray, feature_column
-from torquebench.compensation.hybrid.calibration_path import path_clock
+from torquebench.compensation.hybrid.calibration_path import path_clocks
 from torquebench.compensation.kinds import register
 from torquebench.progress import Progress
 
@@ -162,8 +162,7 @@ class PhysicsModel(CompensationModel):
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
         points = chain_points(X, self.full_scale_nm_)
         target = (y - X[:, 0]) / self.full_scale_nm_
-        clock = path_clock(points.u, points.branch, feature_column(X, "series"))
-        drift = -clock.reshape(-1, 1) if clock.size else np.zeros((points.u.size, 0))
+        drift = -path_clocks(points.u, points.branch, feature_column(X, "series")).T
         fits = [
             _fit_linear(np.hstack([physics_basis(points, width), drift]), target, weights, factor)
             for width, factor in zip(_STEP_WIDTHS, _LOOP_FACTORS, strict=True)

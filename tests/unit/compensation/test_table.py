@@ -128,7 +128,7 @@ def test_step_at_reversal_is_kept():
     standard = reading + np.where(reading < 0, -0.5, 0.5)
     model = make_model("polynomial", per_direction=True, degree=1, outliers="keep")
     model.fit(features(reading), standard)
-    table = compile_table(model)
+    table = compile_table(model, uncertainty=False)
     around = np.array([-1e-6, 0.0, 1e-6])
     np.testing.assert_allclose(table.torque(around), model.predict(features(around)), atol=1e-4)
     assert table.at(0.0) == pytest.approx(table.torque([0.0])[0], abs=1e-12)
@@ -138,7 +138,7 @@ def test_step_at_reversal_is_kept():
     ("readings", "range_nm", "margin"),
     [
         (np.linspace(0.0, 100.0, 12), 100.0, 0.02),
-        (np.linspace(0.0, 100.0, 12), 100.0, 0.0),
+        (np.linspace(0.0, 100.0, 12), 102.0, 0.0),
         (np.linspace(-70.0, 0.0, 12), None, 0.05),
         (np.linspace(20.0, 90.0, 12), None, 0.02),
         (np.linspace(-33.0, 100.0, 12), None, 0.013),

@@ -34,7 +34,7 @@ PLAIN = (
 """Plain forms: what the source papers describe, without any other part."""
 _PLAIN_CHANCE, _ALIKE_CHANCE = 0.1, 0.15
 _GROWING_CHANCE = 0.3  # of a plain form's noise
-_DRIFT_CHANCE, _TAILED_CHANCE = 0.7, 0.4
+_DRIFT_CHANCE, _TAILED_CHANCE = 0.5, 0.4
 _LIKELIEST = 4  # structures that are also tried with a drift and with heavy tails
 _UNLIKELY = 8.0  # log evidence below the best: such a member isn't integrated
 _TAILS_LAG = 1.0  # log evidence by which tails of the best member may be worse

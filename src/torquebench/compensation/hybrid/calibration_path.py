@@ -34,10 +34,28 @@ def count_levels(u: FloatArray) -> int:
 
 
 def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
+    """Read the time of calibration points off their place on the path: see `path_clocks`.
+
+    Returns
+    -------
+    elapsed : float64 array of shape (n,) or (0,)
+        Of the clock that runs through all series, from 0 to 1; empty when a branch is unknown.
+
+    Examples
+    --------
+    >>> path_clock(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
+    array([0.25, 0.5 , 0.75])
+    """
+    clocks = path_clocks(u, branch, series)
+    return clocks[-1] if len(clocks) else np.zeros(0)
+
+
+def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
     """Read the time of calibration points off their place on the path.
 
     A series runs from zero to full scale and back, or through both directions, clockwise first. A
-    zero on the falling branch is the last point of its direction.
+    zero on the falling branch is the last point of its direction. One clock starts again in each
+    series and direction, where a zero may have been taken; the other runs through all of them.
 
     Parameters
     ----------
@@ -46,24 +64,48 @@ def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatAr
 
     Returns
     -------
-    elapsed : float64 array of shape (n,) or (0,)
-        From 0 to 1; empty when a branch is unknown.
+    elapsed : float64 array of shape (2, n), (1, n) or (0, n)
+        From 0 to 1; empty when a branch is unknown, one row when both clocks are the same.
+    """
+    if np.any(branch == 0.0):
+        return np.zeros((0, u.size))
+    x = np.minimum(np.abs(u), 1.0)
+    leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
+    keys, sections = _loadings(u, series)
+    if sections.size <= 1:
+        return leg[None, :]
+    rank = np.searchsorted(sections, keys).astype(np.float64)
+    return np.array([leg, (rank + leg) / sections.size])
+
+
+def path_side(u: FloatArray, series: FloatArray) -> FloatArray:
+    """Return the direction of the loading that each point belongs to, −1 to 1.
+
+    A zero belongs to the direction of its series; in a series of both directions it has none.
+
+    Parameters
+    ----------
+    u, series : float64 array of shape (n,)
+        Reading / full scale, number of the series.
 
     Examples
     --------
-    >>> path_clock(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
-    array([0.25, 0.5 , 0.75])
+    >>> path_side(np.array([0.5, 0.0, -0.5, 1e-9]), np.array([1.0, 1.0, 2.0, 2.0])).tolist()
+    [1.0, 1.0, -1.0, -1.0]
     """
-    if np.any(branch == 0.0):
-        return np.zeros(0)
-    x = np.minimum(np.abs(u), 1.0)
-    leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
+    keys, sections = _loadings(u, series)
+    both = np.isin(keys, sections) & np.isin(keys ^ 1, sections)
+    side = np.where(keys % 2 == 1, -1.0, 1.0)
+    return np.where(both, np.tanh(u / SIDELESS), side)
+
+
+def _loadings(u: FloatArray, series: FloatArray) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the loading of each point, 2 · series + 1 where counter-clockwise, and all of them."""
     keys = 2 * np.unique(series, return_inverse=True)[1] + (u < 0)
-    sections = np.unique(keys[x > _SIDED])
+    sections = np.unique(keys[np.abs(u) > _SIDED])
     lone = ~np.isin(keys, sections)
     keys[lone] = keys[lone] ^ 1
-    rank = np.searchsorted(sections, keys).astype(np.float64)
-    return np.asarray((rank + leg) / max(sections.size, 1))
+    return keys, sections
 
 
 def correlated_covariance(

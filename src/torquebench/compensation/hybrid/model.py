@@ -17,6 +17,7 @@ from torquebench.compensation.hybrid.calibration_path import (
     correlated_covariance,
     count_levels,
     path_clock,
+    path_side,
 )
 from torquebench.compensation.hybrid.member import Member, Problem
 from torquebench.compensation.hybrid.parts import (
@@ -107,7 +108,7 @@ class HybridModel(CompensationModel):
         series, target = feature_column(X, "series"), (y - X[:, 0]) / self.scale_nm_
         unit, trend_scale = _scales(u, target, weights)
         branches = frozenset(np.unique(np.sign(branch[branch != 0.0])).tolist())
-        points = Points(u, branch, path_clock(u, branch, series))
+        points = Points(u, branch, path_clock(u, branch, series), path_side(u, series))
         parts = catalogue(count_levels(u), with_loops=len(branches) == 2)
         shared = correlated_covariance(u, branch, series, target)
         whitening, scatter = None, 1.0
@@ -133,7 +134,7 @@ class HybridModel(CompensationModel):
             for name, (shape, beta) in member.coefficients().items():
                 key = (name, tuple(shape.tolist()))
                 terms[key] = terms.get(key, np.zeros(beta.size)) + unit * share * beta
-        self.present_ = present
+        self.present_ = {name: min(share, 1.0) for name, share in present.items()}
         self.form_ = terms.pop(("form", ()))
         self.terms_ = [
             Term(name, np.array(shape), beta)

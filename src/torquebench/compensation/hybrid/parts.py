@@ -13,9 +13,10 @@ Where the parts come from
                 (2016) 1785-1801): k = 1 is rational, 2 algebraic, more is steeper.
     smooth      smooth deviation in each direction, zero without torque.
     loop, lag   hysteresis xᵖ(1 − x)^q, which closes at full scale, where a major loop turns: errors
-                of one sign in both directions, and errors of the torque's sign.
-    branch      smooth deviation of a loop from these shapes, and a loop that doesn't close at full
-                scale, because it turned beyond.
+                of one sign in both directions, and errors of the torque's sign; the latter also
+                with a remanence 1 − x¹⁺ᵖ, which is there without torque.
+    branch      smooth deviation of a loop of either sign from these shapes, and a loop that does
+                not close at full scale, because it turned beyond.
     ripple      engagement of splines and teeth: a sine whose amplitude and phase drift over the
                 range.
     rough       local errors of engagement (Matérn 5/2).
@@ -67,11 +68,22 @@ class Points:
     elapsed : float64 array of shape (n,) or (0,)
         Time since the zero was taken, as a fraction of the calibration; empty for a curve, whose
         zero was just taken.
+    known_side : float64 array of shape (n,) or (0,)
+        Direction of the loading that each point belongs to, −1 to 1; empty where the readings tell
+        it: those close to zero have none.
     """
 
     u: FloatArray
     branch: FloatArray
     elapsed: FloatArray = field(default_factory=lambda: np.zeros(0))
+    known_side: FloatArray = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def side(self) -> FloatArray:
+        """Direction of the loading."""
+        if self.known_side.size:
+            return self.known_side
+        return np.asarray(np.tanh(self.u / SIDELESS))
 
     def __len__(self) -> int:
         return int(self.u.size)
@@ -158,18 +170,29 @@ class _Step(Part):
 @dataclass(frozen=True)
 class _Loop(Part):
     amplitude: Prior
-    shape: tuple[Prior, ...] = (about(0.8, 0.6), about(1.0, 0.4))
+    shape: tuple[Prior, ...] = (about(0.8, 0.6), about(0.5, 0.7))
     fixed: ClassVar[bool] = False
     lags: bool = False
+    steepest: ClassVar[float] = 0.5  # least q: a steeper end is a jump, which no table follows
 
     def columns(self, points: Points, shape: FloatArray) -> Columns:
-        p, q = shape
+        p, q = shape[0], self.steepest + shape[1]
         x = np.clip(np.abs(points.u), 1e-9, 1.0 - 1e-9)
         rise = np.log(x * (p + q) / p)
         fall = np.log((1.0 - x) * (p + q) / q)
-        side = np.tanh(points.u / SIDELESS)
+        side = points.side
         half = points.branch * (side if self.lags else np.abs(side)) * np.exp(p * rise + q * fall)
-        return half[:, None], np.stack([half * p * rise, half * q * fall], axis=1)[:, None, :]
+        slopes = np.stack([half * p * rise, half * shape[1] * fall], axis=1)
+        if not self.lags:
+            return half[:, None], slopes[:, None, :]
+        # A remanence closes at full scale as well. Its sign is that of the branch where the torque
+        # reverses between the directions, and that of the direction where each is loaded by itself.
+        power = x ** (1.0 + p)
+        remanence = side * (1.0 - power)
+        by_p = np.stack([-side * p * power * np.log(x), np.zeros(x.size)], axis=1)
+        branch = points.branch
+        columns = np.stack([half, branch * remanence, remanence], axis=1)
+        return columns, np.stack([slopes, branch[:, None] * by_p, by_p], axis=1)
 
 
 def _sines(x: FloatArray, half_width: float, count: int) -> FloatArray:
@@ -215,10 +238,12 @@ class _Branch(Part):
     def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
         x = np.minimum(np.abs(points.u), 1.0)
         closed = (1.0 - x)[:, None] * _sines(points.u, self.half_width, self.count)
-        return points.branch[:, None] * np.hstack([closed, x[:, None]]), None
+        side = points.side[:, None]
+        return points.branch[:, None] * np.hstack([closed, side * closed, x[:, None]]), None
 
     def scales(self, shape: FloatArray) -> Scales:
-        value, slope = _squared_exponential(_waves(self.half_width, self.count), shape[0])
+        waves = np.tile(_waves(self.half_width, self.count), 2)
+        value, slope = _squared_exponential(waves, shape[0])
         return np.append(value, np.log(self.open_share)), np.append(slope, 0.0)[:, None]
 
 
@@ -264,18 +289,25 @@ class _Ripple(Part):
 
 
 class _Drift(Part):
-    """Steady drift and relaxations since the zero was taken."""
+    """Relaxation of the zero since it was taken; a steady drift with a long time constant.
+
+    It only rises or only falls: a drift that returned would be mistaken for a loop that is open
+    without torque.
+    """
 
     amplitude = about(1.3e-4, 1.0)
-    lags: ClassVar[tuple[float, ...]] = (0.4, 0.1)  # as fractions of the calibration
-    weights: ClassVar[FloatArray] = np.array([0.7, 0.5, 0.5])
+    shape = (about(0.5, 1.0),)  # time constant as a fraction of the calibration
+    fixed: ClassVar[bool] = False
 
-    def columns(self, points: Points, shape: FloatArray) -> Columns:  # noqa: ARG002
+    def columns(self, points: Points, shape: FloatArray) -> Columns:
         time = points.elapsed
         if not time.size:
-            return np.zeros((len(points), self.weights.size)), None
-        relaxed = [np.expm1(-time / lag) / np.expm1(-1.0 / lag) for lag in self.lags]
-        return np.stack([time, *relaxed], axis=1) * self.weights, None
+            return np.zeros((len(points), 1)), np.zeros((len(points), 1, 1))
+        rate = 1.0 / shape[0]
+        whole = -np.expm1(-rate)
+        relaxed = -np.expm1(-rate * time) / whole
+        slope = (time * np.exp(-rate * time) - relaxed * np.exp(-rate)) / whole
+        return relaxed[:, None], (-rate * slope)[:, None, None]
 
 
 _LOOPS = {"loop": _Loop(about(1.5e-4, 1.0)), "lag": _Loop(about(1.2e-4, 1.0), lags=True)}
@@ -306,11 +338,12 @@ def catalogue(levels: int, *, with_loops: bool = True) -> dict[str, Part]:
 
 def unmeasured_loop(u: FloatArray) -> FloatArray:
     """Return the prior standard deviation of half a loop at readings u."""
-    points, variance = Points(u, np.ones(u.size)), np.zeros(u.size)
+    variance = np.zeros(u.size)
     for loop in _LOOPS.values():
         shape = np.exp([prior.mean for prior in loop.shape])
         size = np.exp(loop.amplitude.mean + loop.amplitude.sd**2)
-        variance += (size * loop.columns(points, shape)[0][:, 0]) ** 2
+        up, down = (loop.columns(Points(u, np.full(u.size, leg)), shape)[0] for leg in (1.0, -1.0))
+        variance += np.sum((0.5 * size * (up - down)) ** 2, axis=1)
     return np.sqrt(variance)
 
 
