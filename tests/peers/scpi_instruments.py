@@ -81,7 +81,10 @@ class _Peer:
 
 
 class CounterPeer(_Peer):
-    """A counter on one channel, whose n-th window has `first_hz + n` Hz."""
+    """A counter on one channel, whose n-th window has `first_hz + n` Hz.
+
+    Without pulses a gate never closes, unless a time-out is set, as in a 53230A.
+    """
 
     def __init__(self, first_hz: float, serial: str) -> None:
         super().__init__()
@@ -91,6 +94,9 @@ class CounterPeer(_Peer):
         self._gate_s = 1.0
         self._clock = "INT"
         self._handed = 0
+        self.pulses = threading.Event()
+        self.pulses.set()
+        self.timeout_s: float | None = None
 
     def obey(self, line: str) -> str | None:
         word, _, argument = line.partition(" ")
@@ -102,10 +108,14 @@ class CounterPeer(_Peer):
             self._gate_s = float(argument)
         elif word == "SENS:ROSC:SOUR":
             self._clock = argument
+        elif word == "SYST:TIM":
+            self.timeout_s = float(argument)
         elif word == "SENS:ROSC:SOUR?":
             return self._clock
         elif word == "DATA:REM?" and self.begun is not None:
             first, count = self._handed, int(argument.removesuffix(",WAIT"))
+            if not self.pulses.is_set() and not self.pulses.wait(self.timeout_s):
+                return ",".join(["+9.91000000E+37"] * count)
             self._handed += count
             over = self.begun + self._handed * self._gate_s
             time.sleep(max(0.0, over - time.monotonic()))

@@ -165,6 +165,42 @@ def test_a_command_that_a_counter_does_not_know_is_an_error() -> None:
             counter.close()
 
 
+def test_a_counter_without_pulses_is_noticed_within_the_loss_time_by_its_transducer() -> None:
+    """The gate of a 53230A never closes without pulses, unless a time-out is set."""
+    with CounterPeer(60e3, "SER-1") as one, CounterPeer(90e3, "SER-2") as two:
+        channels = {"input_torque": one.address, "output_torque": two.address}
+        counter = open_role(
+            described(counter={"protocol": "scpi", "channels": channels, "timeout_s": 30.0}),
+            "counter",
+        )
+        try:
+            counter.select(frozenset(channels))
+            assert one.timeout_s == two.timeout_s == pytest.approx(0.01 + 0.03)
+            two.pulses.clear()
+            block = counter.read_block(0.05)
+            assert np.isnan(block.records["output_torque"]["frequency_hz"]).all()
+            assert np.isfinite(block.records["input_torque"]["frequency_hz"]).all()
+        finally:
+            two.pulses.set()
+            counter.close()
+
+
+def test_a_counter_that_hangs_is_named_by_its_transducer_within_its_timeout() -> None:
+    with CounterPeer(60e3, "SER-1") as one, CounterPeer(90e3, "SER-2") as two:
+        channels = {"input_torque": one.address, "output_torque": two.address}
+        section = {"protocol": "scpi", "channels": channels, "timeout_s": 0.5}
+        counter = open_role(described(counter=section), "counter")
+        try:
+            counter.select(frozenset({"input_torque", "output_torque"}))
+            two.pulses.clear()
+            two.timeout_s = None
+            with pytest.raises(BenchError, match=r"counter of output_torque.*no answer in 0\.55 s"):
+                counter.read_block(0.05)
+        finally:
+            two.pulses.set()
+            counter.close()
+
+
 def test_a_read_out_states_every_sample_once() -> None:
     with ReadoutPeer() as peer:
         readout = open_role(described(reference=scpi(address=peer.address)), "reference")

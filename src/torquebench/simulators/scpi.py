@@ -231,6 +231,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
             "[SENSe:]FREQuency:GATE:TIME",
             lambda text: f"{_number(text, SHORTEST_GATE_S, LONGEST_GATE_S):.9E}",
         )
+        self._setting("SYSTem:TIMeout", lambda text: f"{_number(text, 1e-2, LONGEST_GATE_S):.9E}")
         for pattern, words in (
             ("[SENSe:]FREQuency:MODE", ("AUTO", "RECiprocal", "CONTinuous")),
             ("[SENSe:]FREQuency:GATE:SOURce", ("TIME", "EXTernal")),
@@ -253,6 +254,7 @@ class ScpiFrequencyCounter(ScpiInstrument):
         self._stop()
         self._settings = {"[SENSe:]ROSCillator:SOURce": "INT"} | self._settings
         self._settings |= {
+            "SYSTem:TIMeout": "9.9E+37",
             "SAMPle:COUNt": "1",
             "TRIGger:COUNt": "1",
             "[SENSe:]FREQuency:GATE:TIME": f"{0.1:.9E}",

@@ -31,6 +31,7 @@ SETUP = (
     "SENS:FREQ:GATE:SOUR TIME",
     "SENS:FREQ:GATE:TIME {gate_s:.9g}",
     "SENS:ROSC:SOUR {clock}",
+    "SYST:TIM {longest_s:.9g}",
     "SAMP:COUN 1000000",
     "TRIG:COUN 1000000",
     "INIT",
@@ -41,7 +42,9 @@ SETUP = (
 class CounterOptions(Options):
     """One counter a channel, all with one reference clock.
 
-    `fetch` takes `{count}` readings out of the counter and waits for them.
+    `fetch` takes `{count}` readings out of the counter and waits for them: no longer than their
+    gates and `timeout_s`, by default the time in which a lost signal is to be noticed
+    (`safety.signal_loss_s`). A gate without pulses ends after `{longest_s}` in the counter, too.
     """
 
     channels: Mapping[
@@ -52,7 +55,13 @@ class CounterOptions(Options):
     setup: tuple[str, ...] = SETUP
     fetch: str = "DATA:REM? {count},WAIT"
     single_shot_s: Annotated[float, Field(gt=0.0, le=1e-6, description="s")] = 1e-9
-    timeout_s: TimeOut = 1.0
+    timeout_s: TimeOut | None = None
+
+
+ANSWER_S = 1.0
+"""Time-out of everything but the readings."""
+SHORTEST_LOSS_S = 0.01
+"""Shortest gate time-out that a 53230A takes."""
 
 
 class ScpiCounter(DescribedCounter):
@@ -66,13 +75,20 @@ class ScpiCounter(DescribedCounter):
     options : CounterOptions
     counting : CounterDescription
         Its windows are the gate time.
+    signal_loss_s : float
+        Time in which a lost signal is to be noticed.
     """
 
-    def __init__(self, options: CounterOptions, counting: CounterDescription) -> None:
+    def __init__(
+        self, options: CounterOptions, counting: CounterDescription, signal_loss_s: float
+    ) -> None:
         super().__init__(counting, options.channels)
         self._options = options
+        self._loss_s = max(signal_loss_s, SHORTEST_LOSS_S)
+        answer_s = ANSWER_S if options.timeout_s is None else options.timeout_s
+        self._fetch_s = self._loss_s if options.timeout_s is None else options.timeout_s
         self._links = {
-            str(name): ScpiLink(f"counter of {name}", address, options.timeout_s, attempts=1)
+            str(name): ScpiLink(f"counter of {name}", address, answer_s, attempts=1)
             for name, address in options.channels.items()
         }
         self._running: frozenset[str] = frozenset()
@@ -111,8 +127,10 @@ class ScpiCounter(DescribedCounter):
 
     def _start(self, link: ScpiLink) -> None:
         clock = self._options.reference_clock
+        gate_s = self._counting.window_s
         for line in self._options.setup:
-            link.command(line.format(gate_s=self._counting.window_s, clock=clock))
+            longest_s = gate_s + self._loss_s
+            link.command(line.format(gate_s=gate_s, clock=clock, longest_s=longest_s))
         used = link.query("SENS:ROSC:SOUR?")
         if used.upper()[:3] != clock:
             raise BenchError(
@@ -140,8 +158,8 @@ class ScpiCounter(DescribedCounter):
 
     def _fetch(self, name: str, count: int) -> NDArray[np.float64]:
         link = self._links[name]
-        longer_s = count * self._counting.window_s
-        answer = link.query(self._options.fetch.format(count=count), longer_s=longer_s)
+        within_s = count * self._counting.window_s + self._fetch_s
+        answer = link.query(self._options.fetch.format(count=count), within_s=within_s)
         values = numbers(answer, link.name)
         if len(values) != count:
             raise BenchError(
@@ -213,7 +231,11 @@ class ScpiReadout:
 def _counter(request: InstrumentRequest) -> ScpiCounter:
     options: CounterOptions = request.read(CounterOptions)
     assert set(options.channels) <= set(CHANNELS)
-    return ScpiCounter(options, request.description.counter)
+    described = request.description
+    if described.simulated and options.timeout_s is None:
+        # A simulator computes its readings while they are waited for.
+        options = options.model_copy(update={"timeout_s": ANSWER_S})
+    return ScpiCounter(options, described.counter, described.safety.signal_loss_s)
 
 
 def _readout(request: InstrumentRequest) -> ScpiReadout:

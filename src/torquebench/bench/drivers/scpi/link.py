@@ -61,15 +61,13 @@ class _SocketConnection:
     def receive(self, timeout_s: float) -> str:
         deadline = time.monotonic() + timeout_s
         while b"\n" not in self._rest:
-            remaining = deadline - time.monotonic()
-            if remaining <= 0.0:
-                part = "a part of an answer" if self._rest else "no answer"
-                raise WireError(Message("{part} in {timeout_s:g} s", part, timeout_s))
-            self._socket.settimeout(remaining)
+            # What has arrived is taken even if this process was late.
+            self._socket.settimeout(max(0.0, deadline - time.monotonic()))
             try:
                 data = self._socket.recv(65536)
-            except TimeoutError:
-                continue
+            except (BlockingIOError, TimeoutError):
+                part = "a part of an answer" if self._rest else "no answer"
+                raise WireError(Message("{part} in {timeout_s:g} s", part, timeout_s)) from None
             if not data:
                 raise WireError("the instrument closed the connection")
             self._rest += data
@@ -92,7 +90,7 @@ class _VisaConnection:
         visa = require_library("pyvisa", "visa")
         self._errors: type[Exception] = visa.errors.Error
         try:
-            self._manager = visa.ResourceManager("@py")
+            self._manager = visa.ResourceManager()
             self._resource: Any = self._manager.open_resource(
                 resource, read_termination="\n", write_termination="\n"
             )
@@ -147,12 +145,13 @@ class ScpiLink(Link[_Connection]):
     def _close(self, connection: _Connection) -> None:
         connection.close()
 
-    def query(self, line: str, *, longer_s: float = 0.0) -> str:
-        """Ask and return the answer; it may take `longer_s` more than others."""
+    def query(self, line: str, *, within_s: float | None = None) -> str:
+        """Ask and return the answer; it may take `within_s` instead of the link's time-out."""
+        timeout_s = self.timeout_s if within_s is None else within_s
 
         def exchange(connection: _Connection) -> str:
             connection.send(line)
-            return connection.receive(self.timeout_s + longer_s)
+            return connection.receive(timeout_s)
 
         return self.call(exchange)
 
