@@ -35,7 +35,7 @@ BAD_TABLES = {
     "duplicate points": (table([*ladder()[:13], *ladder()[12:]]), "repeats"),
     "one direction missing": (table(ladder(low=0)), "add --one-direction"),
     "range exceeded": (table([*ladder(), "2500.0,2500.0"]), "range"),
-    "too few points": (table(["-198,-200", "198,200"]), "at least 8"),
+    "too few points": (table(["-198,-200", "198,200"]), "at least 5"),
 }
 
 

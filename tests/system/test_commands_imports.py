@@ -109,7 +109,7 @@ def test_only_a_report_of_a_fit_draws(tmp_path: Path) -> None:
     calibration = Path(__file__).parents[2] / "examples" / "calibration-output.csv"
     (tmp_path / "points.csv").write_bytes(calibration.read_bytes())
     drawing = ["jinja2", "matplotlib", "PIL"]
-    unneeded = [*drawing, "scipy.ndimage", "scipy.optimize", "torquebench.bench.description"]
+    unneeded = [*drawing, "scipy.ndimage", "torquebench.bench.description"]
     fits = ("fit points.csv --model hybrid", "fit points.csv --report a.html --report b.pdf")
     alone, reported = answers(tmp_path, unneeded, *fits)
     assert alone[1:3] == [0, []], alone
@@ -186,7 +186,7 @@ def test_what_takes_seconds_says_first_what_it_does(
         ),
         (
             "fit calibration.csv --model polynomial --out other.json",
-            ["pandas", "pyarrow", "scipy.interpolate", "scipy.optimize", "sklearn"],
+            ["pandas", "pyarrow", "scipy.interpolate", "sklearn"],
         ),
         (
             "verify model.json verification.csv",

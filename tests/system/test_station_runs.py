@@ -396,9 +396,9 @@ def test_closing_a_loaded_bench_takes_the_torque_off(tmp_path: Path) -> None:
         station.run(set_up(station.devices), kind="set-up")
         drive = station.drivers.drives["output"]
         commands, now_s = station.devices.context.commands.output, station.clock.now()
-        commands.ask("torque", 500.0, 1e5, now_s)
+        asked = commands.ask("torque", 500.0, 1e5, now_s)
         drive.command_torque(500.0, 1e5)
-        commands.told("torque", 500.0, now_s)
+        commands.told("torque", asked, now_s)
         station.clock.wait(0.3)
         assert drive.state().torque_nm == 500.0
     assert drive.state().torque_nm == 0.0

@@ -23,7 +23,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg import cholesky
 from scipy.linalg.lapack import dtrtri
-from scipy.optimize import minimize
 
 from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.hybrid.parts import (
@@ -327,6 +326,7 @@ class Member:
         iterations: int = 60,
     ) -> Member:
         """Maximise the posterior of the hyperparameters."""
+        from scipy.optimize import minimize  # imported late: a fitted model doesn't need it
 
         def loss(theta: FloatArray) -> tuple[float, FloatArray]:
             value, slope, _ = log_posterior(problem, layout, weighting.weights, theta)

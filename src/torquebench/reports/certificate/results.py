@@ -38,6 +38,7 @@ from torquebench.uncertainty import (
     decide,
     propagate,
 )
+from torquebench.units import RPM_PER_RAD_S
 
 __all__ = [
     "TEMPERATURE_PERCENT_PER_10K",
@@ -162,7 +163,7 @@ def turning_range(chain: MeasuringChain) -> str:
                 Message("temperatures of {low:.3g} to {high:.3g} °C", each.low_c, each.high_c)
             )
         elif isinstance(each, Inertia):
-            rate = each.largest_rad_s2 / (2.0 * np.pi) * 60.0
+            rate = each.largest_rad_s2 * RPM_PER_RAD_S
             said.append(Message("changes of speed up to {rate:.3g} rpm/s", rate))
     return Message.joined(said)
 
