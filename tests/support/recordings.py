@@ -66,16 +66,16 @@ def loop(shape: str, rng: Generator) -> Loop:
     if shape == "friction":  # an elastic part before a dry friction that has to be reversed
         force = rng.uniform(0.01, 0.06) * rated
 
-        def up(torque: Floats) -> Floats:
+        def rising(torque: Floats) -> Floats:
             return np.maximum(torque - force, -rated + force) / stiffness
 
-        def down(torque: Floats) -> Floats:
+        def falling(torque: Floats) -> Floats:
             return np.minimum(torque + force, rated - force) / stiffness
 
         def fresh(torque: Floats) -> Floats:
             return np.maximum(torque - force, 0.0) / stiffness
 
-        return Loop(up, down, fresh, rated)
+        return Loop(rising, falling, fresh, rated)
     bend = rng.uniform(0.1, 0.3) if shape == "stiffening" else 0.0
     low, high, soft = {
         "lens": (0.0, 0.1, rng.uniform(0.03, 0.15)),
@@ -157,7 +157,7 @@ def loop_record(
             torque += [rise, fall]
             angle += [shape.rising(rise), shape.falling(fall)]
     load, twisted = np.concatenate(torque), np.concatenate(angle)
-    time = 0.05 * np.arange(load.size)
+    time = 0.05 * np.arange(load.size, dtype=np.float64)
     place = np.linspace(0.0, float(loops), load.size)
     creep = (1.0 - bending) * place + bending * (1.0 - np.exp(-place)) * loops / (
         1.0 - np.exp(-loops)
@@ -222,7 +222,7 @@ def ramp_record(
     for number in range(runs):
         mine = held * (1.0 + spread * rng.standard_normal())
         interval = float(rng.choice([0.002, 0.01, 0.05]))
-        time = interval * np.arange(samples)
+        time = interval * np.arange(samples, dtype=np.float64)
         if levels:
             size = held / levels
             dwell = max(rest // levels, 6)
@@ -520,7 +520,7 @@ def angle_record(
     if wrapped:
         given, taken = given % 360.0, taken % 360.0
     fine = np.linspace(0.0, 2.0 * np.pi, 200_001)
-    time = 0.001 * np.arange(given.size)
+    time = 0.001 * np.arange(given.size, dtype=np.float64)
     return AngleRecord(
         time, given, taken, stated, float(np.ptp(error(fine))), parts, play / 60.0, play / 60.0, row
     )
@@ -571,5 +571,5 @@ def swing_record(
         row = int(rng.integers(5, driven.size - 5))
         driven[row] += float(rng.choice([-1.0, 1.0])) * rng.uniform(100.0, 3000.0)
     driving = ratio * (1.0 + wrong) * phi
-    time = 0.002 * np.arange(phi.size)
+    time = 0.002 * np.arange(phi.size, dtype=np.float64)
     return AngleRecord(time, driving / 60.0, driven / 60.0, ratio, 0.0, {}, play + soft, play, row)
