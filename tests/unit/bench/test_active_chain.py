@@ -102,7 +102,6 @@ def all_effects() -> tuple[Effect, ...]:
     )  # fmt: skip
 
 
-@pytest.mark.xfail(reason="a loop that stays open without torque takes more calls a window")
 def test_a_window_of_a_chain_with_all_effects_needs_few_calls() -> None:
     """Half of those of a NumPy call for each operation: the live path consists of such windows."""
     active = ActiveChain(MeasuringChain(loop_model("hybrid"), all_effects()), "1", "hybrid")
@@ -211,9 +210,6 @@ def loop_model(kind: str) -> CompensationModel:
 
 
 LOOP = 1e-3
-OPEN_LOOP = pytest.mark.xfail(
-    reason="a loop that stays open without torque isn't followed live: its middle is taken"
-)
 
 
 def ramp(*turning_points: float) -> np.ndarray:
@@ -221,9 +217,7 @@ def ramp(*turning_points: float) -> np.ndarray:
     return FULL_SCALE_NM * np.concatenate(legs)
 
 
-@pytest.mark.parametrize(
-    "kind", ["gaussian-process", "physics", pytest.param("hybrid", marks=OPEN_LOOP)]
-)
+@pytest.mark.parametrize("kind", WITH_BRANCHES)
 def test_the_branch_of_live_windows_follows_from_those_before(kind: str) -> None:
     model = loop_model(kind)
     stream = Stream(active_chain(model))
@@ -241,7 +235,6 @@ def test_the_branch_of_live_windows_follows_from_those_before(kind: str) -> None
     assert std[1] > 1.5 * std[401]  # nothing was known of the past
 
 
-@OPEN_LOOP
 def test_a_fault_a_gap_and_the_start_make_the_past_unknown() -> None:
     path = ramp(0.0, 1.0, 0.0, 1.0, 0.5)
     here = path[-1:].repeat(10)
@@ -264,7 +257,6 @@ def test_a_fault_a_gap_and_the_start_make_the_past_unknown() -> None:
     assert np.all(after_fault.component("hysteresis")[5:] > 1.5 * quiet[5:])
 
 
-@OPEN_LOOP
 def test_a_standing_torque_is_taken_where_the_stream_stands_and_moves_nothing() -> None:
     active = active_chain(loop_model("hybrid"))
     active.warm_up()

@@ -39,7 +39,7 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.compensation.state import storable
 from torquebench.units import TURN
 
-SIDELESS = 5e-4
+SIDELESS = 2e-3
 """Readings this close to zero have no direction: noise would decide on it."""
 
 
