@@ -716,10 +716,8 @@ class _Search:
             kinds[kind] = float(weight.sum())
             places += weight
         total = places.sum()
-        cause: Cause = "unknown"
-        for kind in ("zero", "scale"):
-            if kinds[kind] >= SINGLED_OUT * total:
-                cause = kind  # type: ignore[assignment]
+        single: tuple[Cause, ...] = ("zero", "scale")
+        cause: Cause = next((k for k in single if kinds[k] >= SINGLED_OUT * total), "unknown")
         rows = self.table.rows
         first = _credible(self.first, places, explanation.first)
         end = _credible(self.end, places, explanation.end)

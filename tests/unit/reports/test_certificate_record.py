@@ -135,11 +135,11 @@ def test_repeated_series_bring_their_scatter_and_average(registry: Registry) -> 
     results = evaluate_results(data, chain, reference, tolerance_percent_fs=0.1)
     assert {row.readings for row in results.rows} == {4}
     scatter = next(line for line in results.budget if line.name == "scatter")
-    assert scatter.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.4)
+    assert scatter.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.3)
     raw = evaluate_results(data, None, reference, tolerance_percent_fs=0.1)
     repeatability = raw.budget[0]
     assert repeatability.degrees_of_freedom == pytest.approx(3 * 20)
-    assert repeatability.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.4)
+    assert repeatability.standard_uncertainty_nm == pytest.approx(0.3 / 2.0, rel=0.3)
 
 
 @pytest.mark.parametrize(

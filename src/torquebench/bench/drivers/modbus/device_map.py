@@ -27,7 +27,7 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.validation import validated
 
-__all__ = ["BitMap", "DeviceMap", "MappedOptions", "ValueMap", "device_map", "maps"]
+__all__ = ["CoilMap", "ContactMap", "DeviceMap", "MappedOptions", "ValueMap", "device_map", "maps"]
 
 Register = Annotated[int, Field(ge=0, le=65535)]
 WordOrder = Literal["high first", "low first"]
@@ -95,11 +95,16 @@ class ValueMap(Options):
             yield f"scale = {changed.scale:g}", changed.temperature_c(words)
 
 
-class BitMap(Options):
-    """Contacts or coils: the first address, and for contacts the function that reads them."""
+class CoilMap(Options):
+    """Coils: the address of channel 0."""
+
+    first: Register = 0
+
+
+class ContactMap(CoilMap):
+    """Contacts: the address of channel 0, and where they are read."""
 
     function: Literal["discrete inputs", "coils"] = "discrete inputs"
-    first: Register = 0
 
 
 class DeviceMap(Options):
@@ -109,8 +114,8 @@ class DeviceMap(Options):
     model: str = ""
     name_plate: bool = False
     values: ValueMap = ValueMap()
-    contacts: BitMap = BitMap()
-    coils: BitMap = BitMap()
+    contacts: ContactMap = ContactMap()
+    coils: CoilMap = CoilMap()
 
 
 class MappedOptions(ModbusOptions):

@@ -232,9 +232,6 @@ def _counter(request: InstrumentRequest) -> ScpiCounter:
     options: CounterOptions = request.read(CounterOptions)
     assert set(options.channels) <= set(CHANNELS)
     described = request.description
-    if described.simulated and options.timeout_s is None:
-        # A simulator computes its readings while they are waited for.
-        options = options.model_copy(update={"timeout_s": ANSWER_S})
     return ScpiCounter(options, described.counter, described.safety.signal_loss_s)
 
 
