@@ -102,7 +102,7 @@ def test_reversibility_of_the_chain(data):
         tared=True,
     )
     loading = loading_series(joined, 1)
-    assert re.search(r"the step 40 N·m of series 1 .* deviation 5\.1 %", loading.remarks[0])
+    assert re.search(r"the step 40 N·m of series 1 .* deviation 5\.08 %", loading.remarks[0])
     torque = loading.torque_nm
     result = evaluate_static(
         torque, loading.series, resolution=0.01, reference_uncertainty_percent=0.2, scale=1.0
