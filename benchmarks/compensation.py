@@ -14,7 +14,7 @@ more than twice its own standard error; the whole run allows nothing.
 
 Errors are over the whole range, both directions and both branches, against the noise-free truth.
 The bound is the fit that is told the chain's exact form and every constant in it but the
-amplitudes (`benchmarks.chains.known_form`).
+amplitudes (`tests.support.chains.known_form`).
 """
 
 from __future__ import annotations
@@ -34,8 +34,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 import numpy as np
 from rich.console import Console
 from rich.table import Table
+from tests.support.chains import FAMILIES, REPORTED_SEED, make_chain
 
-from benchmarks.chains import FAMILIES, REPORTED_SEED, make_chain
 from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims, speed_aims
 from benchmarks.compensation_contenders import Contender, contenders
 from benchmarks.compensation_results import Result, comparison_rows, family_rows
@@ -254,13 +254,14 @@ def main(arguments: Sequence[str] | None = None) -> int:
     return 0 if all(aim.met for aim in aims) else 1
 
 
-INTRODUCTION = """Synthetic chains with a known truth (`benchmarks/chains.py`), independent of the
-simulated bench. The models were developed on the other families; the results of those marked "not
-developed on" changed nothing in the models' values and nothing in the hybrid's intervals. All
-seeds are new to the models. Noise 0.02 % FS of every reading, the given number of points on 0 →
-+FS → 0 → −FS → 0. Errors over the whole range, both directions and both branches, against the
-noise-free truth. The bound ("known form") is a fit that is told the chain's exact form and all
-constants but the amplitudes. Times depend on the machine; compare them with each other.
+INTRODUCTION = """\
+Synthetic chains with a known truth (`tests/support/chains.py`), independent of the simulated bench.
+The models were developed on the other families; the results of those marked "not developed on"
+changed nothing in the models' values and nothing in the hybrid's intervals. All seeds are new to
+the models. Noise 0.02 % FS of every reading, the given number of points on 0 → +FS → 0 → −FS → 0.
+Errors over the whole range, both directions and both branches, against the noise-free truth. The
+bound ("known form") is a fit that is told the chain's exact form and all constants but the
+amplitudes. Times depend on the machine; compare them with each other.
 """
 
 

@@ -6,9 +6,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from tests.support.chain_shapes import FloatArray
+from tests.support.chains import ASIDE_FAMILIES
 
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.chains import ASIDE_FAMILIES
 from benchmarks.compensation_contenders import DEFAULT
 from benchmarks.compensation_results import Result, best_other, coverage, ratios
 

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from tests.support.chain_shapes import FloatArray
+from tests.support.chains import CalibrationSet, Chain, known_form
 
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.chains import CalibrationSet, Chain, known_form
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
 from torquebench.compensation import MODELS, RECOMMENDED, make_model

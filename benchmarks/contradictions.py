@@ -2,7 +2,7 @@
 
     python -m benchmarks.contradictions --seeds 20
 
-Healthy tables are those of the families of `benchmarks.chains` and of `STRANGERS`, which imitate
+Healthy tables are those of the families of `tests.support.chains` and of `STRANGERS`, which imitate
 other laboratories: weights with errors of their own, aftereffect, dry friction, coarse displays,
 mounting positions, untared zeros, ramps. The examination was developed on the former; the latter
 were drawn up beside it and changed nothing in it.
@@ -25,8 +25,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.chains import FAMILIES, make_chain
 
-from benchmarks.chains import FAMILIES, make_chain
 from torquebench.calibration import CalibrationData, Examination, examine_table, infer_branch, tare
 
 __all__ = ["FAULTS", "STRANGERS", "Trial", "chain_table", "inject", "stranger", "trial"]
@@ -38,7 +38,7 @@ POINTS = (24, 50, 100)
 
 
 def chain_table(family: str, seed: int, points: int) -> CalibrationData:
-    """Return the calibration of a chain of `benchmarks.chains`."""
+    """Return the calibration of a chain of `tests.support.chains`."""
     chain = make_chain(family, seed)
     drawn = chain.calibration(points)
     reading, branch, series = drawn.X.T

@@ -18,8 +18,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.chains import LOADING_ACCURACY, Chain, make_chain
 
-from benchmarks.chains import LOADING_ACCURACY, Chain, make_chain
 from torquebench.compensation import RECOMMENDED, CompensationModel, make_model
 from torquebench.compensation.design import Criterion, Proposal, propose_points
 

@@ -24,10 +24,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.rotating_chains import make_rotating_chain
 from threadpoolctl import threadpool_limits
 
 from benchmarks.rotating import fitted_chain
-from benchmarks.rotating_chains import make_rotating_chain
 from benchmarks.safety import other_programs
 from torquebench.bench.active_chain import ActiveChain, ZeroTaken
 from torquebench.bench.blocks import Block, Viewer

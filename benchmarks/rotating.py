@@ -27,10 +27,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
-
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.compensation import show
-from benchmarks.rotating_chains import (
+from tests.support.chain_shapes import FloatArray
+from tests.support.rotating_chains import (
     KEPT_ASIDE,
     NO_BASIS,
     ROTATING_FAMILIES,
@@ -40,6 +38,8 @@ from benchmarks.rotating_chains import (
     make_rotating_chain,
     torque_by,
 )
+
+from benchmarks.compensation import show
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
@@ -230,14 +230,15 @@ def target_rows(results: Sequence[Result], allowed: float) -> tuple[list[list[st
     return rows, met
 
 
-INTRODUCTION = """Synthetic chains that turn, with a known truth (`benchmarks/rotating_chains.py`),
-independent of the simulated bench: ±1200 1/min with ramps up to 300 1/min per s, 10 to 50 °C, full
-torque range. Each is fitted from 100 static points, 20 each at two other temperatures and at two
-speeds, and empty runs at 12, 23 and 38 °C; noise 0.015 % FS of every reading. Compensated as
-`torquebench apply` does, from speed, temperature and time. Errors are those of noise-free readings,
-medians over chains. "Known form" is a fit that is told the exact form with all constants but the
-amplitudes, and the true acceleration. "Static only" is a perfect static compensation. Coverage is
-that of U (k = 2) for single readings with their noise.
+INTRODUCTION = """\
+Synthetic chains that turn, with a known truth (`tests/support/rotating_chains.py`), independent of
+the simulated bench: ±1200 1/min with ramps up to 300 1/min per s, 10 to 50 °C, full torque range.
+Each is fitted from 100 static points, 20 each at two other temperatures and at two speeds, and
+empty runs at 12, 23 and 38 °C; noise 0.015 % FS of every reading. Compensated as `torquebench
+apply` does, from speed, temperature and time. Errors are those of noise-free readings, medians over
+chains. "Known form" is a fit that is told the exact form with all constants but the amplitudes, and
+the true acceleration. "Static only" is a perfect static compensation. Coverage is that of U (k = 2)
+for single readings with their noise.
 """
 
 

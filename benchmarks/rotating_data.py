@@ -16,10 +16,8 @@ from pathlib import Path
 
 import numpy as np
 from rich.console import Console
-
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.compensation import show
-from benchmarks.rotating_chains import (
+from tests.support.chain_shapes import FloatArray
+from tests.support.rotating_chains import (
     EMPTY_C,
     KEPT_ASIDE,
     ROTATING_FAMILIES,
@@ -27,6 +25,8 @@ from benchmarks.rotating_chains import (
     RotatingChain,
     make_rotating_chain,
 )
+
+from benchmarks.compensation import show
 from torquebench.errors import InputError
 from torquebench.tables import read_table
 

@@ -20,9 +20,9 @@ from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from tests.support.chains import make_chain
 from threadpoolctl import threadpool_limits
 
-from benchmarks.chains import make_chain
 from torquebench.compensation import make_model
 from torquebench.compensation.table import CompensationTable, compile_table
 

@@ -32,8 +32,8 @@ import bluesky.preprocessors as bpp
 import numpy as np
 from bluesky.utils import Msg
 from rich.console import Console
+from tests.support.chain_shapes import FloatArray
 
-from benchmarks.chain_shapes import FloatArray
 from benchmarks.compensation import show
 from benchmarks.section import BENCHMARKS, write_section
 from torquebench.bench.description import default_bench

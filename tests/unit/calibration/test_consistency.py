@@ -10,8 +10,8 @@ from itertools import islice
 
 import numpy as np
 import pytest
-from benchmarks.chains import FAMILIES
 from benchmarks.contradictions import FAULTS, STRANGERS, chain_table, stranger, trial
+from tests.support.chains import FAMILIES
 
 from torquebench.calibration import (
     CalibrationData,

@@ -6,9 +6,9 @@ from typing import get_args
 
 import numpy as np
 import pytest
-from benchmarks.chains import make_chain
 from hypothesis import given
 from hypothesis import strategies as st
+from tests.support.chains import make_chain
 
 from torquebench.chain import (
     EFFECTS,

@@ -7,8 +7,6 @@ import numpy as np
 import pytest
 from benchmarks import charts
 from benchmarks import compensation as benchmark
-from benchmarks.chain_shapes import SHAPES
-from benchmarks.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
 from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims
 from benchmarks.compensation_contenders import DEFAULT, contenders
 from benchmarks.compensation_results import comparison_rows, family_rows
@@ -16,6 +14,8 @@ from benchmarks.section import write_section
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
+from tests.support.chain_shapes import SHAPES
+from tests.support.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
 
 QUICK = (DEFAULT, "known form", "raw reading", "physics", "polynomial-2 per direction")
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
-from benchmarks.chains import make_chain
 from scipy.special import stdtrit
 from sklearn.base import clone
+from tests.support.chains import make_chain
 
 from torquebench.compensation import (
     DiscrepancyUncertainty,

@@ -1,10 +1,10 @@
 import numpy as np
 import pytest
-from benchmarks.chains import make_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import multivariate_normal
+from tests.support.chains import make_chain
 from tests.watching import Watching
 
 from torquebench.compensation import GaussianProcessModel, features, model_from_state

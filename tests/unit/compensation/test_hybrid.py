@@ -2,9 +2,9 @@ import json
 
 import numpy as np
 import pytest
-from benchmarks.chains import Chain, Noise, Term, known_form, make_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.chains import Chain, Noise, Term, known_form, make_chain
 
 from torquebench.compensation import (
     CompensationModel,

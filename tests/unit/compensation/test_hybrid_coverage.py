@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from benchmarks.chains import FAMILIES, known_form, make_chain
+from tests.support.chains import FAMILIES, known_form, make_chain
 
 from torquebench.compensation import make_model
 

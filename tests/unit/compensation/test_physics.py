@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
-from benchmarks.chains import make_chain
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from tests.support.chains import make_chain
 
 from torquebench.compensation import PhysicsModel, features, make_model, model_from_state
 from torquebench.compensation.physics import ChainPoints, physics_basis

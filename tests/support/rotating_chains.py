@@ -1,7 +1,7 @@
 """Synthetic chains that turn, with a known truth, each defined by a family and a seed.
 
 A chain reads ``reading = torque - A(torque, branch) + e``, where A is a static chain's additional
-torque (`benchmarks.chains`) and e what temperature, speed, acceleration and time add. Everything is
+torque (`tests.support.chains`) and e what temperature, speed, acceleration and time add. It is all
 written down from what data sheets and textbooks say of transducers and bearings; nothing comes from
 the simulated bench. Both are sums of terms with an amplitude, so that the bound ("known form") is a
 fit that is told every shape and every constant in it and looks for the amplitudes only.
@@ -14,9 +14,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
-
-from benchmarks.chain_shapes import FloatArray
-from benchmarks.chains import Chain, make_chain, path
+from tests.support.chain_shapes import FloatArray
+from tests.support.chains import Chain, make_chain, path
 
 __all__ = [
     "KEPT_ASIDE",

@@ -22,10 +22,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.optimize import least_squares
-
-from benchmarks.chain_families import ASIDE_FAMILIES, FAMILIES, Term, draw_noise
-from benchmarks.chain_noise import NORMAL, REPEATABILITY, Noise
-from benchmarks.chain_shapes import FloatArray
+from tests.support.chain_families import ASIDE_FAMILIES, FAMILIES, Term, draw_noise
+from tests.support.chain_shapes import NORMAL, REPEATABILITY, FloatArray, Noise
 
 __all__ = [
     "ASIDE_FAMILIES",
