@@ -5,7 +5,8 @@ BIN := $(VENV)/bin
 PLUGINS := opcua plant sparkplug teds
 PROJECTS := pyproject.toml constraints.txt $(PLUGINS:%=plugins/%/pyproject.toml)
 
-.PHONY: run plant test check nightly programs lint types contracts docs pictures tests other-processor clean clean-kernels
+.PHONY: run plant test check nightly programs lint types contracts docs kernels pictures \
+  tests other-processor clean clean-kernels
 
 run: $(VENV)/.installed
 	$(BIN)/torquebench demo
@@ -17,10 +18,10 @@ plant: $(VENV)/.installed-plant
 	$(BIN)/python -m plugins.plant.example.demonstration $(if $(VIEW),--view)
 
 # Types, documentation and contracts keep one processor busy each; who has done first leaves none
-# idle.
+# idle. Kernels are compiled once: all workers of the tests would begin with that at the same time.
 test: programs
 	$(MAKE) lint
-	$(MAKE) --jobs 2 types docs contracts
+	$(MAKE) --jobs 2 types docs contracts kernels
 	$(MAKE) tests
 
 # The daily loop: what needs no browser, no server and no other program.
@@ -52,6 +53,9 @@ contracts: $(VENV)/.installed-test
 docs: $(VENV)/.installed-test
 	$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --builder html docs docs/_build/html
 
+kernels: $(VENV)/.installed-test
+	$(BIN)/python -c 'from tests.system.prepared_commands import prepare; prepare()'
+
 # Every picture of the documentation again: screenshots, the animated demo, drawings.
 pictures: $(VENV)/.installed-test
 	$(BIN)/python -m tests.pictures
@@ -73,16 +77,16 @@ $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.installed: $(BIN)/python pyproject.toml constraints.txt
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[panel]'
+	@$(PYTHON) tests/packages.py $(BIN)/python --constraint constraints.txt --editable '.[panel]'
 	touch $@
 
 $(VENV)/.installed-test: $(BIN)/python $(PROJECTS)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[test]' \
+	@$(PYTHON) tests/packages.py $(BIN)/python --constraint constraints.txt --editable '.[test]' \
 	  $(PLUGINS:%=--editable 'plugins/%[test]')
 	touch $@ $(VENV)/.installed
 
 $(VENV)/.installed-plant: $(BIN)/python $(PROJECTS)
-	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . \
+	@$(PYTHON) tests/packages.py $(BIN)/python --constraint constraints.txt --editable . \
 	  --editable plugins/plant
 	touch $@
 

@@ -4,6 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from tests.system.panel_api import SLOW, administrator, program, serving
 
 SCHEMATHESIS = str(Path(sys.executable).parent / "schemathesis")
@@ -31,7 +32,10 @@ enabled = false
 """
 
 
-def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    "phases", ["coverage", pytest.param("coverage,fuzzing", marks=pytest.mark.nightly)]
+)
+def test_schemathesis_finds_nothing_wrong_with_any_operation(phases: str, tmp_path: Path) -> None:
     (tmp_path / "schemathesis.toml").write_text(RULES, encoding="utf-8")
     with serving(tmp_path, "--fast") as server, administrator(server) as admin:
         fuzz = program(server, admin, "fuzz", "administrator")
@@ -43,7 +47,7 @@ def test_schemathesis_finds_nothing_wrong_with_any_operation(tmp_path: Path) -> 
                 "--header",
                 f"Authorization: {fuzz.headers['Authorization']}",
                 "--phases",
-                "coverage,fuzzing",
+                phases,
                 "--max-examples",
                 str(EXAMPLES),
                 "--seed",

@@ -131,10 +131,12 @@ def isolated(code: str, *paths: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
-    tmp_path: Path,
-) -> None:
-    wheel = built("wheel", ROOT, tmp_path)
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built("wheel", ROOT, tmp_path_factory.mktemp("wheel"))
+
+
+def test_wheel_and_sdist_hold_every_file(wheel: Path, tmp_path: Path) -> None:
     sdist = built("sdist", ROOT, tmp_path)
     with tarfile.open(sdist) as archive:
         archive.extractall(tmp_path, filter="data")
@@ -143,6 +145,9 @@ def test_wheel_and_sdist_hold_every_file_and_the_installed_wheel_runs_the_demo(
     assert packed(wheel) == packed(again) == tracked(ROOT / "src")
     assert "torquebench/py.typed" in packed(wheel)
 
+
+@pytest.mark.nightly
+def test_the_installed_wheel_runs_the_demo(wheel: Path, tmp_path: Path) -> None:
     installed = tmp_path / "installed"
     install(wheel, installed)
     take_over_kernels(installed)
@@ -179,10 +184,12 @@ print(package.__file__)
 """
 
 
-def test_the_wheel_of_each_plugin_adds_what_the_core_alone_lacks(tmp_path: Path) -> None:
+@pytest.mark.nightly
+def test_the_wheel_of_each_plugin_adds_what_the_core_alone_lacks(
+    wheel: Path, tmp_path: Path
+) -> None:
     core, together = tmp_path / "core", tmp_path / "together"
     others = libraries(tmp_path / "libraries")
-    wheel = built("wheel", ROOT, tmp_path)
     install(wheel, core)
     shutil.copytree(core, together)
     for name in PLUGINS:

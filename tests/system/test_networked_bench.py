@@ -219,6 +219,7 @@ def test_simulate_serves_and_doctor_finds_everything_well(tmp_path: Path) -> Non
     assert "simulators ended" in said
 
 
+@pytest.mark.nightly
 def test_the_demo_starts_its_simulators_and_ends_them(tmp_path: Path) -> None:
     bench = tmp_path / "bench.toml"
     bench.write_text(_on_free_ports(EXAMPLE.read_text(encoding="utf-8")), encoding="utf-8")

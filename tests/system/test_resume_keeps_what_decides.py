@@ -46,7 +46,9 @@ if stage == "register":
     finishing.register_calibration = die
 app(arguments)
 """
-STAGES = ["start", "event 1", "event 4", "event 7", "stop", "seal", "sealed", "fit", "register"]
+STAGES = ["event 4", "fit"]
+"""While points are measured, and when all are; those between are gone through nightly."""
+NIGHTLY = ["start", "event 1", "event 7", "stop", "seal", "sealed", "register"]
 MODELS = [
     ("--model", "polynomial"),
     ("--model", "polynomial", "--parameter", "degree=3"),
@@ -91,7 +93,9 @@ def outcome(data: Path) -> dict[str, Any]:
     }
 
 
-@pytest.mark.parametrize("stage", STAGES)
+@pytest.mark.parametrize(
+    "stage", [*STAGES, *(pytest.param(stage, marks=pytest.mark.nightly) for stage in NIGHTLY)]
+)
 def test_a_killed_calibration_ends_as_the_uninterrupted_one(stage: str, tmp_path: Path) -> None:
     killed, whole, options = tmp_path / "killed", tmp_path / "whole", drawn(stage)
     command = ["calibrate", "output", *options, "--yes"]

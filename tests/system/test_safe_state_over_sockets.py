@@ -145,6 +145,7 @@ def test_the_ramp_of_an_alarm_in_real_time_ends_before_the_power(tmp_path: Path)
     assert off["time_s"] - ramp["time_s"] >= 0.9 * ramp_s
 
 
+@pytest.mark.nightly
 def test_a_calibration_in_real_time_over_sockets_is_not_disturbed(tmp_path: Path) -> None:
     """What `simulate --real-time` and `calibrate` are documented to do, with few steps."""
     with simulating(tmp_path, "--real-time") as (bench, _):

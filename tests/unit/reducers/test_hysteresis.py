@@ -225,7 +225,7 @@ def test_noise_of_the_torque_is_averaged_and_said():
 
 
 def test_intervals_hold_the_truth_in_about_95_percent():
-    """Independent errors of each kind, drawn as `LoopUncertainty` says; 200 draws."""
+    """Independent errors of each kind, drawn as `LoopUncertainty` says."""
     known = LoopUncertainty(
         torque_relative=5e-4,
         torque_zero_nm=0.2,
@@ -235,7 +235,7 @@ def test_intervals_hold_the_truth_in_about_95_percent():
     )
     clean, _, side = loops(samples=250)
     inside = dict.fromkeys(truth(), 0)
-    draws = 150
+    draws = 60
     for seed in range(draws):
         generator = np.random.default_rng(seed)
         torques, angles, positions = [], [], []
