@@ -1,8 +1,6 @@
 """`torquebench apply` beside PyArrow reading and writing the same readings, as whole processes.
 
-    python -m benchmarks.apply [--rows 10000000] [--repeats 3]
-
-Prints the ratio of the wall times and the largest memory of each. PyArrow reads the readings and
+PyArrow reads the readings and
 writes them again, nothing else: what any program needs for files of this size.
 """
 
@@ -12,6 +10,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from statistics import median
@@ -20,7 +19,9 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.csv
 import pyarrow.parquet
+from rich.console import Console
 
+from benchmarks.reporting import judge
 from torquebench.campaign.fitting import store_model
 from torquebench.compensation import RECOMMENDED, make_model
 from torquebench.tables import read_calibration
@@ -67,12 +68,16 @@ def measured(command: list[str]) -> tuple[float, float, float]:
     return wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss / 1024.0
 
 
-def main() -> None:
-    """Measure and print one line a format."""
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure and print one line a format; 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a tenth of the rows, one pair")
     parser.add_argument("--rows", type=int, default=10_000_000)
     parser.add_argument("--repeats", type=int, default=3)
-    asked = parser.parse_args()
+    asked = parser.parse_args(arguments)
+    if asked.quick:
+        asked.rows, asked.repeats = asked.rows // 10, 1
+    figures: dict[str, float] = {}
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         chain = folder / "chain.json"
@@ -91,6 +96,8 @@ def main() -> None:
             seconds = [median(each[side][0] for each in pairs) for side in (0, 1)]
             worked = [median(each[side][1] for each in pairs) for side in (0, 1)]
             memory = [max(each[side][2] for each in pairs) for side in (0, 1)]
+            figures[f"{ending}, wall time / PyArrow's"] = ratio
+            figures[f"memory, MB, {ending}"] = memory[0]
             print(
                 f"{ending} -> {ending}: {ratio:.2f} times PyArrow "
                 f"({seconds[0]:.1f} s and {seconds[1]:.1f} s; "
@@ -98,7 +105,4 @@ def main() -> None:
                 f"{memory[0]:.0f} MB and {memory[1]:.0f} MB)",
                 flush=True,
             )
-
-
-if __name__ == "__main__":
-    main()
+    return int(not judge(Console(), "apply", figures)[1])

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from matplotlib.figure import Figure
 
-from benchmarks.section import BENCHMARKS
+from benchmarks.reporting import BENCHMARKS
 
 __all__ = ["CHARTS", "FOLDER", "draw", "said", "table_under"]
 
@@ -198,10 +198,6 @@ CHARTS: dict[str, tuple[str, Callable[[str], Figure]]] = {
     "files": (
         "How fast are files of readings?",
         lambda q: _columns(q, {"measured": 1, "aim": 2}, "wall time of apply / PyArrow"),
-    ),
-    "bench": (
-        "How fast is the simulated bench?",
-        lambda q: _columns(q, {"this version": 2, "0.1.0": 3}, "processor time, s"),
     ),
     "imports": (
         "How long do imports take?",

@@ -1,11 +1,9 @@
 """Accuracy, coverage and speed of compensation models, on chains with a known truth.
 
-``python -m benchmarks.compensation`` compares what ``torquebench fit`` takes by default with every
-single kind of model of this package, with other libraries and with the best that could be done,
-prints the tables, and exits with 1 where an aim is missed. ``--out`` writes
-all tables into a Markdown file.
-``--quick`` takes fewer chains and ends within a minute on two quiet cores; the whole run takes some
-ten minutes. Chains are shared out between two processes (``--workers``).
+What ``torquebench fit`` takes by default is compared with every single kind of model of this
+package, with other libraries and with the best that could be done. ``--out`` writes all tables into
+a Markdown file. ``--quick`` takes fewer chains and ends within a minute on two quiet cores; the
+whole run takes some ten minutes.
 
 Times of fits are taken on the first chains of every family. Slow contenders meet the first two
 chains of every family (``--slow-chains``); in ``--quick`` one chain of every third family, at 50
@@ -33,12 +31,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 
 import numpy as np
 from rich.console import Console
-from rich.table import Table
 from tests.support.chains import FAMILIES, REPORTED_SEED, make_chain
 
-from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims, speed_aims
 from benchmarks.compensation_contenders import Contender, contenders
-from benchmarks.compensation_results import Result, comparison_rows, family_rows
+from benchmarks.compensation_results import (
+    Figures,
+    Result,
+    accuracy_figures,
+    comparison_rows,
+    family_rows,
+    interval_figures,
+    speed_figures,
+)
+from benchmarks.reporting import judge, show
 
 TENTHS = 10
 COVERAGE_95 = 1.959964
@@ -171,21 +176,6 @@ def _outcomes(tasks: Sequence[Task], workers: int) -> Iterator[dict[str, Result]
         yield from pool.map(run_task, tasks)
 
 
-def show(
-    console: Console, title: str, headings: Sequence[str], rows: Sequence[Sequence[str]]
-) -> str:
-    """Print a table and return it as Markdown."""
-    table = Table(title=title)
-    for position, heading in enumerate(headings):
-        table.add_column(heading, justify="right" if position else "left")
-    for row in rows:
-        table.add_row(*row)
-    console.print(table)
-    lines = [f"**{title}**", "", f"| {' | '.join(headings)} |", "| --- " * len(headings) + "|"]
-    lines += [f"| {' | '.join(row)} |" for row in rows]
-    return "\n".join(lines) + "\n"
-
-
 def parse(arguments: Sequence[str] | None) -> argparse.Namespace:
     """Read the command line."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
@@ -211,7 +201,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = parse(arguments)
     console = Console()
     everyone = contenders()
-    aims: list[Aim] = []
+    figures: Figures = {}
     parts = [INTRODUCTION]
     outcomes = {}
     for points in options.points:
@@ -232,26 +222,20 @@ def main(arguments: Sequence[str] | None = None) -> int:
         title = f"{points} points, median of {len(results['hybrid'])} chains"
         parts.append(show(console, title, *comparison_rows(results)))
         own = [contender.name for contender in field if contender.own]
-        aims += interval_aims(results, own, points, 2.0 if options.quick else 0.0)
+        figures |= interval_figures(results, own, points, 2.0 if options.quick else 0.0)
         if points == min(options.points):
-            aims += speed_aims(results)
+            figures |= speed_figures(results)
         outcomes[points] = results
-        allowed = 2.0 if options.quick else 0.0
-        aims += accuracy_aims(results, options.families, points, allowed)
+        errors_allowed = 2.0 if options.quick else 0.0
+        figures |= accuracy_figures(results, options.families, points, errors_allowed)
     parts.append(show(console, "Default by family", *family_rows(outcomes, options.families)))
-    cells = [
-        [
-            aim.name,
-            f"{aim.value:.3f}",
-            f"{aim.low:g} to {aim.high:.3g}",
-            "met" if aim.met else "MISSED",
-        ]
-        for aim in aims
-    ]
-    parts.append(show(console, "Aims", ["", "measured", "aim", ""], cells))
+    values = {name: value for name, (value, _) in figures.items()}
+    allowed = {name: allowance for name, (_, allowance) in figures.items()}
+    verdict, met = judge(console, "compensation", values, allowed)
+    parts.append(verdict)
     if options.out:
         options.out.write_text("\n".join(parts), encoding="utf-8")
-    return 0 if all(aim.met for aim in aims) else 1
+    return 0 if met else 1
 
 
 INTRODUCTION = """\

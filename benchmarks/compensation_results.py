@@ -10,6 +10,13 @@ from tests.support.chain_shapes import FloatArray
 from tests.support.chains import ASIDE_FAMILIES
 
 from benchmarks.compensation_contenders import DEFAULT, MODEL_NAMES
+from benchmarks.reporting import AIMS
+
+EXTREME_OF_TEN = 1.4
+"""Two standard errors of one tenth are 2.8 of the one that is off most: 95 % of the extremes."""
+
+Figures = dict[str, tuple[float, float]]
+"""Values by the name of their aim, and by how much chance alone may miss it."""
 
 
 @dataclass(frozen=True)
@@ -136,3 +143,87 @@ def family_rows(
             ]
         rows.append(row)
     return headings, rows
+
+
+def accuracy_figures(
+    results: dict[str, list[Result]],
+    families: Sequence[str],
+    points: int,
+    errors_allowed: float = 0.0,
+) -> Figures:
+    """Return the default's errors; medians may miss their aims by `errors_allowed` errors."""
+    groups: dict[str, Sequence[str]] = {
+        "all families": families,
+        "families not developed on": ASIDE_FAMILIES,
+        **{family: (family,) for family in families},
+    }
+    figures: Figures = {}
+    for title, members in groups.items():
+        name = f"RMS / bound, {title}, {points} points"
+        found = ratios(results, DEFAULT, [f for f in families if f in members])
+        if found.size and name in AIMS["compensation"]:
+            figures[name] = float(np.median(found)), errors_allowed * _median_error(found)
+    for family in families:
+        default, (best, other) = ratios(results, DEFAULT, [family]), best_other(results, family)
+        allowance = errors_allowed * _median_error(default) / other
+        name = f"default / best other kind, {family}, {points} points, {best}"
+        figures[name] = float(np.median(default)) / other, allowance
+    return figures
+
+
+def _median_error(values: FloatArray) -> float:
+    """Return a median's standard error, from the median absolute deviation."""
+    spread = 1.4826 * float(np.median(np.abs(values - np.median(values))))
+    return 1.2533 * spread / float(np.sqrt(values.size))
+
+
+def interval_figures(
+    results: dict[str, list[Result]], own: Sequence[str], points: int, errors_allowed: float = 0.0
+) -> Figures:
+    """Return the coverage of every model offered, over all and by tenth.
+
+    ``errors_allowed`` standard errors over the chains may be missing by chance.
+    """
+    figures: Figures = {}
+    own = [name for name in own if results[name]]
+    for name in own:
+        rows = np.array([result.inside for result in results[name]])
+        tenths = rows.mean(axis=0)
+        extreme = EXTREME_OF_TEN * np.sqrt(np.mean(np.var(rows, axis=0)) / len(rows))
+        spread = float(np.std(rows.mean(axis=1)))
+        for what, value, its_error in (
+            ("all", tenths.mean(), spread / np.sqrt(len(rows))),
+            ("least of a tenth", tenths.min(), extreme),
+            ("largest of a tenth", tenths.max(), extreme),
+        ):
+            title = f"coverage, {name}, {what}, {points} points"
+            figures[title] = float(value), errors_allowed * float(its_error)
+        new = [r.inside.mean() for r in results[name] if r.family in ASIDE_FAMILIES]
+        if new:
+            allowance = errors_allowed * spread / np.sqrt(len(new))
+            title = f"coverage, {name}, families not developed on, {points} points"
+            figures[title] = float(np.mean(new)), allowance
+    widths = {name: np.median([r.half_width for r in results[name]]) for name in own}
+    calibrated = [
+        widths[name]
+        for name in own
+        if name not in (DEFAULT, "hybrid") and coverage(results[name]).mean() >= 0.93
+    ]
+    shortest = float(widths[DEFAULT] / min(calibrated, default=np.inf))
+    name = f"default's intervals / shortest calibrated other's, {points} points"
+    return figures | {name: (shortest, 0.0)}
+
+
+def speed_figures(results: dict[str, list[Result]]) -> Figures:
+    """Return the time of fits to 50 points, against scikit-learn's network."""
+    seconds = {
+        name: float(np.nanmedian([r.fit_seconds for r in results[name]]))
+        for name in ("hybrid", "bayesian-network", "scikit-learn MLPRegressor")
+        if name in results
+    }
+    reference = seconds["scikit-learn MLPRegressor"]
+    return {
+        f"{name}'s fit / scikit-learn network's": (seconds[name] / reference, 0.0)
+        for name in ("hybrid", "bayesian-network")
+        if name in seconds
+    }

@@ -1,25 +1,26 @@
-"""How many well-placed calibration points are worth 200 even ones: ``python -m benchmarks.design``.
+"""How many well-placed calibration points are worth 200 even ones.
 
 On chains with a known truth, a coarse calibration of 24 points is extended a dozen points at a
 time, each time where `propose_points` says, and compared with even calibrations after every
 extension: worst and root mean square error against the truth, and the largest standard uncertainty
-that the model itself states, each the median over the chains, with the recommended model. Exits
-with 1 where all three of 200 even points aren't reached with fewer.
+that the model itself states, each the median over the chains, with the recommended model.
 """
 
 from __future__ import annotations
 
 import argparse
 import os
-import sys
 import warnings
+from collections.abc import Sequence
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 from tests.support.chains import LOADING_ACCURACY, Chain, make_chain
 
+from benchmarks.reporting import judge, show
 from torquebench.compensation import RECOMMENDED, CompensationModel, make_model
 from torquebench.compensation.design import Criterion, Proposal, propose_points
 
@@ -77,9 +78,9 @@ def extend(
     return results
 
 
-def main(arguments: list[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print, and return 1 where 200 even points aren't reached with fewer."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.design", description=__doc__)
+    parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two chains a family, larger steps")
     parser.add_argument("--criterion", choices=("worst", "integrated"), default="worst")
     options = parser.parse_args(arguments)
@@ -92,23 +93,17 @@ def main(arguments: list[str] | None = None) -> int:
             result = errors(chain, fit(chain, data.X, data.standard_nm))
             collected.setdefault(("even", points), []).append(result)
         for points, result in extend(chain, options.criterion, step, EVEN[-1]).items():
-            collected.setdefault(("proposed", points), []).append(result)
+            collected.setdefault(("placed", points), []).append(result)
     median = {key: np.median(rows, axis=0) for key, rows in collected.items()}
-    print(f"{len(chains)} chains, {RECOMMENDED} model, % of full scale, medians")
-    print(f"{'points':<14}{'worst error':>13}{'RMS error':>13}{'largest u':>13}")
-    for (way, points), row in sorted(median.items()):
-        print(f"{way:<9}{points:>5}" + "".join(f"{value:13.4f}" for value in row))
+    console = Console()
+    rows = [
+        [f"{points} {way}", *(f"{value:.4f}" for value in row)]
+        for (way, points), row in sorted(median.items())
+    ]
+    title = f"{len(chains)} chains, {RECOMMENDED} model, medians in % FS"
+    show(console, title, ["points", "worst error", "RMS error", "largest u of the model"], rows)
     goal = median["even", EVEN[-1]]
-    proposed = {points: row for (way, points), row in sorted(median.items()) if way == "proposed"}
-    parts = {"worst error": [0], "RMS error": [1], "largest stated uncertainty": [2]}
-    parts["all three"] = [0, 1, 2]
-    enough = None
-    for name, indices in parts.items():
-        met = (p for p, row in proposed.items() if np.all(row[indices] <= goal[indices]))
-        enough = next(met, None)
-        print(f"{name} of {EVEN[-1]} even points: {enough or 'not reached'}")
-    return 0 if enough is not None and enough < EVEN[-1] else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    placed = {points: row for (way, points), row in median.items() if way == "placed"}
+    reached = [points for points, row in placed.items() if np.all(row <= goal)]
+    figures = {"points that do what 200 even ones do": min(reached, default=np.inf)}
+    return int(not judge(console, "design", figures)[1])

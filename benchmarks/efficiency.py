@@ -1,11 +1,9 @@
 """Uncertainty of a reducer's efficiency on the simulated bench, and whether it holds.
 
-``python -m benchmarks.efficiency`` calibrates both modules of nominal benches against the
-calibrator, as ``calibrate both`` does, and puts a specimen to ``test efficiency``: warmed up, in
-both directions, three repeats and more, an empty run subtracted. U (k = 2) of each efficiency is
-compared with the aims, and the error with the true efficiency of the twin. ``--quick`` takes two
-benches; ``--write`` puts the tables into ``docs/benchmarks.md``; with ``--into`` benches are kept
-one by one. It exits with 1 where an aim is missed.
+Both modules of nominal benches are calibrated against the calibrator, as ``calibrate both`` does,
+and a specimen is put to ``test efficiency``: warmed up, in both directions, three repeats and more,
+an empty run subtracted. U (k = 2) of each efficiency is compared with the aims, and the error with
+the true efficiency of the twin.
 """
 
 from __future__ import annotations
@@ -13,7 +11,6 @@ from __future__ import annotations
 import argparse
 import json
 import os
-import sys
 import tempfile
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -27,9 +24,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy starts its threads
 import numpy as np
 from rich.console import Console
 
-from benchmarks.compensation import show
 from benchmarks.reducers import calibrated, described, truths
-from benchmarks.section import BENCHMARKS, write_section
+from benchmarks.reporting import AIMS, BENCHMARKS, show, write_section
 from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES
 from torquebench.calibration import load_profile
@@ -43,9 +39,11 @@ BENCHES = 24
 QUICK = 2
 SHARES = (0.2, 0.3, 0.5, 0.75, 1.0)
 SPEEDS_RPM = (300.0, 900.0)
-AIM_LOW, AIM_HIGH, HALF = 0.30, 0.15, 0.5
-"""Largest U from 20 % of the rated torque on, and from half of it on, % of the efficiency."""
-COVERAGE = (93.0, 97.0)
+HALF = 0.5
+_AIMS = AIMS["efficiency"]
+LOW = _AIMS["U below half the rated torque, %"].high
+HIGH = _AIMS["U from half the rated torque on, %"].high
+COVERAGE = (100.0 * _AIMS["coverage"].low, 100.0 * _AIMS["coverage"].high)
 SHOWN = 0.0005
 """Least contribution in the table, % of the efficiency."""
 PROFILES = {"standard": "rapid-in-situ", "rv-40e": "small-torques"}
@@ -90,7 +88,7 @@ class Point:
     @property
     def aim(self) -> float:
         """Largest U allowed, % of the efficiency."""
-        return AIM_HIGH if self.share >= HALF else AIM_LOW
+        return HIGH if self.share >= HALF else LOW
 
 
 def one_bench(reducer: str, folder: Path | None, seed: int) -> list[Point]:
@@ -192,10 +190,10 @@ def budget_of(points: Sequence[Point]) -> list[tuple[str, ...]]:
 def missed(points: Sequence[Point]) -> list[str]:
     """Return the aims that means of both directions miss, in words."""
     said = []
-    for low, high, aim in ((0.0, HALF, AIM_LOW), (HALF, 2.0, AIM_HIGH)):
+    for low, high, largest in ((0.0, HALF, LOW), (HALF, 2.0, HIGH)):
         worst = max(each.relative for each in points if each.both and low <= each.share < high)
-        if worst > aim:
-            said.append(f"U up to {worst:.3f} % of the efficiency, allowed {aim:g} %")
+        if worst > largest:
+            said.append(f"U up to {worst:.3f} % of the efficiency, allowed {largest:g} %")
     return said
 
 
@@ -249,7 +247,3 @@ def main(arguments: Sequence[str] | None = None) -> int:
     if options.write:
         write_section(BENCHMARKS, f"efficiency-{options.reducer}", "\n".join(parts))
     return 0 if met else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -58,8 +58,8 @@ from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.fault_report import Kept, Start, section, summary
 from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
 from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
+from benchmarks.reporting import BENCHMARKS, write_section
 from benchmarks.restarts import RESTARTS, numbered_restart
-from benchmarks.section import BENCHMARKS, write_section
 from benchmarks.undisturbed import TITLE, undisturbed
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers

@@ -1,8 +1,8 @@
 """What an installation needs: packages, size on disk and import time of the wheel with each extra.
 
 The wheel is built and installed in an empty environment for each extra, with the tested versions
-(`constraints.txt`). The demo and the panel then start in the one with `[panel]`. Run
-``python -m benchmarks.installation`` to write the table of README.md.
+(`constraints.txt`). The demo and the panel then start in the one with `[panel]`, and the table of
+README.md is written.
 """
 
 from __future__ import annotations
@@ -15,9 +15,10 @@ import sys
 import tempfile
 import time
 import urllib.request
+from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks.section import write_section
+from benchmarks.reporting import write_section
 from torquebench import __version__
 
 __all__ = ["main"]
@@ -94,11 +95,11 @@ def _panel_answers(environment: Path, folder: Path) -> float:
     raise TimeoutError(f"the panel didn't answer within {STARTING_S:.0f} s")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Measure every extra, start demo and panel, and write the table of README.md."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--folder", type=Path, help="keep the environments in this folder")
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     with tempfile.TemporaryDirectory() as temporary:
         folder = options.folder or Path(temporary)
         folder.mkdir(parents=True, exist_ok=True)
@@ -119,10 +120,7 @@ def main() -> None:
     python = platform.python_version()
     text = "\n".join(["| installed | for | packages | size |", "| --- | --- | --- | --- |", *rows])
     text += f"\n\n`{IMPORTS[0]}` takes {light:.2f} s of processor time, `{IMPORTS[1]}` "
-    text += f"{models:.1f} s (`python -m benchmarks.installation`, version {__version__}, "
+    text += f"{models:.1f} s (`python -m benchmarks installation`, version {__version__}, "
     text += f"{platform.system()} {platform.machine()}, Python {python})."
     write_section(ROOT / "README.md", "installation", text)
-
-
-if __name__ == "__main__":
-    main()
+    return 0

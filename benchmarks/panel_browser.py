@@ -1,4 +1,4 @@
-"""The operator panel in a real browser: ``python -m benchmarks.panel_browser [--quick]``.
+"""The operator panel in a real browser.
 
 Painted updates a second of the live page with eight lines, what the page costs the server, how
 long the stop button takes there and back, and memory on both sides over an hour of simulated work
@@ -9,8 +9,7 @@ turn, and what the server takes is told from what the browser takes. ``--soak MI
 real time: one browser goes from page to page every minute, another stays on the live page, and
 every minute there is a recording and a calibration. The server is `torquebench panel` in a
 process of its own; the browser is Debian's Chromium without a graphics card, so its figures are
-the worst case. ``--write`` puts the table into ``docs/benchmarks.md``. Exits with 1 where
-an aim is missed.
+the worst case.
 """
 
 from __future__ import annotations
@@ -28,7 +27,7 @@ import threading
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
@@ -42,23 +41,23 @@ from selenium.webdriver.common.by import By
 from selenium.webdriver.support.ui import WebDriverWait
 from tests.programs import program
 
-from benchmarks.section import write_section
+from benchmarks.reporting import AIMS, BENCHMARKS, write_section
 from torquebench.panel.service import Actor
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.people import People
 from torquebench.panel.service.store import PanelStore
 
-UPDATES_AIM = 25.0
-CPU_AIM = 0.20
-STOP_AIM_MS = 100.0
-GROWTH_AIM = 0.10
+_AIMS = AIMS["panel_browser"]
+UPDATES_AIM = _AIMS["painted updates a second, eight lines"].low
+CPU_AIM = _AIMS["what the page adds, cores"].high
+STOP_AIM_MS = _AIMS["stop, ms"].high
+GROWTH_AIM = _AIMS["growth of memory"].high
 STOPS = 60
 """Presses on a bench at rest."""
 LOADED_STOPS = 8
 """Presses while a calibration loads the bench."""
 BROWSERS, WATCHERS = 5, 20
 """Of the crowd: one of the browsers presses the stop."""
-DOCUMENT = Path(__file__).parents[1] / "docs" / "benchmarks.md"
 PASSWORD = "benchmark of the panel"
 FLAGS = (
     "--headless=new",
@@ -241,7 +240,7 @@ def measure_crowded_stop(
     with contextlib.ExitStack() as crowd:
         for number in range(BROWSERS - 1):
             crowd.enter_context(browsing(server, folder / f"browser-{number}"))
-        flood = subprocess.Popen([sys.executable, "-m", "benchmarks.panel_browser", "--flood",
+        flood = subprocess.Popen([sys.executable, "-m", "benchmarks", "panel_browser", "--flood",
                                   f"{server.url}/sign-in"])  # fmt: skip
         crowd.callback(flood.kill)
         crowd.callback(ended.set)
@@ -501,7 +500,7 @@ def soaked(minutes: float, *, write: bool) -> int:
                      f"{grown[name]:+.1%} | ≤ {GROWTH_AIM:.0%} |")  # fmt: skip
     print("\n".join(lines))
     if write:
-        write_section(DOCUMENT, "panel-soak", "\n".join(lines))
+        write_section(BENCHMARKS, "panel-soak", "\n".join(lines))
     return 0 if tracebacks == 0 and max(grown.values()) <= GROWTH_AIM else 1
 
 
@@ -623,7 +622,7 @@ def crowded(stops: int) -> int:
     return 0 if high <= STOP_AIM_MS else 1
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Measure, print and judge."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="ten minutes instead of an hour")
@@ -631,7 +630,7 @@ def main() -> int:
     parser.add_argument("--stop", type=int, metavar="N", help="only N stops in a crowd")
     parser.add_argument("--soak", type=float, metavar="MINUTES", help="only a soak in real time")
     parser.add_argument("--flood", help=argparse.SUPPRESS)
-    options = parser.parse_args()
+    options = parser.parse_args(arguments)
     if options.flood:
         flood(options.flood)
         return 0
@@ -652,9 +651,5 @@ def main() -> int:
     found = Found(updates, idle, watched, stops, memory, os.getloadavg()[0])
     print(found.table())
     if options.write:
-        write_section(DOCUMENT, "panel", found.table())
+        write_section(BENCHMARKS, "panel", found.table())
     return 0 if all(met for _, _, _, met in found.rows) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -12,7 +12,6 @@ one by one, and a run that was interrupted goes on. Ends with 1 where an aim is 
 
 import argparse
 import json
-import sys
 import tempfile
 import time
 from collections import defaultdict
@@ -26,6 +25,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+from benchmarks.reporting import AIMS, Aim, show
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
@@ -284,16 +284,6 @@ def one_bench(work: Work) -> Found:
     return found
 
 
-AIMS = {
-    "stiffness": ("relative %", 1.0),
-    "backlash": ("arcmin beyond U", 0.02),
-    "lost_motion": ("arcmin beyond U", 0.02),
-    "transmission_error": ("arcsec", 1.0),
-    "no_load": ("relative %", 1.0),
-    "efficiency": ("percentage points", 0.3),
-}
-
-
 def family(each: Deviation) -> str:
     """Return which row of the report a value belongs to."""
     if each.test not in ("no-load", "efficiency"):
@@ -313,33 +303,41 @@ def misses(name: str, group: list[Deviation]) -> np.ndarray:
     return off
 
 
-def report(deviations: list[Deviation], refused: list[str], specimens: int) -> int:
-    """Print a row for each kind of value; return how many aims are missed."""
-    rows: dict[str, list[Deviation]] = defaultdict(list)
+def report(
+    console: Console, deviations: list[Deviation], refused: list[str], specimens: int
+) -> bool:
+    """Print a row for each kind of value; return whether all aims are met."""
+    groups: dict[str, list[Deviation]] = defaultdict(list)
     for each in deviations:
-        rows[family(each)].append(each)
-    print("| value | number | intervals that hold the truth | median, 95 %, worst | aim |")
-    print("| --- | --- | --- | --- | --- |")
-    missed = 0
-    for name, group in rows.items():
+        groups[family(each)].append(each)
+    rows, all_met = [], not refused
+    for name, group in groups.items():
         share = float(np.mean([each.covered for each in group]))
         off = misses(name, group)
-        unit, aim = AIMS.get(name.partition(",")[0], ("", float("inf")))
+        aims = (each for each in AIMS["reducers"].items() if each[0].startswith(name.split(",")[0]))
+        title, wanted = next(aims, (", ", Aim()))
         # What chance alone does to the share over this many specimens.
         slack = 2.0 * np.sqrt(0.95 * 0.05 / specimens)
-        late = share < 0.95 - slack or float(np.quantile(off, 0.95)) > aim
-        missed += late
-        print(
-            f"| {name.replace('_', ' ')} | {len(group)} | {100 * share:.1f} % "
-            f"| {np.median(off):.3g}, {np.quantile(off, 0.95):.3g}, {off.max():.3g} {unit} "
-            f"| {f'{aim:g}' if np.isfinite(aim) else ''}{' missed' if late else ''} |"
+        met = share >= 0.95 - slack and wanted.met(float(np.quantile(off, 0.95)))
+        all_met &= met
+        rows.append(
+            [
+                name.replace("_", " "),
+                f"{len(group)}",
+                f"{100 * share:.1f} %",
+                f"{np.median(off):.3g}, {np.quantile(off, 0.95):.3g}, {off.max():.3g} "
+                + title.partition(", ")[2],
+                f"{wanted if np.isfinite(wanted.high) else '–'}{'' if met else ' MISSED'}",
+            ]
         )
+    headings = ["value", "values", "coverage", "error: median, 95 %, worst", "aim at 95 %"]
+    show(console, "Errors", headings, rows)
     for line in refused:
-        print(f"refused: {line}")
-    return missed + len(refused)
+        console.print(f"refused: {line}")
+    return all_met
 
 
-def main() -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Measure and report; 1 where an aim is missed."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two benches")
@@ -356,45 +354,41 @@ def main() -> int:
         "--up-to", help="largest torque of both calibrations, N·m: INPUT,OUTPUT; profile's without"
     )
     parser.add_argument("--into", type=Path, help="folder to keep benches in, and to go on from")
-    arguments = parser.parse_args()
-    if arguments.into is not None:
-        arguments.into.mkdir(parents=True, exist_ok=True)
-    count = 2 if arguments.quick else arguments.specimens
-    tests = tuple(arguments.tests.split(","))
-    torques = [float(each) for each in arguments.up_to.split(",")] if arguments.up_to else []
+    options = parser.parse_args(arguments)
+    if options.into is not None:
+        options.into.mkdir(parents=True, exist_ok=True)
+    count = 2 if options.quick else options.specimens
+    tests = tuple(options.tests.split(","))
+    torques = [float(each) for each in options.up_to.split(",")] if options.up_to else []
     up_to_nm = dict(zip(SIDES, torques, strict=True)) if torques else None
     work = [
         Work(
-            reducer=arguments.reducer,
+            reducer=options.reducer,
             seed=seed,
-            profile=arguments.profile,
+            profile=options.profile,
             tests=tests,
-            loops=arguments.loops,
-            repeats=arguments.repeats,
-            series=arguments.series,
+            loops=options.loops,
+            repeats=options.repeats,
+            series=options.series,
             up_to_nm=up_to_nm,
-            into=arguments.into,
+            into=options.into,
         )
-        for seed in range(arguments.first_seed, arguments.first_seed + count)
+        for seed in range(options.first_seed, options.first_seed + count)
     ]
     began = time.perf_counter()
     found = []
     with (
-        ProcessPoolExecutor(arguments.workers, get_context("spawn")) as pool,
+        ProcessPoolExecutor(options.workers, get_context("spawn")) as pool,
         Progress(console=Console(stderr=True)) as progress,
     ):
-        task = progress.add_task(f"{arguments.reducer}, benches", total=count)
+        task = progress.add_task(f"{options.reducer}, benches", total=count)
         for each in pool.map(one_bench, work):
             found.append(each)
             progress.advance(task)
     deviations = [each for some, _ in found for each in some]
     refused = [each for _, some in found for each in some]
     print(
-        f"simulated {arguments.reducer}, {count} benches with a specimen each, "
+        f"simulated {options.reducer}, {count} benches with a specimen each, "
         f"{time.perf_counter() - began:.0f} s; aims hold for 95 % of the values"
     )
-    return int(report(deviations, refused, count) > 0)
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return int(not report(Console(), deviations, refused, count))

@@ -1,13 +1,10 @@
-"""How fast a long registry opens, lists its runs and is verified, on SQLite and PostgreSQL.
+"""How fast a long registry opens, lists its runs and is verified, on SQLite and PostgreSQL."""
 
-python -m benchmarks.registry [RUNS] [postgresql://user@server/empty-database]
-"""
-
+import argparse
 import statistics
-import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -84,14 +81,15 @@ def measure(folder: Path, url: str | None, runs: int) -> None:
         print(f"  verify {report.records} records along the chain: {took:.1f} s")
 
 
-def main() -> None:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Measure on SQLite, and on PostgreSQL where a URL is given."""
-    runs = int(sys.argv[1]) if len(sys.argv) > 1 else 100_000
-    urls = [None, *sys.argv[2:]]
-    for url in urls:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--quick", action="store_true", help="a tenth of the runs")
+    parser.add_argument("--runs", type=int, default=100_000)
+    parser.add_argument("--postgresql", metavar="URL", help="of an empty database")
+    options = parser.parse_args(arguments)
+    runs = options.runs // 10 if options.quick else options.runs
+    for url in filter(None, ("sqlite", options.postgresql)):
         with tempfile.TemporaryDirectory() as folder:
-            measure(Path(folder), url, runs)
-
-
-if __name__ == "__main__":
-    main()
+            measure(Path(folder), None if url == "sqlite" else url, runs)
+    return 0

@@ -1,10 +1,8 @@
 """Compensation of chains that turn, on families of chains with a known truth.
 
-``python -m benchmarks.rotating`` fits every chain as ``torquebench fit --empty`` does by default,
-compensates random trajectories of torque, speed and temperature as ``torquebench apply`` does, and
-compares with the truth and with a fit that is told the exact form. It exits with 1 where a target
-is missed; ``--write`` puts the tables into ``docs/benchmarks.md``, ``--quick`` takes two chains of
-every family and ends within a minute on two quiet cores.
+Every chain is fitted as ``torquebench fit --empty`` does by default, random trajectories of torque,
+speed and temperature are compensated as ``torquebench apply`` does, and compared with the truth and
+with a fit that is told the exact form.
 
 Errors are those of noise-free readings. Coverage is that of U (k = 2) for readings with the noise
 of a single one, as U contains it, over cells of speed, temperature and torque.
@@ -15,7 +13,6 @@ from __future__ import annotations
 import argparse
 import multiprocessing
 import os
-import sys
 import warnings
 from collections.abc import Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -30,7 +27,6 @@ from rich.console import Console
 from tests.support.chain_shapes import FloatArray
 from tests.support.rotating_chains import (
     KEPT_ASIDE,
-    NO_BASIS,
     ROTATING_FAMILIES,
     Measured,
     RotatingChain,
@@ -39,8 +35,7 @@ from tests.support.rotating_chains import (
     torque_by,
 )
 
-from benchmarks.compensation import show
-from benchmarks.section import BENCHMARKS, write_section
+from benchmarks.reporting import BENCHMARKS, judge, show, write_section
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
 from torquebench.campaign.turning import identify_turning
@@ -53,8 +48,6 @@ SPEED_LIMITS = (-np.inf, -400.0, 400.0, np.inf)
 WARM_LIMITS = (-np.inf, 20.0, 30.0, 40.0, np.inf)
 LOAD_LIMITS = (-np.inf, -1.0 / 3.0, 1.0 / 3.0, np.inf)
 CELLS = 36
-SMOOTH_LIMIT, NO_BASIS_LIMIT, WORST_LIMIT = 2.0, 3.0, 0.05
-COVERAGE = (0.93, 0.97)
 
 
 @dataclass(frozen=True)
@@ -204,30 +197,19 @@ def coverage(results: Sequence[Result]) -> FloatArray:
     return np.asarray(np.sum(weight * inside, axis=0) / np.sum(weight, axis=0))
 
 
-def target_rows(results: Sequence[Result], allowed: float) -> tuple[list[list[str]], bool]:
-    """Return the targets with what was measured, and whether all are met.
-
-    In a quick run a figure may miss its limit by `allowed` of it.
-    """
-    rows, met = [], True
-
-    def row(name: str, value: float, low: float, high: float) -> None:
-        nonlocal met
-        good = low * (1.0 - allowed) <= value <= high * (1.0 + allowed)
-        met &= good
-        rows.append([name, f"{value:.3f}", f"{low:g} to {high:g}", "met" if good else "MISSED"])
-
+def figures_of(results: Sequence[Result]) -> dict[str, float]:
+    """Return what has aims."""
+    figures = {}
     for family in dict.fromkeys(r.family for r in results):
-        limit = NO_BASIS_LIMIT if family in NO_BASIS else SMOOTH_LIMIT
         ratios = [r.rms / r.bound_rms for r in results if r.family == family]
-        row(f"RMS / known form, {family}", float(np.median(ratios)), 0.0, limit)
-    row("worst error, median chain, % FS", float(np.median([r.worst for r in results])), 0.0,
-        WORST_LIMIT)  # fmt: skip
+        figures[f"RMS / known form, {family}"] = float(np.median(ratios))
     shares = coverage(results)
-    row("coverage, all readings", float(np.mean(shares)), *COVERAGE)
-    row("least coverage of a cell", float(np.min(shares)), *COVERAGE)
-    row("largest coverage of a cell", float(np.max(shares)), *COVERAGE)
-    return rows, met
+    return figures | {
+        "worst error, median chain, % FS": float(np.median([r.worst for r in results])),
+        "coverage, all readings": float(np.mean(shares)),
+        "coverage, least of a cell": float(np.min(shares)),
+        "coverage, largest of a cell": float(np.max(shares)),
+    }
 
 
 INTRODUCTION = """\
@@ -266,12 +248,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parts = [INTRODUCTION]
     parts.append(show(console, f"By family, {count} chains each", *family_rows(results)))
     parts.append(show(console, "Coverage of U by cell", *coverage_rows(results)))
-    rows, met = target_rows(results, 0.5 if options.quick else 0.0)
-    parts.append(show(console, "Targets", ["", "measured", "target", ""], rows))
+    figures = figures_of(results)
+    few = {name: 0.5 * value for name, value in figures.items()} if options.quick else {}
+    verdict, met = judge(console, "rotating", figures, few)
+    parts.append(verdict)
     if options.write:
         write_section(BENCHMARKS, "rotating", "\n".join(parts))
     return 0 if met else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -1,76 +1,37 @@
-"""Speed of compiled tables, side by side with what they replace: ``python -m benchmarks.table``.
+"""Speed of compiled tables, side by side with what they replace.
 
 In one run, on one core, on the same readings: the 1-50-1 network in blocked NumPy, and compiled
 tables with and without branches, batch after batch of as many readings as files are read and
 compensated at once; then single readings from Python beside
 ``numpy.interp``. Every figure is the least processor time of several rounds that take turns: other
-work on the machine hits all alike, and its own time doesn't count. Exits with 1 where an aim is
-missed.
+work on the machine hits all alike, and its own time doesn't count.
 """
 
 from __future__ import annotations
 
 import argparse
-import sys
-import time
 import timeit
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 from tests.support.chains import make_chain
 from threadpoolctl import threadpool_limits
 
+from benchmarks.reporting import judge, least_seconds
 from torquebench.compensation import make_model
 from torquebench.compensation.table import CompensationTable, compile_table
 
 FloatArray = NDArray[np.float64]
 Way = Callable[[FloatArray, FloatArray, int], None]
 
-NETWORK_RATIO = 100.0
-"""Aim: times as fast as the network."""
-
-SCALAR_RATIO = 0.5
-"""Aim: share of the time of `numpy.interp` for one reading."""
-
 _HIDDEN = 50
 BATCH = 1 << 16
 """Readings that commands read from a file and compensate at once."""
 _BATCHES = 16
 """Batches in a round of a table: processor time has to be longer than its resolution."""
-
-
-@dataclass(frozen=True)
-class Aim:
-    """One aim with what was measured."""
-
-    name: str
-    measured: float
-    limit: float
-    at_least: bool
-
-    @property
-    def met(self) -> bool:
-        """Whether the measurement is on the right side of the limit."""
-        return self.measured >= self.limit if self.at_least else self.measured <= self.limit
-
-    def __str__(self) -> str:
-        sign = "≥" if self.at_least else "≤"
-        verdict = "met" if self.met else "MISSED"
-        return f"{self.name}: {self.measured:.3g} (aim {sign} {self.limit:g}) {verdict}"
-
-
-def best_of(rounds: int, runs: Mapping[str, Callable[[], object]]) -> dict[str, float]:
-    """Return the least processor time of each run in seconds, all taking turns."""
-    best = dict.fromkeys(runs, np.inf)
-    for _ in range(rounds):
-        for name, run in runs.items():
-            start = time.process_time()
-            run()
-            best[name] = min(best[name], time.process_time() - start)
-    return best
 
 
 # --- what tables are compared with -------------------------------------------------------------
@@ -131,7 +92,7 @@ class Network:
             blocks = {
                 str(block): partial(way, reading, out, block) for block in (512, 1000, 2000, 4000)
             }
-            times = best_of(2, blocks)
+            times = least_seconds(blocks, 2)
             block = min(times, key=times.__getitem__)
             best[f"network in NumPy, {way.__name__}, blocks of {block}"] = (way, int(block))
         return best
@@ -147,7 +108,7 @@ def compiled(kind: str) -> CompensationTable:
     return compile_table(model, uncertainty=False)
 
 
-def measure_batches(rounds: int) -> list[Aim]:
+def measure_batches(rounds: int) -> dict[str, float]:
     """Compare on a batch, which has just been read in practice: it is in the caches."""
     generator = np.random.default_rng(5)
     reading = generator.uniform(-2000.0, 2000.0, BATCH)
@@ -170,7 +131,7 @@ def measure_batches(rounds: int) -> list[Aim]:
         table.torque(reading[:9])
     times = {
         name: seconds / (BATCH if name in networks else _BATCHES * BATCH)
-        for name, seconds in best_of(rounds, runs).items()
+        for name, seconds in least_seconds(runs, rounds).items()
     }
     print(f"{BATCH} readings, best of {rounds} rounds; bounds of the tables in % FS:")
     for kind, table in tables.items():
@@ -181,14 +142,7 @@ def measure_batches(rounds: int) -> list[Aim]:
     table_time = next(times[name] for name in times if name.startswith("table bayesian"))
     tuned = min(times[name] for name in networks)
     print(f"table of the network / fastest of the three ways, speed: {tuned / table_time:.3g}")
-    return [
-        Aim(
-            "table of the network / network in NumPy, speed",
-            times[natural] / table_time,
-            NETWORK_RATIO,
-            True,
-        ),
-    ]
+    return {"table / network in NumPy, speed": times[natural] / table_time}
 
 
 def _often(run: Callable[[], object]) -> None:
@@ -196,7 +150,7 @@ def _often(run: Callable[[], object]) -> None:
         run()
 
 
-def measure_scalars(rounds: int) -> list[Aim]:
+def measure_scalars(rounds: int) -> dict[str, float]:
     """Compare for one reading from plain Python."""
     table = compiled("hybrid")
     nodes = table.curve.nodes()
@@ -213,24 +167,18 @@ def measure_scalars(rounds: int) -> list[Aim]:
     }
     for name, seconds in best.items():
         print(f"  {name:<75} {1e9 * seconds:9.0f} ns")
-    return [
-        Aim(f"{name} / numpy.interp, time", best[name] / best["numpy.interp"], SCALAR_RATIO, False)
+    return {
+        f"table.at / numpy.interp, time, {name}": best[name] / best["numpy.interp"]
         for name in statements
         if name.startswith("table")
-    ]
+    }
 
 
-def main(arguments: list[str] | None = None) -> int:
-    """Measure, print, and return 1 where an aim is missed."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks.table", description=__doc__)
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Measure; return 1 where an aim is missed."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="fewer rounds")
-    options = parser.parse_args(arguments)
-    rounds = 15 if options.quick else 60
+    rounds = 15 if parser.parse_args(arguments).quick else 60
     with threadpool_limits(1):
-        aims = [*measure_batches(rounds), *measure_scalars(rounds)]
-    print("\n".join(str(aim) for aim in aims))
-    return 0 if all(aim.met for aim in aims) else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+        figures = measure_batches(rounds) | measure_scalars(rounds)
+    return int(not judge(Console(), "table", figures)[1])

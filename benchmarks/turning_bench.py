@@ -1,11 +1,10 @@
 """Errors of single readings while the simulated bench turns, by the commands' own path.
 
-``python -m benchmarks.turning_bench`` calibrates both modules of nominal benches at standstill at
+This calibrates both modules of nominal benches at standstill at
 three temperatures (`calibrate`) and against the turning calibrator (`turn --profile
 turning-calibration`), records empty runs (`turn --profile empty-run`), reads their files as ``fit``
 does and fits. Then the modules follow random torques and speeds at five temperatures, and every
 window of the counter is compensated as ``apply`` does and compared with the twin's true torque.
-It exits with 1 where a target is missed; ``--write`` puts the tables into ``docs/benchmarks.md``.
 """
 
 from __future__ import annotations
@@ -14,7 +13,6 @@ import argparse
 import json
 import multiprocessing
 import os
-import sys
 import tempfile
 import warnings
 from collections.abc import Callable, Generator, Sequence
@@ -34,8 +32,7 @@ from bluesky.utils import Msg
 from rich.console import Console
 from tests.support.chain_shapes import FloatArray
 
-from benchmarks.compensation import show
-from benchmarks.section import BENCHMARKS, write_section
+from benchmarks.reporting import BENCHMARKS, judge, show, write_section
 from torquebench.bench.description import default_bench
 from torquebench.bench.devices import RampTo
 from torquebench.bench.roles import SIDES, Side
@@ -67,7 +64,6 @@ LEGS = 5
 SETTLED_S = 0.2
 LARGEST_RPM: dict[Side, float] = {"input": 1200.0, "output": 15.0}
 STEEPEST_RPM_PER_S: dict[Side, float] = {"input": 300.0, "output": 3.75}
-LIMIT = 0.1
 
 _VERIFICATION = load_profile("verification")
 _FEW = _VERIFICATION.model_copy(
@@ -339,19 +335,11 @@ def main(arguments: Sequence[str] | None = None) -> int:
     windows = sum(each.readings for each in results)
     title = f"{len(seeds)} benches, {windows} windows"
     parts = [INTRODUCTION, show(console, title, *module_rows(results))]
-    worst = max(each.worst for each in results)
-    met = worst <= LIMIT
-    verdict = "met" if met else "MISSED"
+    figures = {"worst error of a reading, % FS": max(each.worst for each in results)}
+    verdict, met = judge(console, "turning_bench", figures)
     held = sum(each.coverage * each.readings for each in results) / windows
-    parts.append(
-        f"Worst error of a reading {worst:.3f} % FS, allowed {LIMIT:g}: {verdict}. "
-        f"Coverage of all windows {100 * held:.1f} %, aim 93 to 97 %.\n"
-    )
+    parts += [verdict, f"Coverage of all windows {100 * held:.1f} %, aim 93 to 97 %.\n"]
     console.print(parts[-1])
     if options.write:
         write_section(BENCHMARKS, "turning-bench", "\n".join(parts))
     return 0 if met else 1
-
-
-if __name__ == "__main__":
-    sys.exit(main())

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import psutil
-from benchmarks.section import BENCHMARKS, write_section
+from benchmarks.reporting import BENCHMARKS, write_section
 from plugins.plant.fleet import OPERATORS, TYPES, FleetBench, calibration_points
 from sqlalchemy import text
 from tests import postgresql_server

@@ -1,5 +1,6 @@
 """The generator of chains with a known truth, and the benchmark that compares models on them."""
 
+from importlib import import_module
 from pathlib import Path
 from xml.sax.saxutils import escape
 
@@ -7,10 +8,15 @@ import numpy as np
 import pytest
 from benchmarks import charts
 from benchmarks import compensation as benchmark
-from benchmarks.compensation_aims import Aim, accuracy_aims, interval_aims
+from benchmarks.__main__ import QUESTIONS
 from benchmarks.compensation_contenders import DEFAULT, contenders
-from benchmarks.compensation_results import comparison_rows, family_rows
-from benchmarks.section import write_section
+from benchmarks.compensation_results import (
+    accuracy_figures,
+    comparison_rows,
+    family_rows,
+    interval_figures,
+)
+from benchmarks.reporting import AIMS, Aim, aim, judge, write_section
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
@@ -115,19 +121,31 @@ def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None
     assert by_name["raw reading"]["coverage of 95 % intervals"] == "–"
     _, by_family = family_rows({50: results}, ["reference", "quadratic"])
     assert [row[0] for row in by_family] == ["reference", "quadratic"]
-    aims = accuracy_aims(results, ["reference", "quadratic"], 50)
-    assert {aim.name for aim in aims} >= {
-        "default, RMS / bound, all families, 50 points",
-        "default, RMS / bound, quadratic, 50 points",
-        "default / physics, reference, 50 points",
+    figures = accuracy_figures(results, ["reference", "quadratic"], 50)
+    assert figures.keys() >= {
+        "RMS / bound, all families, 50 points",
+        "RMS / bound, quadratic, 50 points",
     }
-    assert interval_aims(results, [DEFAULT, "physics"], 50)
+    figures |= interval_figures(results, [DEFAULT, "physics"], 50)
+    values = {name: value for name, (value, _) in figures.items()}
+    text, met = judge(Console(quiet=True), "compensation", values)
+    assert met == ("MISSED" not in text)
+    assert text.count("| met |") + text.count("| MISSED |") == len(figures)
 
 
 def test_an_aim_is_met_inside_its_interval_only() -> None:
-    assert Aim("", 0.95, 0.93, 0.97).met
-    assert not Aim("", 0.92, 0.93, 0.97).met
-    assert not Aim("", float("nan"), 0.0, 1.0).met
+    assert Aim(0.93, 0.97).met(0.95)
+    assert not Aim(0.93, 0.97).met(0.92)
+    assert Aim(0.93, 0.97).met(0.92, allowed=0.02)
+    assert not Aim(high=1.0).met(float("nan"))
+    assert aim("rotating", "RMS / known form, arctangent").high == 3.0
+    assert aim("rotating", "RMS / known form, smooth").high == 2.0
+
+
+def test_every_benchmark_with_aims_can_be_run() -> None:
+    assert AIMS.keys() <= QUESTIONS.keys()
+    for name in QUESTIONS:
+        assert callable(import_module(f"benchmarks.{name}").main), name
 
 
 def test_the_section_is_replaced_and_the_rest_kept(tmp_path: Path) -> None:
