@@ -10,9 +10,7 @@ from collections.abc import Sequence
 from importlib import import_module
 from itertools import takewhile
 
-from rich.console import Console
-
-from benchmarks.reporting import AIMS, show
+from benchmarks.reporting import AIMS
 
 QUESTIONS = {
     "compensation": "How well does the default model compensate, and the others?",
@@ -41,11 +39,10 @@ def main(arguments: Sequence[str]) -> int:
     options = list(arguments[len(names) :])
     unknown = [name for name in names if name not in QUESTIONS]
     if unknown or not names:
-        rows = [
-            [name, question, "\n".join(f"{each} {aim}" for each, aim in AIMS.get(name, {}).items())]
-            for name, question in QUESTIONS.items()
-        ]
-        show(Console(), "python -m benchmarks NAME", ["name", "question", "aims"], rows)
+        for name, question in QUESTIONS.items():
+            print(f"{name:<16}{question}")
+            for figure, wanted in AIMS.get(name, {}).items():
+                print(f"{'':<18}{figure}: {wanted}")
         if arguments:
             print(f"found {' '.join(arguments)}; allowed: names of the table, then options")
         return 2 if arguments else 0
