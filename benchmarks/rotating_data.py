@@ -26,7 +26,7 @@ from tests.support.rotating_chains import (
     make_rotating_chain,
 )
 
-from benchmarks.compensation import show
+from benchmarks.reporting import show
 from torquebench.errors import InputError
 from torquebench.tables import read_table
 
