@@ -602,8 +602,7 @@ def study_blocks(rows: Sequence[Row], seeds: int) -> tuple[Answer, Blocks]:
             groups,
             lambda row: f"{number(row.worst_nm)} ({row.below})",
             "Worst of 500 fresh single readings in N·m, median over the chains; in brackets the "
-            f"number of {seeds} chains below {NETWORK_NM:g} N·m. The documentation has a wider "
-            "table.",
+            f"number of {seeds} chains below {NETWORK_NM:g} N·m.",
         ),
     ]
 
