@@ -104,6 +104,28 @@ def test_the_page_of_benchmarks_is_short() -> None:
     assert len(" ".join(prose).split()) <= 1500
 
 
+def test_the_architecture_is_short_and_names_what_there_is() -> None:
+    page = text(DOCS / "architecture.md")
+    assert len(page.split()) <= 1500
+    package = ROOT / "src" / "torquebench"
+    paths = [name for name in re.findall(r"`([\w/]+(?:\.py|\.toml|/))`", page) if "NEW" not in name]
+    there = {str(path.relative_to(package)) for path in package.rglob("*")}
+    tails = {path.rsplit("/", 1)[-1] for path in there}
+    lost = [
+        name
+        for name in paths
+        if name.rstrip("/") not in there | tails and not (ROOT / name).exists()
+    ]
+    assert lost == []
+    modules = {
+        path.name + ("/" if path.is_dir() else "")
+        for path in package.iterdir()
+        if path.suffix == ".py" or (path / "__init__.py").is_file()
+    }
+    unnamed = {"__init__.py", "__main__.py", *re.findall(r"[\w]+(?:\.py|/)", page)}
+    assert modules - unnamed == set()
+
+
 def test_coverage_of_drifting_chains_is_stated_in_one_place() -> None:
     families = re.compile(r"\*(?:warming|creeping)\*[^|]{0,40}\d+ %")
     assert [page.name for page in READ if families.search(text(page))] == ["benchmarks.md"]
