@@ -28,6 +28,8 @@ Verdicts on simulated benches say what the method can reach, not what a real ben
 """
 LARGEST_TABLE = 50
 """Most cells of a table in the documentation; the command's own page has all tables."""
+REPEATED = "groups at other torques"
+"""In the caption of tables that repeat what others of the item show."""
 COMMON_NAME = "Simulated reducer bench, preset nominal, "
 """Of the benches: in tables their seed is enough."""
 WHOLE = "Worst error of the polynomial divided by that of the model"
@@ -60,7 +62,8 @@ def _verdicts(summary: Table) -> Table:
 
 def _table(table: Table) -> str:
     cells = (1 + len(table.rows)) * len(table.header)
-    if cells > LARGEST_TABLE and not table.caption.startswith(WHOLE):
+    large = cells > LARGEST_TABLE and not table.caption.startswith(WHOLE)
+    if large or REPEATED in table.caption:
         return f"*In the page of the command: {len(table.rows)} rows.*"
     align = "---" if table.words else "---:"
     lines = [

@@ -16,6 +16,7 @@ def words(page: str) -> str:
     return re.sub(r"<svg.*?</svg>", "", page, flags=re.DOTALL)
 
 
+PAGE = Path(__file__).parents[2] / "docs" / "explanation" / "papers-item-by-item.md"
 THEIRS = re.compile(r"Papers: (.*?)\. Here: ", re.DOTALL)
 
 
@@ -46,7 +47,8 @@ def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_pat
     assert "every figure on this page is simulated" in first
     assert "0.012 mm (≤ 0.03 mm)" in first
     assert "oil 7" in first
-    sections = re.split(r"<h2[^>]*>", first)[2:]
+    *sections, last = re.split(r"<h2[^>]*>", first)[2:]
+    assert last.startswith("What the papers could not do")
     assert [int(each.partition(".")[0]) for each in sections] == list(range(1, 22))
     for number, section in enumerate(sections, 1):
         if number != 15:  # the study was omitted
@@ -57,6 +59,35 @@ def test_a_bench_over_sockets_and_its_recorded_folder_give_the_same_page(tmp_pat
     log = (tmp_path / "torquebench-data").rglob("*audit*")
     moved = "".join(each.read_text() for each in log if each.is_file())
     assert '"guide rail"' in moved
+
+
+HERE = re.compile(r"\. Here: (.*?) Command: ", re.DOTALL)
+OF_THE_FIRST_BENCH = (*range(1, 14), 19, 20, 21)
+"""Items whose figures are those of seed 1, or computed."""
+
+
+@pytest.mark.nightly
+@pytest.mark.timeout(1800)
+def test_the_documentations_page_has_the_figures_of_this_version(tmp_path: Path) -> None:
+    """Otherwise: python -m benchmarks.papers_page --write."""
+    result = run("papers", "--seeds", "1", "--no-study", "--out", "a.html", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    text = unescape(re.sub(r"<[^>]+>", "", words((tmp_path / "a.html").read_text())))
+    measured = [found.split() for found in HERE.findall(text)]
+    shown = [found.split() for found in HERE.findall(PAGE.read_text(encoding="utf-8"))]
+    assert len(measured) == len(shown) == len(ITEMS)
+    for number in OF_THE_FIRST_BENCH:
+        here, there = measured[number - 1], shown[number - 1]
+        assert len(here) == len(there), f"item {number}: {here}"
+        assert all(map(_same, there, here)), f"item {number}: {here}, {there}"
+
+
+def _same(shown: str, measured: str) -> bool:
+    """Return whether two words are equal, numbers to 2 %: linear algebra differs by processor."""
+    try:
+        return float(shown.strip("(%;)")) == pytest.approx(float(measured.strip("(%;)")), rel=0.02)
+    except ValueError:
+        return shown == measured
 
 
 @pytest.mark.parametrize(

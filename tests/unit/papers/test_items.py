@@ -10,7 +10,7 @@ from benchmarks.papers_page import smaller
 from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
 from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS
 from torquebench.papers.mechanics import COAXIALITY_LIMIT_M
-from torquebench.papers.page import LIMIT_PERCENT
+from torquebench.papers.page import BEYOND, LIMIT_PERCENT
 from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM
 
 STATED = {
@@ -86,3 +86,13 @@ def test_the_documentations_page_is_current_in_its_words() -> None:
         assert f"Command: {item.command}." in section
         shown = ("| --- |", "](../images/papers/item-", "*In the page of the command: ")
         assert any(words in section for words in shown), number
+
+
+def test_what_lies_beyond_the_papers_has_figures_of_the_benchmarks_and_ends_the_page() -> None:
+    measured = set(FIGURE.findall((DOCS / "benchmarks.md").read_text(encoding="utf-8")))
+    figures = {figure for _, here, _ in BEYOND for figure in FIGURE.findall(here)}
+    assert figures - measured - {"3"} == set()
+    page = (DOCS / "explanation" / "papers-item-by-item.md").read_text(encoding="utf-8")
+    last = page.rpartition("\n## ")[2]
+    assert last.startswith("What the papers could not do\n")
+    assert all(f"| {subject} | {here} | {where} |" in last for subject, here, where in BEYOND)
