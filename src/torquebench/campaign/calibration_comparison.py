@@ -341,7 +341,7 @@ def _side_by_side(before: Torque, after: Torque, of_standard: frozenset[str]) ->
 
 
 def _by_name(torque: Torque) -> dict[tuple[str, int], Component]:
-    """Return components by name, and by number among those of one name."""
+    """Return components keyed by their name and their number among components of that name."""
     names = [each.name for each in torque.components]
     return {
         (each.name, names[:place].count(each.name)): each

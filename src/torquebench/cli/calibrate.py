@@ -63,7 +63,7 @@ def calibrate(
         float | None,
         typer.Option(
             metavar="TORQUE",
-            help="Largest torque of one module, N·m: the profile's steps and preloads shrink with "
+            help="Largest torque of one module, N·m: the profile's steps and preloads scale with "
             "it. For a reducer that needs a small part of the range.",
         ),
     ] = None,

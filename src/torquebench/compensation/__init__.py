@@ -1,8 +1,8 @@
 """Compensation models: from a torque reading to the best estimate of the torque.
 
 Every model is a scikit-learn regressor with an uncertainty; this package also selects among them by
-cross-validation, stores them as JSON, compiles them to tables that run live or elsewhere, follows
-hysteresis and proposes where to calibrate next.
+cross-validation, stores them as JSON, compiles them to tables for live readings and other programs,
+follows hysteresis, and proposes the next calibration points.
 """
 
 import lazy_loader

@@ -52,7 +52,7 @@ def _sum(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
 def slope_and_intervals(ticks, low, high):  # type: ignore[no-untyped-def] # Numba infers
     """Sum of (2i + 1 − n)·ticks[low + i] over n edges, and their shortest and longest interval.
 
-    Intervals are those that end at the edges. The weights add up to zero, so absolute ticks need
+    An interval belongs to the edge at its end. The weights add up to zero, so absolute ticks need
     no origin, and a sum that overflows on its way comes back right: 64-bit integers wrap around.
     """
     shortest = int64(2**62)

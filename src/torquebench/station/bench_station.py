@@ -234,7 +234,7 @@ class Station:
         if self.engine.on_own_thread:
             raise BenchError(
                 "a plan under way closes its bench",
-                "closing by whoever has opened it",
+                "closing by the program that opened it",
                 "abort the run and close the bench when it has returned",
             )
         self._closed = True

@@ -51,8 +51,8 @@ class BenchTwin:
     """A simulated test bench.
 
     The twin starts with both sides free, clamp open, nothing mounted, drives disabled. It doesn't
-    enforce interlocks (that is the bench's job); physics answers a wrong order: without the clamp
-    there's no reaction, so no torque. Commands take effect at the next step of 1 ms, and the
+    enforce interlocks (that is the bench's job); a wrong order has its physical effect: without the
+    clamp there is no reaction and no torque. Commands take effect at the next step of 1 ms, and the
     edges don't depend on how the time is cut into blocks.
 
     Signs: clockwise torque, speed and angle are positive on both sides; a side's torque is what

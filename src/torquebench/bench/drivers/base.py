@@ -109,10 +109,9 @@ class CounterCard(Protocol):
     def read_block(self, duration_s: float) -> Block:
         """Return the next `duration_s` of edges and angles without a gap to the block before.
 
-        A channel that is selected but silent is present without edges: silence is a fault that the
-        signal path names, never a missing key. An instrument that counts by itself delivers records
-        of frequencies instead of edges, one row a window. Real counters block until the time has
-        passed; simulated ones compute it.
+        A selected channel without pulses has an entry without edges: the signal path reports the
+        fault. An instrument that counts by itself delivers records of frequencies instead of edges,
+        one row a window. Real counters block until the time has passed; simulated ones compute it.
         """
 
     def close(self) -> None:

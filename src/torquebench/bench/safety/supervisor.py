@@ -302,7 +302,7 @@ class SafetySupervisor:
 
     @contextlib.contextmanager
     def guarding_block(self) -> Iterator[None]:
-        """Guard the making of one block: taking longer than `stall_s` of wall time is a stall."""
+        """Report a stall if one block takes longer than `stall_s` of wall time."""
         self._busy_since = time.monotonic()
         try:
             yield

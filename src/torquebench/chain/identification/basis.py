@@ -1,9 +1,9 @@
 """Basis functions of temperature, speed, load, acceleration and time.
 
 Physical forms (Coulomb, powers of the speed, Stribeck's fall at low speeds, viscosity that falls
-about exponentially with temperature) and bumps for the rest. Speeds are shares of the largest
-measured one, so that no form has a constant of its own: the basis holds Stribeck falls of all
-widths between a hundredth of that speed and the speed itself.
+about exponentially with temperature) and bumps for the rest. Speeds are relative to the largest
+measured one, so that no form needs a constant in rpm: the basis contains Stribeck falls with widths
+from a hundredth of that speed to the speed itself.
 """
 
 from __future__ import annotations

@@ -191,7 +191,7 @@ def static(
     ] = None,
     report: ReportOption = None,
     degree: Annotated[
-        int, typer.Option(min=1, max=3, help="Degree of the interpolation, less with few steps.")
+        int, typer.Option(min=1, max=3, help="Degree of the curve; smaller with few steps.")
     ] = 3,
     with_regression: Annotated[
         bool,
@@ -209,7 +209,7 @@ def static(
     steps. The zero of each series is subtracted, unless a comment states "# tared = true". With
     --profile or --register the table is compared with a profile, each deviation is named with its
     clause, and the exit code is 1 if the profile refuses a certificate because of one. With
-    --register, table, equipment and conditions are registered in any case.
+    --register, the table with its equipment and conditions is registered, whatever the exit code.
     """
     from torquebench.calibration import check_steps, load_profile
     from torquebench.compensation import load_model

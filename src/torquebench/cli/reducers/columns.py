@@ -196,5 +196,5 @@ def _chosen(table: Table, where: Sequence[str]) -> Table:
             words = [word.strip().casefold() for word in table.texts(header)]
             kept &= np.isin(words, [word.casefold() for word in wanted])
     if not np.any(kept):
-        raise InputError("no row is left", "rows that every --where keeps", "check the values")
+        raise InputError("no row is left", "a row that meets every --where", "check the values")
     return table.chosen(np.flatnonzero(kept))

@@ -207,7 +207,7 @@ def describe(api: FastAPI) -> dict[str, Any]:
 
 
 def name_choices(described: dict[str, Any], settings: SettingsStore) -> None:
-    """Write into a description which profiles and reducers there are now, those added here too."""
+    """Write the present profiles and reducers, packaged and added ones, into a description."""
     random: list[str] = []
     steps: list[str] = []
     for item in settings.items("profiles"):
