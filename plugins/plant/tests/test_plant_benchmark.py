@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-from benchmarks.reporting import BENCHMARKS, write_section
+from benchmarks.reporting import write_section
 from plugins.plant.benchmark import (
     day_section,
     drift_section,

@@ -333,7 +333,7 @@ class Profile(_Settings):
             Width of the steps in % of full scale.
         up_to_percent : float, optional
             Largest step and preload in % of full scale, at most as the profile has it; all steps
-            shrink with it. For applications that use only a small part of a module's range.
+            are scaled to it. For applications that use only a small part of a module's range.
         duration_s : float, optional
             Duration of each step in s.
         groups : int, optional

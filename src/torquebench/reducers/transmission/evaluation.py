@@ -315,8 +315,8 @@ def _highest(
             Finding(
                 "few samples",
                 Message(
-                    "orders up to {supported:g} are evaluated, instead of {wanted:g}: higher ones have "
-                    "fewer than ten samples a period",
+                    "orders up to {supported:g} are evaluated, instead of {wanted:g}: higher ones "
+                    "have fewer than ten samples a period",
                     supported,
                     wanted,
                 ),
