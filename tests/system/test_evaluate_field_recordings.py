@@ -7,7 +7,9 @@ import gzip
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
+from tests.support import recordings
 from tests.system.test_evaluate_reducer_commands import evaluate, refused, write
 
 FIELD = Path(__file__).parents[1] / "unit" / "reducers" / "field"
@@ -164,6 +166,41 @@ def test_one_bad_sample_is_named_by_its_row_and_can_be_kept(tmp_path):
     assert "kept" in kept.output
 
 
+def spoilt(test):
+    """Return the header, the rows and the options of a recording with a bad sample, and its row."""
+    rng = np.random.default_rng(7)
+    if test in ("friction", "no-load"):
+        record = recordings.speed_record(rng, bad="torque")
+        return "speed_rpm,torque_nm", (record.speed, record.torque), (), record.bad_row
+    if test == "efficiency":
+        points = recordings.efficiency_record(rng, bad=True)
+        header = "input_torque_nm,output_torque_nm,speed_rpm"
+        columns = (points.drive, points.load, points.speed)
+        return header, columns, ("--ratio", points.ratio), points.bad_row
+    if test == "breakaway":
+        ramps = recordings.ramp_record(rng, bad="torque")
+        columns = (ramps.run, ramps.time, ramps.angle, ramps.torque)
+        return "run,time_s,angle_arcmin,torque_nm", columns, ("--kind", "starting"), ramps.bad_row
+    turns = recordings.angle_record(rng, bad=True, samples=2000, highest=20.0)
+    options = ("--ratio", turns.ratio, "--highest-order", 20)
+    return "input_deg,output_deg", (turns.driving, turns.driven), options, turns.bad_row
+
+
+@pytest.mark.parametrize(
+    "test", ["friction", "no-load", "efficiency", "breakaway", "transmission-error"]
+)
+def test_every_command_names_a_bad_sample_as_the_file_counts(tmp_path, test):
+    header, columns, options, bad = spoilt(test)
+    data = write(tmp_path / "bad.csv", header, np.column_stack(columns).tolist())
+    for keep, word in (((), "left out"), (("--keep-outliers",), "kept")):
+        found = evaluate(test, data, *options, *keep)
+        told = " ".join(found.output.split())
+        if keep and found.exit_code == 2:  # a jump of an encoder, for one
+            assert "or leave --keep-outliers out" in told
+        else:
+            assert f"in row {bad + 2}: far from its neighbours, {word}" in told, told
+
+
 def test_two_encoders_that_swing_give_lost_motion_and_too_few_strokes_are_refused(tmp_path):
     rows = []
     for stroke in range(6):
@@ -241,7 +278,7 @@ def test_several_logs_have_their_speeds_in_their_names_or_comments(tmp_path):
             header = f"# speed = {speed / 60.0} rps\n{header}"
         files.append(write(tmp_path / name, header, rows))
     output = tmp_path / "out"
-    found = evaluate("friction", *files, "--form", "coulomb-viscous", "--output", output)
+    found = evaluate("friction", *files, "--output", output)
     assert found.exit_code == 0, found.output
     content = json.loads((output / "result.json").read_text(encoding="utf-8"))
     values = {each["key"]: each["value"] for each in content["quantities"]}

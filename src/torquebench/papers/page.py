@@ -170,7 +170,7 @@ BEYOND = (
     ),
     (
         "recordings of other benches",
-        "six kinds of recordings with their disturbances: coverage of U 80 to 100 % (synthetic)",
+        "six kinds of recordings with their disturbances: coverage of U 90 to 100 % (synthetic)",
         "benchmarks.evaluations",
     ),
     (

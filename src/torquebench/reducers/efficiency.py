@@ -506,7 +506,8 @@ class _Steady:
             plane, *_ = np.linalg.lstsq(basis * weight[:, None], loss * weight, rcond=None)
             rest = np.abs(loss - basis @ plane)
             weight = 1.0 / np.sqrt(np.maximum(rest, 1e-6 * max(float(rest.max()), 1e-300)))
-        least = SAME_VALUE * np.abs(self.samples["input_nm"][rows])
+        given = self.samples["input_nm"][rows]
+        least = np.maximum(SAME_VALUE * np.abs(given), 3.0 * decimal_step(given))
         return np.asarray(rest > np.maximum(OUTLYING * float(np.median(rest)), least))
 
     def points(self, known: tuple[KnownTorque, KnownTorque]) -> tuple[EfficiencyPoint, ...]:

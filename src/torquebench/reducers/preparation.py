@@ -286,8 +286,11 @@ def outliers(values: Floats, step: float | None = None) -> Mask:
         steps = np.sort(np.abs(np.diff(beside, axis=0)[[0, 1, 3, 4]]), axis=0)
     change = np.where(np.isfinite(steps[2]), steps[2], steps[1])
     limit = np.maximum(OUTLYING * usual, STEEP * change)
-    counts = 3.0 * (step_of(values) if step is None else step)
-    return np.asarray(beyond > limit + counts + 1e-9 * np.ptp(values))
+    limit = np.where(count < len(beside), 2.0 * limit, limit)  # fewer neighbours, on one side
+    limit = limit + 1e-9 * np.ptp(values)
+    if step is None:  # an outlier needn't be a multiple of the step
+        step = step_of(values[beyond <= limit])
+    return np.asarray(beyond > limit + 3.0 * step)
 
 
 def step_of(values: Floats) -> float:
@@ -597,7 +600,10 @@ def windows_of(samples: Samples, steady: Sequence[str], measured: Sequence[str])
 
 
 def _outliers_in(values: Floats, windows: Sequence[slice]) -> Mask:
+    """Find outliers in a log: between its windows, where much changes, only the largest."""
     found = np.zeros(values.size, dtype=np.bool_)
+    used = slice(windows[0].start, windows[-1].stop)
+    found[used] = outliers(values[used])
     for part in windows:
-        found[part] = outliers(values[part])
+        found[part] |= outliers(values[part])
     return found

@@ -171,3 +171,17 @@ def test_a_speed_that_was_not_reached_is_named() -> None:
         evaluate_friction(speed, torque, demanded_rpm=demanded[:5])
     no_load = evaluate_no_load(speed, torque, nominal_rpm=demanded, repeat=np.repeat([1, 2, 3], 4))
     assert "drive saturation" in {each.name for each in no_load.findings}
+
+
+@pytest.mark.parametrize("speeds", [3, 4, 5])
+def test_few_speeds_show_what_their_own_noise_excludes(speeds):
+    """Criteria of information can't tell forms apart from few points; repeats can."""
+    for seed in range(60):
+        rng = np.random.default_rng(seed)
+        viscous = rng.uniform(0.5, 2.0)
+        speed = np.repeat(np.linspace(200.0, 1000.0, speeds), 6)
+        torque = 1.0 + viscous * speed / 1000.0 + 0.005 * rng.standard_normal(speed.size)
+        fit = evaluate_friction(speed, torque).clockwise
+        assert "viscous" in fit.form, seed
+        flat = evaluate_friction(speed, torque - viscous * speed / 1000.0).clockwise
+        assert flat.form == "coulomb", seed

@@ -11,7 +11,7 @@ KINDS = [
     (evaluations.hysteresis, "coarse encoder"),
     (evaluations.hysteresis, "drift"),
     (evaluations.hysteresis, "one bad angle"),
-    (evaluations.hysteresis, "one bad torque"),
+    (evaluations.hysteresis, "one loop, drift"),
     (evaluations.hysteresis, "levels of torque"),
     (evaluations.hysteresis, "one loop"),
     (evaluations.hysteresis, "single cycle"),
@@ -27,6 +27,8 @@ KINDS = [
     (evaluations.transmission_error, "strong order 1, one turn"),
     (evaluations.transmission_error, "wrapped, one bad sample"),
     (evaluations.swings, "coarse encoder"),
+    (evaluations.swings, "strong error"),
+    (evaluations.swings, "short strokes"),
     (evaluations.swings, "one bad sample"),
 ]
 
@@ -43,7 +45,7 @@ def test_intervals_contain_the_truth_whatever_the_fault(test, kind):
 
 
 def test_points_without_repeats_have_no_u():
-    (line,), refused = measured(evaluations.efficiency, "no repeats", 10)
+    (line,), refused = measured(evaluations.efficiency, "no repeats", INPUTS)
     assert refused == []
     assert np.all(np.isinf(line.expanded))
     assert np.isnan(line.coverage)

@@ -136,6 +136,11 @@ def _evaluate(
             raise
         remedy = Message("{remedy}; --report draws the gap", problem.remedy)
         raise InputError(problem.found, problem.allowed, remedy) from None
+    except InputError as problem:
+        if not evaluation.keep_outliers:
+            raise
+        remedy = Message("{remedy}; or leave --keep-outliers out", problem.remedy)
+        raise InputError(problem.found, problem.allowed, remedy) from None
     options = asdict(evaluation)
     title = evaluation.title.format_map(options)
     judged = () if reducer is None else verdicts(result, reducer)

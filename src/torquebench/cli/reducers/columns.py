@@ -116,9 +116,10 @@ def _read(
     named = [text.partition("=")[0].strip() for text in mapping]
     constants: dict[str, float] = {}
     present = understand(table, wanted, named, mapping, conversion)
-    for name in required:
-        if name not in present and name not in named:
-            constants |= _stated_once(table, data, name, wanted[name])
+    missing = [name for name in required if name not in present and name not in named]
+    for name in missing:
+        alone = [wanted[other] for other in missing].count(wanted[name]) == 1
+        constants |= _stated_once(table, data, name, wanted[name], in_name=alone)
     needed = [name for name in required if name not in constants]
     understood = understand(table, wanted, needed, mapping, conversion)
     table = _chosen(table, where)
@@ -149,10 +150,12 @@ def _read(
 
 _VALUE = re.compile(r"[+-]?[0-9]+(?:[.,][0-9]+)?")
 _IN_NAME = re.compile(r"(?:(?<![A-Za-z0-9])[+-])?(?<![0-9.,])[0-9]+(?:[.,][0-9]+)?")
-_UNIT_BEHIND = re.compile(r"[ ]?([^\s\d_,;()+-]+)")
+_UNIT_BEHIND = re.compile(r"[ ]?([^\s\d_,;()+-]+)(-[A-Za-z]+)?")
 
 
-def _stated_once(table: Table, data: Path, name: str, kind: str) -> dict[str, float]:
+def _stated_once(
+    table: Table, data: Path, name: str, kind: str, *, in_name: bool
+) -> dict[str, float]:
     """Return a quantity that a comment states, or the only value of its kind in a file's name."""
     from torquebench.tables import Table, understand
 
@@ -162,16 +165,17 @@ def _stated_once(table: Table, data: Path, name: str, kind: str) -> dict[str, fl
         if number and (remark == name or remark.startswith((f"{name}_", f"{name} "))):
             unit = value[number.end() :].strip()
             found.append((f"{remark} [{unit}]" if unit else remark, number[0]))
-    if not found:
+    if not found and in_name:
         for number in _IN_NAME.finditer(data.stem):
-            unit_behind = _UNIT_BEHIND.match(data.stem, number.end())
-            if unit_behind and kind in kinds_of(unit_behind[1]):
-                found.append((f"{name} [{unit_behind[1]}]", number[0]))
+            behind = _UNIT_BEHIND.match(data.stem, number.end())
+            units = (behind[0].strip(), behind[1]) if behind else ()
+            stated = [unit for unit in units if kind in kinds_of(unit)]
+            found += [(f"{name} [{unit}]", number[0]) for unit in stated[:1]]
     if len(found) != 1:
         return {}
     ((header, text),) = found
-    stated = Table(data.name, (header,), ([text],), (1,))
-    values = understand(stated, {name: kind}).numbers(stated, name)
+    once = Table(data.name, (header,), ([text],), (1,))
+    values = understand(once, {name: kind}).numbers(once, name)
     return {} if values is None else {name: float(values[0])}
 
 

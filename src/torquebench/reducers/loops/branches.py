@@ -349,7 +349,8 @@ def steady_drift(recording: Recording, loop: RawLoop, gap_rad: float, noise_rad:
     if abs(gap_rad) <= 3.0 * noise_rad:
         return Drift(0.0 * place, 0.0, 0.0, significant=False)
     half = 0.5 * gap_rad
-    share = float(np.hypot(3.0**-0.5, noise_rad / half))
+    # It is the one or the other: ends are likelier than the middle (arcsine distribution).
+    share = float(np.hypot(2.0**-0.5, noise_rad / half))
     return Drift(half * place, gap_rad, share, significant=True)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 from math import inf
 
 import numpy as np
@@ -203,26 +204,30 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
                 "filter both channels alike, or ramp more slowly",
             )
         )
-    cut = [raw for raw in cut_loops(recording) if raw.number > settings.settling_loops]
-    drifting = tuple(features_of(raw, recording, settings) for raw in cut)
+    cut: dict[float, list[RawLoop]] = {}
+    for raw in cut_loops(recording):
+        if raw.number > settings.settling_loops:
+            cut.setdefault(raw.position, []).append(raw)
+    features = {label: features_of(raws, recording, settings) for label, raws in cut.items()}
+    drifting = tuple(chain.from_iterable(features.values()))
     check_closure(drifting, settings)
     less, shares = recording.less.copy(), {}
-    for label in dict.fromkeys(raw.position for raw in cut):
-        mine = [raw for raw in cut if raw.position == label]
-        features = [each for each in drifting if each.position == label]
-        drift = _drift_at(recording, mine, features)
-        width_rad = float(np.mean([each.width_rad for each in features]))
+    for label, raws in cut.items():
+        drift = _drift_at(recording, raws, features[label])
+        width_rad = float(np.mean([each.width_rad for each in features[label]]))
         if abs(drift.per_loop_rad) * (1.0 + 3.0 * drift.share) <= NEGLIGIBLE * width_rad:
             continue
         rows = recording.position == label
         less[rows] += drift.rad[rows]
         shares[label] = drift.share
         if drift.significant:
-            findings.append(_drift_finding(drift, len(mine), width_rad))
+            findings.append(_drift_finding(drift, len(raws), width_rad))
     if not shares:
         return _Evaluated(drifting, drifting, {}, tuple(findings))
     recording = replace(recording, less=less)
-    loops = tuple(features_of(raw, recording, settings) for raw in cut)
+    loops = tuple(
+        chain.from_iterable(features_of(raws, recording, settings) for raws in cut.values())
+    )
     return _Evaluated(loops, drifting, shares, tuple(findings))
 
 

@@ -31,56 +31,69 @@ LEAST_OF_LINE = 3
 """Knots of the line through a stiffness interval."""
 
 
-def features_of(raw: RawLoop, recording: Recording, settings: LoopSettings) -> LoopFeatures:
-    """Read one loop: local fits on both branches, widths, compliances and energy."""
+def features_of(
+    loops: Sequence[RawLoop], recording: Recording, settings: LoopSettings
+) -> list[LoopFeatures]:
+    """Read the loops of a position: local fits on both branches, widths, compliances and energy."""
     torque = recording.torque
-    sides = (raw.rising, raw.falling)
-    ends = [torque[np.concatenate(pieces)] for pieces in sides]
-    low, high = max(float(each.min()) for each in ends), min(float(each.max()) for each in ends)
-    _check_range(raw, low, high, settings)
-    rising, falling = ([branch_of(recording, rows) for rows in pieces] for pieces in sides)
-    widest = settings.window_share * max(high, -low)
+    branches, ranges = [], []
+    for raw in loops:
+        sides = (raw.rising, raw.falling)
+        ends = [torque[np.concatenate(pieces)] for pieces in sides]
+        low, high = max(float(each.min()) for each in ends), min(float(each.max()) for each in ends)
+        _check_range(raw, low, high, settings)
+        branches.append([[branch_of(recording, rows) for rows in pieces] for pieces in sides])
+        ranges.append((low, high))
+    widest = settings.window_share * max(max(high, -low) for low, high in ranges)
     share = settings.lost_motion_rule.share * settings.rated_torque_nm
-    places = (0.0, share, -share)
-    up = [_read(rising, place, widest) for place in places]
-    down = [_read(falling, place, widest) for place in places]
-    curve = _curve(rising, falling, low, high, widest)
-    first, last = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
-    closure, noise = _closure(raw, recording)
-    return LoopFeatures(
-        position=raw.position,
-        loop=raw.number,
-        curve=curve,
-        backlash=_combined([down[0], up[0]], [1.0, -1.0]),
-        lost_motion=_combined([up[1], down[1], up[2], down[2]], [0.5, 0.5, -0.5, -0.5]),
-        compliance_positive=_compliance(rising, 1, first, last),
-        compliance_negative=_compliance(falling, -1, first, last),
-        regions=_regions(rising, falling, min(high, -low), settings),
-        energy=_energy(rising, falling, raw, recording),
-        closure_rad=closure,
-        closure_noise_rad=noise,
-        slope_at_zero=0.5 * abs(up[0].slope + down[0].slope),
-        slope_at_lost_motion=0.25 * abs(sum(each.slope for each in (*up[1:], *down[1:]))),
-        slope_difference_at_zero=abs(down[0].slope - up[0].slope),
-        largest_torque_nm=min(high, -low),
+    up, down = (
+        list(zip(*(_read(side, place, widest) for place in (0.0, share, -share)), strict=True))
+        for side in zip(*branches, strict=True)
     )
+    first, last = (part * settings.rated_torque_nm for part in settings.stiffness_interval)
+    features = []
+    for raw, (rising, falling), (low, high), u, d in zip(
+        loops, branches, ranges, up, down, strict=True
+    ):
+        closure, noise = _closure(raw, recording)
+        features.append(
+            LoopFeatures(
+                position=raw.position,
+                loop=raw.number,
+                curve=_curve(rising, falling, low, high, widest),
+                backlash=_combined([d[0], u[0]], [1.0, -1.0]),
+                lost_motion=_combined([u[1], d[1], u[2], d[2]], [0.5, 0.5, -0.5, -0.5]),
+                compliance_positive=_compliance(rising, 1, first, last),
+                compliance_negative=_compliance(falling, -1, first, last),
+                regions=_regions(rising, falling, min(high, -low), settings),
+                energy=_energy(rising, falling, raw, recording),
+                closure_rad=closure,
+                closure_noise_rad=noise,
+                slope_at_zero=0.5 * abs(u[0].slope + d[0].slope),
+                slope_at_lost_motion=0.25 * abs(sum(each.slope for each in (*u[1:], *d[1:]))),
+                slope_difference_at_zero=abs(d[0].slope - u[0].slope),
+                largest_torque_nm=min(high, -low),
+            )
+        )
+    return features
 
 
-def _read(pieces: Pieces, place: float, widest: float) -> Reading:
-    """Read a branch; of a single cycle the piece that remembers the other end, where it reaches.
+def _read(sides: Sequence[Pieces], place: float, widest: float) -> list[Reading]:
+    """Read a branch of each loop; of a single cycle the piece that remembers the other end.
 
     The cycle's beginning joins the loop somewhere: there, the gap between both counts as half.
     """
-    if len(pieces) == 1:
-        return read(pieces[0], place, widest)
-    last, first = pieces
+    if len(sides[0]) == 1:
+        return read([pieces[0] for pieces in sides], place, widest)
+    last, first = sides[0]
     if float(last.torque.min()) <= place <= float(last.torque.max()):
-        return read(last, place, widest)
-    begun, ends = read(first, place, widest), [read(each, 0.0, widest) for each in pieces]
+        return read([last], place, widest)
+    (begun,) = read([first], place, widest)
+    ends = [read([each], 0.0, widest)[0] for each in (last, first)]
     gap = ends[0].value - ends[1].value
     noise = float(np.linalg.norm([begun.noise, 0.5 * ends[0].noise, 0.5 * ends[1].noise]))
     between = float(np.hypot(begun.between, gap / 12.0**0.5))
-    return Reading(begun.value + 0.5 * gap, begun.slope, noise, begun.step, between)
+    return [Reading(begun.value + 0.5 * gap, begun.slope, noise, begun.step, between)]
 
 
 def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:

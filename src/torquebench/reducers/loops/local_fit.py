@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -68,36 +69,45 @@ class LocalFit:
     standard_error: Floats
 
 
-def read(branch: Branch, place: float, widest: float) -> Reading:
-    """Read a branch at a torque by a local parabola.
+def read(branches: Sequence[Branch], place: float, widest: float) -> list[Reading]:
+    """Read the same branch of several loops at a torque, by local parabolas of one window.
 
-    The window grows as long as all fits so far agree within their standard errors (intersection of
-    confidence intervals: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6 (1997)
-    135), up to a half width of `widest`. What may happen between the knots beside the place is
-    bounded by the chord between them and the lines that lead to them from either side.
+    The window grows as long as the means of all fits so far agree within their standard errors
+    (intersection of confidence intervals: Goldenshluger and Nemirovski, Mathematical Methods of
+    Statistics 6 (1997) 135), up to a half width of `widest`: so its bias is no larger than the
+    error of the mean. What may happen between the knots beside the place is bounded by the chord
+    between them and the lines that lead to them from either side.
     """
-    order = np.argsort(branch.torque, kind="stable")
-    x, y = branch.torque[order], branch.angle[order]
-    distance = np.abs(x - place)
-    after = int(np.clip(np.searchsorted(x, place), 1, x.size - 1))
-    half = float(distance[after - 1 : after + 1].max()) * (1.0 + 1e-9)
-    sigma = float(np.hypot(branch.noise, branch.step))
-    low, high = -np.inf, np.inf
-    best: tuple[float, float, float] | None = None
+    knots = []
+    for branch in branches:
+        order = np.argsort(branch.torque, kind="stable")
+        knots.append((branch.torque[order], branch.angle[order]))
+    after = [int(np.clip(np.searchsorted(x, place), 1, x.size - 1)) for x, _ in knots]
+    beside = [
+        np.abs(x[k - 1 : k + 1] - place).max() for (x, _), k in zip(knots, after, strict=True)
+    ]
+    half, noise = float(max(beside)) * (1.0 + 1e-9), [each.noise for each in branches]
+    low, high, best = -np.inf, np.inf, None
     while True:
-        inside = np.flatnonzero(distance <= half)
-        value, slope, gain = _parabola(x[inside] - place, y[inside])
-        reach = CONFIDENCE * sigma * gain
-        low, high = max(low, value - reach), min(high, value + reach)
+        inside = [np.abs(x - place) <= half for x, _ in knots]
+        fits = [_parabola(x[m] - place, y[m]) for (x, y), m in zip(knots, inside, strict=True)]
+        value, _, gain = np.transpose(fits)
+        scatter = float(np.linalg.norm(gain * noise)) / len(branches)
+        step = float(np.mean(gain * [each.step for each in branches]))
+        reach = CONFIDENCE * float(np.hypot(scatter, step))
+        low, high = max(low, value.mean() - reach), min(high, value.mean() + reach)
         if best is not None and low > high:
             break
-        best = value, slope, gain
-        if half >= widest or inside.size == x.size:
+        best = fits
+        if half >= widest or all(each.all() for each in inside):
             break
         half = min(half * GROWTH, max(widest, half))
-    value, slope, gain = best
-    between = _between(x, y, place, value, sigma)
-    return Reading(value, slope, BIAS * branch.noise * gain, BIAS * branch.step * gain, between)
+    readings = []
+    for branch, (x, y), (angle, slope, factor) in zip(branches, knots, best, strict=True):
+        between = _between(x, y, place, angle, float(np.hypot(branch.noise, branch.step)))
+        errors = (BIAS * branch.noise * factor, BIAS * branch.step * factor)
+        readings.append(Reading(angle, slope, *errors, between))
+    return readings
 
 
 def _parabola(x: Floats, y: Floats) -> tuple[float, float, float]:

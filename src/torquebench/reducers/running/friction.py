@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.preparation import Samples, finite_columns, labels
+from torquebench.reducers.preparation import BLOCKS, Samples, finite_columns, labels
 from torquebench.reducers.quantities import (
     Contribution,
     Finding,
@@ -373,10 +373,12 @@ def _fit_of_side(
     points: SpeedPoints,
 ) -> FrictionFit | None:
     speed, torque, count = curve.speed_rpm[side], curve.torque_nm[side], curve.points[side]
+    error, freedom = _error_of_means(curve, side)
     if points.ramp is not None:
         here = np.sign(points.ramp[0]) == sign
         speed, torque = points.ramp[0][here], points.ramp[1][here] - points.offset_nm
         count = np.ones(speed.size, dtype=np.int64)
+        error, freedom = 0.0, np.inf
     torque = sign * torque
     if torque.mean() < 0:
         raise InputError(
@@ -399,4 +401,17 @@ def _fit_of_side(
         exponent=exponent,
         form=form,
         resolution_nm=points.resolution_nm,
+        error_nm=error,
+        error_freedom=freedom,
     )
+
+
+def _error_of_means(curve: FrictionCurve, side: NDArray[np.bool_]) -> tuple[float, float]:
+    """Return the standard error of a mean of the usual number of points; 0 if unknown."""
+    known = curve.standard_error_nm[side]
+    if not np.all(np.isfinite(known)):
+        return 0.0, np.inf
+    count = curve.points[side]
+    repeats = float(curve.points.sum() - curve.points.size)
+    error = float(np.sqrt(np.mean(known**2 * count) / count.mean()))
+    return error, repeats or float((BLOCKS - 1) * count.size)

@@ -6,6 +6,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.optimize import minimize_scalar, nnls
+from scipy.special import fdtrc
 
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -25,6 +26,8 @@ FORMS: dict[str, tuple[str, ...]] = {
 
 SUPPORTED = 3.0
 """A part is supported if it exceeds this many standard uncertainties."""
+CHANCE = 0.001
+"""Probability of a scatter about a fit below which the means' errors don't explain it."""
 
 
 @dataclass(frozen=True)
@@ -121,6 +124,8 @@ def fit_friction(
     exponent: Literal[1, 2] = 2,
     form: Form | Literal["best"] = "best",
     resolution_nm: float = 0.0,
+    error_nm: float = 0.0,
+    error_freedom: float = np.inf,
 ) -> FrictionFit:
     """Fit the parts of friction to mean torques of one direction.
 
@@ -129,7 +134,8 @@ def fit_friction(
     least squares; the Stribeck speed is searched between the smallest and the largest speed.
     Uncertainties follow from the residual. ``"best"`` only chooses a form whose Stribeck speed is
     within these limits and whose parts all exceed three standard uncertainties: within a short
-    range of speeds, large viscous and Stribeck parts can cancel.
+    range of speeds, large viscous and Stribeck parts can cancel. Nor does it choose a form from
+    which the means are farther than their own errors explain, if another isn't.
 
     Parameters
     ----------
@@ -145,6 +151,9 @@ def fit_friction(
         One of `FORMS`, or ``"best"`` by the corrected Akaike information criterion.
     resolution_nm : float
         Last place of the torques.
+    error_nm, error_freedom : float
+        Standard error of a mean of the usual number of points by repeats or windows, 0 if unknown;
+        and its degrees of freedom.
     """
     names = list(FORMS) if form == "best" else [form]
     names = [name for name in names if speed_rpm.size > len(FORMS[name])]
@@ -160,6 +169,10 @@ def fit_friction(
     least = resolution_nm**2 / 12.0
     fits = [_described(solution, speed, weight, exponent, least) for solution in solutions]
     candidates = [k for k, fit in enumerate(fits) if solutions[k].inside and _supported(fit)]
+    if error_nm:
+        error_nm = float(np.hypot(error_nm, least**0.5))
+    within = [k for k in candidates if _explained(fits[k], error_nm, error_freedom)]
+    candidates = within or candidates
     best = min(
         candidates if form == "best" and candidates else [0],
         key=lambda k: _information(solutions[k].squares, speed.size, len(FORMS[fits[k].form])),
@@ -169,6 +182,14 @@ def fit_friction(
 
 def _supported(fit: FrictionFit) -> bool:
     return all(part.value > SUPPORTED * part.standard_uncertainty for part in fit.parts.values())
+
+
+def _explained(fit: FrictionFit, error_nm: float, error_freedom: float) -> bool:
+    """Return whether the means' own errors explain how far they are from a fit (F-test)."""
+    if error_nm == 0.0:
+        return True
+    ratio = (fit.residual_nm / error_nm) ** 2
+    return bool(fdtrc(fit.degrees_of_freedom, min(error_freedom, 1e6), ratio) > CHANCE)
 
 
 @dataclass(frozen=True, eq=False)

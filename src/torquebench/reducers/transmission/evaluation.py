@@ -292,13 +292,21 @@ def evaluate_transmission_error(
 def angles_screened(samples: Samples, ratio: float) -> Samples:
     """Leave out samples at which one of the encoders is far off, seen in their difference."""
     error = samples["output_rad"] - samples["input_rad"] / ratio
-    step = count_step(samples["output_rad"]) + count_step(samples["input_rad"]) / abs(ratio)
+    bad = _far_off(error, samples["input_rad"], 0.0)
+    given, taken = (samples[name][~bad] for name in ("input_rad", "output_rad"))
+    step = count_step(taken) + count_step(given) / abs(ratio)
+    return samples.less({"angle": _far_off(error, samples["input_rad"], step)})
+
+
+def _far_off(
+    error: NDArray[np.float64], angle: NDArray[np.float64], step: float
+) -> NDArray[np.bool_]:
     bad = np.zeros(error.size, dtype=np.bool_)
-    for start, stop in one_way(samples["input_rad"]):
+    for start, stop in one_way(angle):
         # At a reversal the play makes a jump.
         inner = slice(start + 3, stop - 2)
         bad[inner] = outliers(error[start : stop + 1], step)[3:-3]
-    return samples.less({"angle": bad})
+    return bad
 
 
 def _highest(

@@ -37,6 +37,8 @@ CENTRAL = 0.25
 """Part of a stroke on each side in which the play is taken up."""
 PARTS = 8
 """Parts of the middle of a stroke in which the gap is compared."""
+ENDS = 40
+"""Part of the middle of a stroke by which its ends are read."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,6 +195,7 @@ def evaluate_swings(
             "swing further",
         )
     slope, findings = _slope(swings, low + edge, high - edge, ratio)
+    apart = gap * _mean_slope(swings, low + edge, high - edge)
     edges = np.linspace(low + edge, high - edge, PARTS + 1)
     local = np.array([float(_gaps(swings, a, b).mean()) for a, b in pairwise(edges.tolist())])
     along = float(np.std(local, ddof=1)) / (0.5 * PARTS) ** 0.5  # neighbours are alike
@@ -205,7 +208,9 @@ def evaluate_swings(
         Contribution("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
     ]
     counts = Contribution("resolution", step / 6.0**0.5 / ARCMIN)
-    lost = _over_strokes(gaps, noise, [*common, counts])
+    # An error of the output's own angle differs between both directions by the gap.
+    shifted = Contribution("gap at equal output angle", abs(apart) / 3.0**0.5 / ARCMIN)
+    lost = _over_strokes(gaps, noise, [*common, counts, shifted])
     if gap < -lost.expanded_uncertainty() * ARCMIN:
         findings.append(
             Finding(
@@ -280,10 +285,25 @@ def _dead_band(swing: Swing, gap: float, noise: float, step: float) -> tuple[flo
     return band, float(abs(travel[at] - travel[at - 1]))
 
 
+def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
+    """Return the mean slope of the error over an interval, from both of its ends."""
+    width = (high - low) / ENDS
+    rise = [
+        each.mean_error(high - width, high) - each.mean_error(low, low + width) for each in swings
+    ]
+    return float(np.mean(rise)) / (high - low - width)
+
+
 def _over_strokes(values: Floats, noise: float, common: Sequence[Contribution]) -> Budget:
-    # Neighbouring strokes share a curve: the mean of n differences scatters as that of n/2.
-    scatter = float(np.std(values, ddof=1)) * (2.0 / values.size) ** 0.5
-    parts = [Contribution("strokes", scatter / ARCMIN, values.size - 1.0), *common]
+    # Neighbouring differences share a stroke: correlations of a half beside the diagonal.
+    count = values.size
+    centred = np.eye(count) - 1.0 / count
+    alike = np.eye(count) + 0.5 * (np.eye(count, k=1) + np.eye(count, k=-1))
+    shown = centred @ alike
+    freedom = float(np.trace(shown) ** 2 / np.trace(shown @ shown))
+    squares = float(np.sum((values - values.mean()) ** 2)) / float(np.trace(shown))
+    scatter = (squares * float(alike.sum())) ** 0.5 / count
+    parts = [Contribution("strokes", scatter / ARCMIN, freedom), *common]
     if scatter == 0.0:
         parts.append(Contribution("noise", noise / ARCMIN))
     return budget(float(values.mean()) / ARCMIN, "arcmin", parts)
