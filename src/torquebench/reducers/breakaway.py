@@ -34,14 +34,6 @@ from torquebench.uncertainty import Budget, Shared
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = [
-    "BreakawayResult",
-    "BreakawayRun",
-    "FirstMotion",
-    "evaluate_breakaway",
-    "first_motion",
-]
-
 Floats = NDArray[np.float64]
 BreakawayKind = Literal["starting", "back-driving"]
 

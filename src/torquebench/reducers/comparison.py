@@ -11,13 +11,6 @@ from torquebench.message import Message
 from torquebench.reducers.quantities import Contribution, budget, together
 from torquebench.uncertainty import Budget, BudgetLine, Shared
 
-__all__ = [
-    "Change",
-    "SpecimenComparison",
-    "change_between",
-    "compare_specimens",
-]
-
 
 @dataclass(frozen=True)
 class Change:

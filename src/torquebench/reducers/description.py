@@ -10,17 +10,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.validation import parse_toml, validated
 
-__all__ = [
-    "CertifiedFriction",
-    "DataSheetLimits",
-    "EfficiencyLimit",
-    "NoLoadLimit",
-    "ReducerDescription",
-    "available_reducers",
-    "load_reducer",
-]
-
-
 Positive = Annotated[float, Field(gt=0)]
 RuleName = Literal["nabtesco", "spinea", "harmonic-drive", "yaskawa"]
 

@@ -41,8 +41,6 @@ from torquebench.units import RAD_S_PER_RPM
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = ["EfficiencyMap", "EfficiencyPoint", "evaluate_efficiency"]
-
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 Side = Literal["input", "output"]

@@ -17,25 +17,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.quantities import Finding
 
-__all__ = [
-    "Samples",
-    "count_step",
-    "decimal_step",
-    "finite_columns",
-    "grouped",
-    "is_ramp",
-    "labels",
-    "levels_of",
-    "moving_mean",
-    "noise_of",
-    "outliers",
-    "repeat_outliers",
-    "steady_windows",
-    "step_of",
-    "turning_points",
-    "windows_of",
-]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 Mask = NDArray[np.bool_]

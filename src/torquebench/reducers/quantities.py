@@ -23,20 +23,6 @@ from torquebench.uncertainty import (
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = [
-    "Contribution",
-    "Finding",
-    "LimitedQuantity",
-    "ReducerResult",
-    "ResultQuantity",
-    "budget",
-    "common_of_both",
-    "distinct_texts",
-    "refuse",
-    "together",
-    "unsteady_temperature",
-]
-
 LARGEST_TEMPERATURE_RANGE_K = 2.0
 """Change of temperature during a test above which it is treated as unsteady."""
 

@@ -7,8 +7,6 @@ from torquebench.reducers.description import ReducerDescription
 from torquebench.reducers.quantities import LimitedQuantity, ReducerResult
 from torquebench.uncertainty import Budget, Decision, Tolerance, Verdict, decide
 
-__all__ = ["QuantityVerdict", "verdicts"]
-
 
 @dataclass(frozen=True)
 class QuantityVerdict:

@@ -5,8 +5,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from torquebench.reducers.quantities import Contribution
 
-__all__ = ["errors_of_means", "over_positions"]
-
 
 def over_positions(
     values: NDArray[np.float64], position: NDArray[np.float64], *, noise: float = 0.0

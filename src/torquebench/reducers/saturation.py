@@ -8,8 +8,6 @@ from numpy.typing import NDArray
 from torquebench.message import Message
 from torquebench.reducers.quantities import Finding
 
-__all__ = ["missed_speed", "torque_saturation"]
-
 Floats = NDArray[np.float64]
 PLATEAU = 0.25
 """Share of a record within 2 % of its largest torque above which a drive saturates."""

@@ -9,8 +9,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.description import CertifiedFriction
 
-__all__ = ["FrictionCheck", "FrictionCheckPoint", "check_friction"]
-
 FloatArray = NDArray[np.float64]
 
 

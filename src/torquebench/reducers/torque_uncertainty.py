@@ -11,8 +11,6 @@ from numpy.typing import NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["KnownTorque", "StandardUncertainties", "TorqueUncertainty", "over"]
-
 
 class StandardUncertainties:
     """Base of dataclasses whose fields are standard uncertainties: finite, 0 or more."""

@@ -18,8 +18,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.work import ReducerTestWork
 
-__all__ = ["PARTS", "TESTS", "ReducerTest", "TestName", "chosen_tests"]
-
 TestName = Literal[
     "starting", "back-driving", "transmission-error", "hysteresis", "no-load", "efficiency", "full"
 ]

@@ -13,14 +13,6 @@ from torquebench.records import RunFolder, RunSummary
 from torquebench.reducers import Change, SpecimenComparison, change_between, compare_specimens
 from torquebench.uncertainty import Budget
 
-__all__ = [
-    "ReducerComparison",
-    "SpecimenQuantity",
-    "SpecimenResults",
-    "compared",
-    "tested_specimen",
-]
-
 
 @dataclass(frozen=True)
 class SpecimenQuantity:

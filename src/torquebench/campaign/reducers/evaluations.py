@@ -30,8 +30,6 @@ MA_PER_A = 1e3
 Evaluated = tuple[Any, dict[str, Any]]
 """A result, and the settings that options and reducer together determine."""
 
-__all__ = ["EVALUATIONS", "Option", "TableEvaluation"]
-
 
 @dataclass(frozen=True)
 class Option:

@@ -20,8 +20,6 @@ from torquebench.procedures.reducers.setup import ReducerLimits
 from torquebench.reducers import Tare
 from torquebench.units import ARCMIN
 
-__all__ = ["Known", "Preparation", "preparations"]
-
 
 @dataclass(eq=False)
 class Known:

@@ -11,8 +11,6 @@ from torquebench.uncertainty import Verdict
 if TYPE_CHECKING:
     from torquebench.reducers import FrictionResult, QuantityVerdict, ReducerResult
 
-__all__ = ["ReducerTestQuantity", "result_quantities"]
-
 
 @dataclass(frozen=True)
 class ReducerTestQuantity:

@@ -19,15 +19,6 @@ from torquebench.uncertainty import Budget
 if TYPE_CHECKING:
     from torquebench.reducers import DataSheetLimits, LimitedQuantity, ResultQuantity
 
-__all__ = [
-    "LEAST_POSITIONS",
-    "PartlySampled",
-    "Unsampled",
-    "cold_efficiency",
-    "cold_friction",
-    "few_positions",
-]
-
 LEAST_POSITIONS = 3
 """From this many output positions on, the variation over the turn is estimated from them."""
 POSITION_SHARE = 0.03

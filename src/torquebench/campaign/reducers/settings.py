@@ -15,8 +15,6 @@ from torquebench.procedures.reducers.loop import BenchTwistSettings, even_positi
 from torquebench.procedures.reducers.setup import ReducerLimits
 from torquebench.reducers import ReducerDescription
 
-__all__ = ["ReducerTestSettings", "reducer_limits"]
-
 
 def reducer_limits(reducer: ReducerDescription) -> ReducerLimits:
     """Return the limits of a plan, from a reducer's data sheet."""

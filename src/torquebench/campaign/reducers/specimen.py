@@ -21,8 +21,6 @@ from torquebench.reducers import ReducerDescription
 from torquebench.station import SPECIMEN, RunRecord, Station
 from torquebench.uncertainty import Verdict
 
-__all__ = ["Specimen"]
-
 
 @dataclass
 class Specimen:

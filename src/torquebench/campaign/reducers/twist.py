@@ -13,8 +13,6 @@ from torquebench.message import Message
 from torquebench.procedures.reducers.loop import BenchTwistRecording
 from torquebench.reducers.preparation import turning_points
 
-__all__ = ["TwistCompliance", "twist_compliance", "twist_compliances"]
-
 FloatArray = NDArray[np.float64]
 
 TWIST_LEVELS = 40

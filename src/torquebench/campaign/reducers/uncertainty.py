@@ -19,24 +19,6 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.reducers import Tare, TorqueUncertainty, fit_tare
 from torquebench.units import TURN
 
-__all__ = [
-    "LARGE",
-    "UNCOMPENSATED_SHARE",
-    "Bench",
-    "bench_remarks",
-    "drift_remarks",
-    "finite_temperature",
-    "resolution_rad",
-    "root_mean_square",
-    "tare_remarks",
-    "tares_of",
-    "temperature_remarks",
-    "torque_of_loading",
-    "torque_uncertainty",
-    "uncompensated_uncertainty_nm",
-    "without_tare",
-]
-
 FloatArray = NDArray[np.float64]
 
 UNCOMPENSATED_SHARE = 0.005

@@ -13,8 +13,6 @@ from torquebench.procedures import Plan
 from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
 from torquebench.reducers import ReducerDescription, ReducerResult
 
-__all__ = ["Evaluated", "ReducerTestWork", "RepeatedSettings"]
-
 
 @runtime_checkable
 class RepeatedSettings(Protocol):

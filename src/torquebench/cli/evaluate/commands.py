@@ -47,8 +47,6 @@ if TYPE_CHECKING:
     from torquebench.campaign.external_calibration import ExternalCalibration
     from torquebench.uncertainty import CertifiedUncertainty
 
-__all__ = ["app"]
-
 app = typer.Typer(
     name="evaluate",
     help="Evaluate tables that were measured on any bench.",

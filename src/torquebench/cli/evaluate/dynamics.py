@@ -15,8 +15,6 @@ from torquebench.units import MS_PER_S
 if TYPE_CHECKING:
     from torquebench.campaign.dynamics import IdentifiedDynamics
 
-__all__ = ["dynamics"]
-
 
 def dynamics(
     runs: Annotated[

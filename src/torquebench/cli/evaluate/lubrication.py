@@ -11,8 +11,6 @@ import typer
 from torquebench.cli.options import ColumnOption, check_output
 from torquebench.cli.terminal.console import answer, say, say_file
 
-__all__ = ["lubrication"]
-
 
 def lubrication(
     run: Annotated[Path, typer.Argument(help="Table of an empty run with the present lubricant.")],

@@ -23,8 +23,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.evaluations import TableEvaluation
 
-__all__ = ["evaluation_command"]
-
 TABLE = "A table with a header (CSV, Excel, TDMS, …)"
 FileArgument = Annotated[Path, typer.Argument(help=f"{TABLE}.")]
 FilesArgument = Annotated[

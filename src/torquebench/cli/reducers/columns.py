@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from torquebench.tables import Conversion, Table, Understood
 
-__all__ = ["ReducerColumns", "read_columns"]
-
 
 @dataclass(frozen=True, eq=False)
 class ReducerColumns:

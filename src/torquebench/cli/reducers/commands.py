@@ -32,8 +32,6 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["app"]
-
 MORE = """
 
     Torques are compensated by the active models; without one, the result says so. Every part is

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from torquebench.campaign.reducers.comparison import ReducerComparison
     from torquebench.uncertainty import Budget
 
-__all__ = ["compare"]
-
 
 def compare(
     runs: Annotated[

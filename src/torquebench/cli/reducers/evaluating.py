@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     )
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["print_by_speed", "print_record", "rehearsal_table"]
-
 
 def rehearsal_table(
     reducer: ReducerDescription, parts: Sequence[ReducerTestRehearsal], *, simulated: bool

@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from torquebench.campaign.standard_reducer import StandardReducerCheck
     from torquebench.reducers import ReducerDescription
 
-__all__ = ["standard_reducer"]
-
 
 def standard_reducer(
     reducer: Annotated[

@@ -18,8 +18,6 @@ from torquebench.units import ARCSEC, DEG_PER_RAD
 if TYPE_CHECKING:
     from torquebench.reducers import Finding, QuantityVerdict, ResultQuantity
 
-__all__ = ["present"]
-
 
 def present(
     test: str,

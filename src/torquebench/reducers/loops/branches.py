@@ -24,17 +24,6 @@ from torquebench.reducers.preparation import (
     turning_points,
 )
 
-__all__ = [
-    "Drift",
-    "RawLoop",
-    "Recording",
-    "averaged",
-    "branch_of",
-    "cut_loops",
-    "drift_of",
-    "steady_drift",
-]
-
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 QUIET_SHARE = 0.004

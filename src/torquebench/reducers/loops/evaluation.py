@@ -42,8 +42,6 @@ from torquebench.reducers.saturation import torque_saturation
 from torquebench.uncertainty import Budget, Shared
 from torquebench.units import ARCMIN, NM_PER_RAD_OF_NM_PER_ARCMIN
 
-__all__ = ["evaluate_hysteresis"]
-
 Floats = NDArray[np.float64]
 
 

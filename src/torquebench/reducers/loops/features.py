@@ -20,8 +20,6 @@ from torquebench.reducers.loops.results import (
 )
 from torquebench.reducers.preparation import levels_of, noise_of
 
-__all__ = ["features_of", "key_points_of"]
-
 Floats = NDArray[np.float64]
 Pieces = Sequence[Branch]
 CURVE_POINTS = 401

@@ -11,8 +11,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.signals import motion_of_angle, without_inertia
 
-__all__ = ["FlangeInertia", "torque_at_flange"]
-
 Floats = NDArray[np.float64]
 
 WINDOW = 11

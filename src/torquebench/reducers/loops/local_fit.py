@@ -11,8 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Branch", "LocalFit", "LocalLines", "Reading", "read"]
-
 Floats = NDArray[np.float64]
 GROWTH = 1.3
 CONFIDENCE = 1.5

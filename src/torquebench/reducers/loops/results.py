@@ -21,23 +21,6 @@ from torquebench.units import ARCMIN, DEG_PER_RAD
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = [
-    "LOST_MOTION_RULES",
-    "Feature",
-    "HysteresisResult",
-    "KeyPoint",
-    "LoopCurve",
-    "LoopFeatures",
-    "LoopSettings",
-    "LoopUncertainty",
-    "LostMotionRule",
-    "OpenLoopError",
-    "StiffnessRegions",
-    "check_closure",
-    "check_columns",
-    "loop_findings",
-]
-
 Floats = NDArray[np.float64]
 
 # -- rules ------------------------------------------------------------------------------------

@@ -13,16 +13,6 @@ from torquebench.reducers.loops.results import LoopFeatures
 from torquebench.reducers.preparation import levels_of, moving_mean, turning_points
 from torquebench.reducers.quantities import Finding
 
-__all__ = [
-    "NOTHING_LEFT",
-    "Ripple",
-    "RippleLeft",
-    "find_ripple",
-    "outermost",
-    "what_it_hid",
-    "without_ripple",
-]
-
 Floats = NDArray[np.float64]
 LOADED = 0.3
 """The ripple is searched above this share of the largest torque; backlash causes jumps below it."""

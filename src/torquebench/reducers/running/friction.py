@@ -37,15 +37,6 @@ from torquebench.uncertainty import Shared
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = [
-    "FrictionCurve",
-    "FrictionResult",
-    "curve_of",
-    "evaluate_friction",
-    "friction_curve",
-    "friction_of",
-]
-
 Floats = NDArray[np.float64]
 
 

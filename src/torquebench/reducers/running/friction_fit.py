@@ -12,9 +12,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.units import RAD_S_PER_RPM
 
-__all__ = ["FORMS", "Estimate", "Form", "FrictionFit", "fit_friction"]
-
-
 Form = Literal["coulomb", "coulomb-viscous", "coulomb-stribeck", "coulomb-viscous-stribeck"]
 FORMS: dict[str, tuple[str, ...]] = {
     "coulomb": ("coulomb",),

@@ -34,8 +34,6 @@ from torquebench.uncertainty import Budget, Shared
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = ["NoLoadPoint", "NoLoadResult", "evaluate_no_load"]
-
 Floats = NDArray[np.float64]
 LEAST_RANGE_K = 1.0
 """Change of temperature below which its effect isn't evaluated."""

@@ -22,8 +22,6 @@ from torquebench.reducers.preparation import (
 )
 from torquebench.reducers.quantities import Finding
 
-__all__ = ["SpeedPoints", "same_speeds", "speed_points"]
-
 Floats = NDArray[np.float64]
 TOLERANCE, SAME_VALUE = 0.005, 0.05
 """Largest range of the speeds of one step, as a share of the largest speed and of their own."""

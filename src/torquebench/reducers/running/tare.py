@@ -11,8 +11,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.preparation import finite_columns, labels
 
-__all__ = ["TRANSFER_SHARE", "Tare", "TareValue", "fit_tare"]
-
 TRANSFER_SHARE = 0.2
 """Half width of the change of bearing drag with a reducer mounted, as a share of the drag:
 misalignment then loads the bearings.

@@ -34,14 +34,6 @@ from torquebench.units import ARCSEC, MINUTE, TURN
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = [
-    "AngleUncertainty",
-    "DirectionError",
-    "ErrorOrder",
-    "TransmissionErrorResult",
-    "evaluate_transmission_error",
-]
-
 LARGEST_ORDERS = 8
 """Number of orders that a result lists."""
 STRONG_SHARE = 0.01

@@ -11,8 +11,6 @@ from scipy.interpolate import CubicSpline
 from torquebench.reducers.transmission.runs import Run
 from torquebench.units import ARCSEC, TURN
 
-__all__ = ["Revolution", "mean_revolution"]
-
 Floats = NDArray[np.float64]
 LEAST_SAMPLES = 720
 PER_PERIOD = 64

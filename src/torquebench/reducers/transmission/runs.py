@@ -18,8 +18,6 @@ from torquebench.message import Message
 from torquebench.reducers.preparation import noise_of, turning_points
 from torquebench.units import ARCSEC, DEG_PER_RAD, DEG_PER_TURN, TURN
 
-__all__ = ["Run", "check_ratio", "check_return", "highest_supported", "runs_of", "unwrapped"]
-
 Floats = NDArray[np.float64]
 Direction = Literal["clockwise", "counter-clockwise"]
 SAMPLES_PER_PERIOD = 10.0

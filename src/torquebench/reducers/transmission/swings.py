@@ -28,8 +28,6 @@ from torquebench.units import ARCMIN, DEG_PER_RAD, TURN
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
 
-__all__ = ["Swing", "SwingsResult", "evaluate_swings", "turned_one_way"]
-
 Floats = NDArray[np.float64]
 FULL_STROKE = 0.6
 """Share of the longest stroke from which on another one counts."""

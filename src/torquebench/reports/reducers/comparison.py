@@ -11,8 +11,6 @@ from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducers.comparison_figures import difference_figure, values_figure
 from torquebench.uncertainty import Verdict, stated
 
-__all__ = ["FAMILIES", "comparison_page"]
-
 FAMILIES = {
     "no_load_": "No-load running torque",
     "efficiency_": "Efficiency",

@@ -24,8 +24,6 @@ from torquebench.reducers import change_between
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["difference_figure", "values_figure"]
-
 COLUMNS = 4
 NEAR = 2.0
 """A limit is drawn if it is within this many spans of the values."""

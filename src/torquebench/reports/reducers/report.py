@@ -21,15 +21,6 @@ from torquebench.reducers.preparation import grouped
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.uncertainty import stated
 
-__all__ = [
-    "NO_LOAD_POINT",
-    "efficiency_tables",
-    "judged_table",
-    "no_load_table",
-    "reducer_page",
-    "tables_of",
-]
-
 
 def reducer_page(record: ReducerTestRecord) -> Page:
     """Return the report of a reducer test.

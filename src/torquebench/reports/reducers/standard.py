@@ -10,9 +10,6 @@ from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 
-__all__ = ["friction_check_figure", "friction_check_table", "standard_reducer_page"]
-
-
 _MARKERS = ("o", "^", "s", "D", "v")
 
 

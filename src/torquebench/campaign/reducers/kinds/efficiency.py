@@ -24,8 +24,6 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
 from torquebench.reducers import EfficiencyMap, ReducerDescription, evaluate_efficiency
 
-__all__ = ["WORK"]
-
 LEAST_MAP = 2
 """Smallest number of torques and of speeds for iso-lines."""
 

@@ -43,8 +43,6 @@ from torquebench.units import ARCMIN
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-__all__ = ["WORK"]
-
 FloatArray = NDArray[np.float64]
 
 

@@ -23,8 +23,6 @@ from torquebench.procedures.reducers.running_table import RunningRecording
 from torquebench.procedures.reducers.setup import ReducerLimits, WarmUp
 from torquebench.reducers import FrictionResult, NoLoadResult, ReducerDescription, evaluate_no_load
 
-__all__ = ["WORK", "fitted_friction"]
-
 
 def _plan(
     devices: BenchDevices, limits: ReducerLimits, settings: NoLoadSettings

@@ -30,8 +30,6 @@ from torquebench.reducers import (
 )
 from torquebench.units import ARCMIN, ARCSEC, DEG_PER_RAD, TURN
 
-__all__ = ["WORK"]
-
 
 def _encoder_rad(bench: Bench, side: Side, certified_rad: float | None) -> float:
     """Return the standard uncertainty of an encoder from resolution and error over a turn.
