@@ -170,6 +170,8 @@ def test_bad_input_is_named():
     refused("±800 N·m, the upper end", torque, angle, LoopSettings(800.0))
     refused("no whole loop", torque[:300], angle[:300])
     refused("input is locked|is locked", torque, angle * 1000)
+    settling = LoopSettings(RATED, settling_loops=3)
+    refused("no loop at position 0 after 3 settling loops", torque, angle, settling)
 
 
 def test_settings_are_checked():

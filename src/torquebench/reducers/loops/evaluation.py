@@ -204,8 +204,20 @@ def _evaluated(recording: Recording, settings: LoopSettings) -> _Evaluated:
         )
     cut: dict[float, list[RawLoop]] = {}
     for raw in cut_loops(recording):
+        mine = cut.setdefault(raw.position, [])
         if raw.number > settings.settling_loops:
-            cut.setdefault(raw.position, []).append(raw)
+            mine.append(raw)
+    for label, raws in cut.items():
+        if not raws:
+            raise InputError(
+                Message(
+                    "no loop at position {label:g} after {count} settling loops",
+                    label,
+                    settings.settling_loops,
+                ),
+                "at least one loop at each position",
+                "leave fewer loops out, or record more",
+            )
     features = {label: features_of(raws, recording, settings) for label, raws in cut.items()}
     drifting = tuple(chain.from_iterable(features.values()))
     check_closure(drifting, settings)
