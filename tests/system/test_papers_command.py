@@ -5,7 +5,7 @@ from html import unescape
 from pathlib import Path
 
 import pytest
-from tests.system.command_line import run, widest_line
+from tests.system.command_line import COMMAND, environment, prepared, run, widest_line
 from tests.system.networked import simulating
 
 from torquebench.papers.items import ITEMS
@@ -70,7 +70,8 @@ OF_THE_FIRST_BENCH = (*range(1, 14), 19, 20, 21)
 @pytest.mark.timeout(1800)
 def test_the_documentations_page_has_the_figures_of_this_version(tmp_path: Path) -> None:
     """Otherwise: python -m benchmarks.papers_page --write."""
-    result = run("papers", "--seeds", "1", "--no-study", "--out", "a.html", cwd=tmp_path)
+    command = [COMMAND, "papers", "--seeds", "1", "--no-study", "--out", "a.html"]
+    result = prepared().run(command, tmp_path, environment(), 1500.0)
     assert result.returncode == 0, result.stderr
     text = unescape(re.sub(r"<[^>]+>", "", words((tmp_path / "a.html").read_text())))
     measured = [found.split() for found in HERE.findall(text)]
