@@ -49,13 +49,14 @@ from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
 if TYPE_CHECKING:
-    from torquebench.records import Registry
+    from torquebench.records import ModelEntry, Registry
 
 __all__ = [
     "CHOSEN_ELSEWHERE",
     "FittedModel",
     "ModelChoice",
     "described_model",
+    "entry_in_use",
     "feature_columns",
     "fit_metrics",
     "fit_models",
@@ -281,22 +282,31 @@ def fit_models(
     return fitted
 
 
-def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
-    """Return the calibrated chain's active model, for comparison with a new one.
+def entry_in_use(registry: Registry, serial: str, counter: str) -> ModelEntry | None:
+    """Return a chain's active model, for comparison with a new calibration.
 
-    None if there is none, or where the transducer was adjusted since its calibration. A model whose
-    file is missing or was changed is ignored; the bench refuses it.
+    None if there is none, or where the transducer was adjusted since its calibration.
     """
     try:
-        entry = registry.active_model(data.transducer_serial, data.counter_identity)
-        if entry is None:
-            return None
-        performed = registry.calibration(entry.calibration_id).performed
-        adjustments = registry.adjustments(data.transducer_serial)
-        if any(each.performed > performed for each in adjustments):
-            return None
-        return load_model(entry.check_file()).model
-    except (ModelMismatchError, RecordError):
+        entry = registry.active_model(serial, counter)
+    except ModelMismatchError:
+        return None
+    if entry is None:
+        return None
+    performed = registry.calibration(entry.calibration_id).performed
+    adjusted = any(each.performed > performed for each in registry.adjustments(serial))
+    return None if adjusted else entry
+
+
+def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
+    """Return the model of `entry_in_use`.
+
+    A model whose file is missing or was changed is ignored; the bench refuses it.
+    """
+    try:
+        entry = entry_in_use(registry, data.transducer_serial, data.counter_identity)
+        return None if entry is None else load_model(entry.check_file()).model
+    except RecordError:
         return None
 
 

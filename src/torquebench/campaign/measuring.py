@@ -12,10 +12,12 @@ from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Side
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.drivers.base import Mounting, Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
-from torquebench.errors import BenchError
+from torquebench.campaign.fitting import entry_in_use
+from torquebench.errors import BenchError, TorquebenchError
 from torquebench.message import Message
 from torquebench.procedures import (
     FrictionSettings,
@@ -29,9 +31,11 @@ from torquebench.procedures import (
     verify,
 )
 from torquebench.procedures.resuming import Resumption
+from torquebench.procedures.standard_check import check_zero
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.station import RunRecord, Station
+from torquebench.station.matching import compensation_for
 
 __all__ = [
     "Measured",
@@ -48,9 +52,12 @@ __all__ = [
     "operator_name",
     "rehearse_calibration",
     "run_metadata",
+    "standard_at_rest",
 ]
 
 Result = TypeVar("Result")
+REST_S = 1.0
+"""Interval over which an unloaded standard is read, s: it tells the clock of a read-out."""
 OnPause = Callable[[Station], Literal["resume", "abort"]]
 
 
@@ -108,6 +115,32 @@ def rehearse_calibration(
     return rehearse(station.devices, calibrate(station.devices, side, profile))
 
 
+def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float | None:
+    """Return the unloaded torque of a standard, N·m; None if it isn't mounted.
+
+    Raises
+    ------
+    BenchError
+        It states a torque without load.
+    SignalFault
+        It has no signal.
+    """
+    description, acquisition = station.description, station.acquisition
+    standard = description.standard(mounting)
+    drives = station.drivers.drives.values()
+    mounted = station.drivers.operator.mounted()
+    if standard is None or mounted != mounting or any(each.state().enabled for each in drives):
+        return None
+    channel = acquisition.channel_of_standard(side)
+    start_s = station.clock.now()
+    station.clock.wait(REST_S)
+    window = acquisition.window(channel.name, start_s, start_s + REST_S)
+    zero_hz = float(window["frequency_hz"].mean())
+    zero_nm = float(standard.transducer(side).scale().torque(zero_hz))
+    check_zero(description, side, standard, zero_nm)
+    return zero_nm
+
+
 def measure_calibration(
     station: Station,
     side: Side,
@@ -136,13 +169,29 @@ def measure_calibration(
     SignalFault, BenchError
         The run failed; the bench is without torque.
     """
+    before = _model_in_use(station, side)
     return measure(
         station,
-        lambda: calibrate(station.devices, side, profile, resumption),
+        lambda: calibrate(station.devices, side, profile, resumption, before),
         kind=f"calibrate-{side}",
         title=Message("Calibrating the {side} module", side),
         **_stating(side, profile, options),
     )
+
+
+def _model_in_use(station: Station, side: Side) -> ActiveChain | None:
+    """Return the model that a module has had so far; None for none that can be read."""
+    description, counter = station.description, station.drivers.counter.clock_identity
+    serial = description.module(side).transducer.serial
+    try:
+        entry = station.registry.patiently(lambda: entry_in_use(station.registry, serial, counter))
+        return (
+            None
+            if entry is None
+            else compensation_for(station.registry, description, counter, side)
+        )
+    except TorquebenchError:
+        return None
 
 
 def measure_verification(

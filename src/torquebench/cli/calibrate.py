@@ -175,12 +175,13 @@ def _choice(name: str | None, parameters: list[str] | None) -> ModelChoice | Non
 
 def _dry_run(description: Any, sides: tuple[Side, ...], profile: Profile) -> None:
     """Rehearse the same plans as the real run, and print what they would load."""
-    from torquebench.campaign.measuring import rehearse_calibration
+    from torquebench.campaign.measuring import rehearse_calibration, standard_at_rest
     from torquebench.cli.bench_session import rehearsing
     from torquebench.cli.staircase import staircase_tables
 
     with rehearsing(description) as station:
         for side in sides:
+            standard_at_rest(station, side, "calibrator")  # where it is mounted already
             rehearsal = rehearse_calibration(station, side, profile)
             for part in staircase_tables(description, side, profile, rehearsal):
                 out().print(part)

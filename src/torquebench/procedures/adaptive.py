@@ -23,6 +23,7 @@ from torquebench.message import Message
 from torquebench.procedures.messages import progress
 from torquebench.procedures.setup import Plan, Setup
 from torquebench.procedures.staircase import Row, load_staircase
+from torquebench.procedures.standard_check import StandardCheck
 
 __all__ = ["load_adaptively", "meanwhile"]
 
@@ -57,6 +58,7 @@ def load_adaptively(
     template: Step,
     even: int,
     earlier: int = 0,
+    check: StandardCheck | None = None,
 ) -> Plan[Placement | None]:
     """Load a coarse series, then points where they lower the model's uncertainty most.
 
@@ -83,6 +85,8 @@ def load_adaptively(
         Points of the whole coarse series.
     earlier : int
         Number of points of an interrupted run in `data`, before those of these steps.
+    check : StandardCheck, optional
+        See `load_staircase`.
 
     Returns
     -------
@@ -99,7 +103,7 @@ def load_adaptively(
     decisions: list[AdaptiveRound] = []
     more, done = list(steps), 0
     while True:
-        yield from load_staircase(devices, setup, more, on_row, done=done, total=total)
+        yield from load_staircase(devices, setup, more, on_row, done=done, total=total, check=check)
         done += len(more)
         yield from progress(
             done, total, Message("{measured} points: placing the next ones", measured)

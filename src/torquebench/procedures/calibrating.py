@@ -9,15 +9,17 @@ from typing import Any, Literal
 
 import numpy as np
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Side
-from torquebench.calibration import CalibrationData, Placement, Profile, Step
+from torquebench.calibration import CalibrationData, Placement, Plausibility, Profile, Step
 from torquebench.errors import BenchError
 from torquebench.procedures.adaptive import load_adaptively
 from torquebench.procedures.guarding import loading_limits
 from torquebench.procedures.resuming import Resumption
 from torquebench.procedures.setup import Plan, Setup, measured_in, start_metadata
 from torquebench.procedures.staircase import Row, load_staircase
+from torquebench.procedures.standard_check import StandardCheck
 
 __all__ = ["StaircaseResult", "calibrate", "verify"]
 
@@ -122,7 +124,11 @@ def calibration_of_rows(
 
 
 def calibrate(
-    devices: BenchDevices, side: Side, profile: Profile, resumption: Resumption | None = None
+    devices: BenchDevices,
+    side: Side,
+    profile: Profile,
+    resumption: Resumption | None = None,
+    before: ActiveChain | None = None,
 ) -> Plan[StaircaseResult]:
     """Calibrate one module against the calibrator: zero, preload and the profile's staircase.
 
@@ -138,6 +144,8 @@ def calibrate(
     resumption : Resumption, optional
         Continuation of an interrupted calibration by this profile; its earlier points are part of
         the result.
+    before : ActiveChain, optional
+        The model in use so far: the standard is compared with it before the series.
 
     Returns
     -------
@@ -147,6 +155,8 @@ def calibrate(
     ------
     LimitError
         Before anything moves, where a step exceeds the drive's torque limit.
+    BenchError
+        Standard and module contradict each other at rest, at a preload or at the first steps.
     """
     steps: Sequence[Step] = profile.staircase(_range_nm(devices, side))
     table = _Table()
@@ -155,7 +165,9 @@ def calibrate(
         for step, row in resumption.earlier:
             table.add(step, row)
     setup = Setup("calibration", side, "calibrator", "locked")
-    return (yield from _staircase(devices, setup, profile, steps, "calibrate", table))
+    standard = devices.context.description.calibrator
+    check = StandardCheck(devices, side, standard, profile.plausibility, before)
+    return (yield from _staircase(devices, setup, profile, steps, "calibrate", table, check))
 
 
 def verify(
@@ -179,7 +191,10 @@ def verify(
         With the number of the group as `series`.
     """
     setup = Setup("verification", side, "verification_standard", "locked")
-    return (yield from _staircase(devices, setup, profile, steps, "verify", _Table()))
+    standard = devices.context.description.verification_standard
+    # finding errors is its purpose, so no model is compared
+    check = StandardCheck(devices, side, standard, Plausibility())
+    return (yield from _staircase(devices, setup, profile, steps, "verify", _Table(), check))
 
 
 def _staircase(
@@ -189,6 +204,7 @@ def _staircase(
     steps: Sequence[Step],
     plan_name: Literal["calibrate", "verify"],
     table: _Table,
+    check: StandardCheck,
 ) -> Plan[StaircaseResult]:
     range_nm = _range_nm(devices, setup.side)
     points = sum(step.recorded for step in steps)
@@ -206,7 +222,7 @@ def _staircase(
 
     def load() -> Plan[None]:
         if profile.adaptive is None:
-            yield from load_staircase(devices, setup, steps, table.add)
+            yield from load_staircase(devices, setup, steps, table.add, check=check)
             return
         coarse = [step for step in profile.staircase(range_nm) if step.recorded]
         known = max((step.series for step in table.steps), default=0)
@@ -220,6 +236,7 @@ def _staircase(
             template=coarse[-1].model_copy(update={"series": max(known, coarse[-1].series)}),
             even=len(coarse),
             earlier=len(table.rows),
+            check=check,
         )
 
     largest_nm = max(abs(step.nominal_nm) for step in steps)

@@ -31,6 +31,7 @@ from torquebench.bench.safety.limits import LimitBook
 from torquebench.bench.state import Quantity
 from torquebench.errors import TorquebenchError
 from torquebench.procedures.setup import Plan, ProcedureGate
+from torquebench.procedures.standard_check import StandardCheck
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Move", "Rehearsal", "rehearse"]
@@ -274,6 +275,8 @@ class _Stage:
     def _set(self, device: Any, value: Any) -> None:
         if isinstance(device, ProcedureGate):
             check_procedure(self.books, value)
+            return
+        if isinstance(device, StandardCheck):  # nothing was measured
             return
         name, action = self._setters.get(id(device), (device.name, lambda _value: None))
         action(value)

@@ -12,6 +12,7 @@ from torquebench.calibration import Step
 from torquebench.message import Message
 from torquebench.procedures.messages import checkpoint, move, prepare, progress, sleep, take
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
+from torquebench.procedures.standard_check import StandardCheck, TakenStep
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["SETTLE_SHARE", "Row", "describe_step", "load_staircase", "steady_settings"]
@@ -73,6 +74,7 @@ class _Loader:
     steps: Sequence[Step]
     done: int = 0
     total: int = 0
+    check: StandardCheck | None = None
     seen: int = 0
     settings: SteadySettings | None = None
 
@@ -96,11 +98,14 @@ class _Loader:
             else:
                 yield from self._load(step)
                 yield from sleep(step.duration_s)
+                yield from self._checked(TakenStep(step))
         yield from progress(self.done + len(self.steps), self.total, "done")
 
     def _zero(self, step: Step) -> Plan[None]:
         yield from self._stamp(step)
-        yield from zero(self.devices, self.setup.side, duration_s=step.duration_s, standard=True)
+        side = self.setup.side
+        zeroed = yield from zero(self.devices, side, duration_s=step.duration_s, standard=True)
+        yield from self._checked(TakenStep(step, standard_zero_hz=zeroed.standard_frequency_hz))
         self.settings = None  # a zero has its own
 
     def _load(self, step: Step) -> Plan[None]:
@@ -126,7 +131,14 @@ class _Loader:
             self.settings = wanted
         yield from self._stamp(step)
         yield from self._load(step)
-        return (yield from take(steady, self.devices.point, stream="points"))
+        row = yield from take(steady, self.devices.point, stream="points")
+        yield from self._checked(TakenStep(step, row))
+        return row
+
+    def _checked(self, taken: TakenStep) -> Plan[None]:
+        """Compare the standard with the module after a step."""
+        if self.check is not None:
+            yield from move(self.check, taken)
 
     def _return_to_branch(self, number: int) -> Plan[None]:
         """Restore the chain's memory after a pause at zero torque.
@@ -165,6 +177,7 @@ def load_staircase(
     *,
     done: int = 0,
     total: int | None = None,
+    check: StandardCheck | None = None,
 ) -> Plan[None]:
     """Load the steps of a sequence, with a checkpoint before each.
 
@@ -183,5 +196,8 @@ def load_staircase(
         Called with every recorded step and its steady value by field.
     done, total : int
         For progress, if these steps are part of a run: number of steps before them, and of all.
+    check : StandardCheck, optional
+        Compares the standard with the module before and at the first steps.
     """
-    yield from _Loader(devices, setup, steps, done, total or done + len(steps)).run(on_row)
+    loader = _Loader(devices, setup, steps, done, total or done + len(steps), check)
+    yield from loader.run(on_row)

@@ -303,14 +303,32 @@ def _temperatures(station: Station) -> Iterator[Finding]:
 
 
 def _standard(station: Station) -> Iterator[Finding]:
+    """Check the signals of a mounted standard, and that it states no torque without load."""
+    from torquebench.bench.drivers.base import SIDES
+    from torquebench.campaign.measuring import standard_at_rest
+
+    if station.drivers.reference is not None:
+        yield from _readout(station)
+    mounting = station.drivers.operator.mounted()
+    for side in SIDES:
+        what = f"{side} standard"
+        try:
+            zero_nm = standard_at_rest(station, side, mounting)
+        except TorquebenchError as error:
+            yield _problem(what, error)
+            continue
+        if zero_nm is not None:
+            yield Finding(what, "ok", f"{zero_nm:+.3f} N·m without load")
+
+
+def _readout(station: Station) -> Iterator[Finding]:
     """Check whether a standard that states torque keeps stating it."""
     import numpy as np
 
     from torquebench.bench.drivers.base import SIDES
 
     reference = station.drivers.reference
-    if reference is None:
-        return
+    assert reference is not None
     block_s = station.description.counter.block_s
     for side in SIDES:
         what = f"{side} standard"
