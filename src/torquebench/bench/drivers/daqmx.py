@@ -36,8 +36,8 @@ from torquebench.signals import EdgeBlock, Record
 
 __all__ = ["PLUGIN", "DaqmxCounter", "DaqmxOptions"]
 
-BUFFER_S = 10.0
-"""Buffer at the start, s; the supervisor acts long before it is full."""
+BUFFER_S = 20.0
+"""Buffer of the counter, s: a computer that stands for less loses nothing."""
 HIGHEST_HZ = 400e3
 """240 ± 120 kHz, with margin"""
 COUNTS_A_PULSE = 4
