@@ -249,6 +249,8 @@ def _restored(plain: Any) -> str:
 
 def main(arguments: dict[str, Any]) -> int:
     """Read a file and send it to standard output; return the exit code."""
+    if hasattr(os, "setpriority"):
+        os.setpriority(os.PRIO_PROCESS, 0, _NICE)  # the bench goes first, already before imports
     stream = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a package prints isn't part of the stream
     memory_mb, seconds, cells, mb = arguments["limits"]
@@ -365,8 +367,6 @@ def _prepare(package: str, limits: Limits) -> None:
         sys.meta_path.insert(0, _WithoutPandas())
     pa.set_cpu_count(1)
     pa.set_io_thread_count(1)
-    if hasattr(os, "setpriority"):
-        os.setpriority(os.PRIO_PROCESS, 0, _NICE)  # the bench goes first
     try:
         import resource
     except ImportError:  # on Windows: time and cells are limited, memory isn't

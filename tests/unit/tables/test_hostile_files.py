@@ -2,12 +2,14 @@
 
 import os
 import resource
+import signal
 import threading
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
+import psutil
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
@@ -113,6 +115,30 @@ def test_the_end_of_the_process_is_a_message(tmp_path: Path) -> None:
         read_table(path, limits=Limits(seconds=0.001))
     with pytest.raises(InputError, match="more than 16 MB when it is read"):
         read_table(path, limits=Limits(memory_mb=16))
+
+
+@pytest.mark.parametrize("how", [signal.SIGSEGV, signal.SIGKILL])
+def test_a_reader_that_dies_by_a_signal_is_a_message(tmp_path: Path, how: signal.Signals) -> None:
+    path, ended = tmp_path / "t.parquet", threading.Event()
+    pq.write_table(pa.table({"reading_nm": np.zeros(3)}), path)
+
+    def kill() -> None:
+        while not ended.wait(0.001):
+            for child in psutil.Process().children():
+                with suppress(psutil.NoSuchProcess):
+                    if "torquebench.tables.isolated" in child.cmdline():
+                        child.send_signal(how)
+                        return
+
+    killer = threading.Thread(target=kill)
+    killer.start()
+    try:
+        with pytest.raises(InputError, match=rf"its reader has failed \(signal {int(how)}\)"):
+            read_table(path)
+    finally:
+        ended.set()
+        killer.join()
+    assert len(read_table(path)) == 3
 
 
 def test_others_are_told_to_wait(monkeypatch: pytest.MonkeyPatch) -> None:
