@@ -58,6 +58,7 @@ from benchmarks.fault_procedures import PROCEDURES, Procedure
 from benchmarks.fault_report import Kept, Start, section, summary
 from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
 from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
+from benchmarks.record_faults import RECORD_FAULTS, numbered_record
 from benchmarks.reporting import BENCHMARKS, write_section
 from benchmarks.restarts import RESTARTS, numbered_restart
 from benchmarks.undisturbed import TITLE, undisturbed
@@ -75,7 +76,7 @@ from torquebench.station import Station, recover_unfinished
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
-QUICK_WIRE, QUICK_REAL, QUICK_PHASES, QUICK_RESTARTS = 3, 1, 2, 1
+QUICK_WIRE, QUICK_REAL, QUICK_PHASES, QUICK_RECORDS, QUICK_RESTARTS = 3, 1, 2, 2, 1
 AT_ONCE = 3
 """Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 KEPT_POWER_S = 2.0
@@ -405,6 +406,7 @@ def _parts() -> dict[str, Part]:
     parts = {
         "simulated": Part("simulated bench", numbered, FULL, len(KINDS)),
         "phases": Part("phases of a calibration", numbered_phase, PHASE_FAULTS, QUICK_PHASES),
+        "records": Part("records", numbered_record, RECORD_FAULTS, QUICK_RECORDS),
         "sockets": Part("simulated instruments over sockets", numbered_wire, wires, QUICK_WIRE),
         "real": Part("the same in real time", numbered_real, wires, QUICK_REAL, alone=True),
     }
