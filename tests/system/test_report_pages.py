@@ -18,7 +18,7 @@ document.title = "beyond " + Math.max(...parts.map(e => e.scrollWidth - e.client
 @pytest.mark.parametrize("width", [800, 1100])
 def test_the_comparison_of_models_stays_on_the_page(width: int, tmp_path: Path) -> None:
     errors = ("worst, N·m", "RMS, N·m", "worst, % FS", "RMS, % FS", "worst step mean, N·m")
-    verdict = "3.5 standard errors worse than gaussian-process"
+    verdict = "3.5 standard errors worse than hybrid"
     row = ("bayesian-network", "17.6", "7.03", "0.0878", "0.0352", "0.896", "19.5", verdict)
     table = Table(("model", *errors, "parameters", "verdict"), [row] * 3, emphasised=1)
     page = tmp_path / "page.html"

@@ -39,7 +39,7 @@ def points() -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def compensation() -> tb.Compensation:
     calibration = tb.read_calibration(points(), range_nm=100.0)
-    return tb.fit(calibration, "physics", reference="0.05 of range")
+    return tb.fit(calibration, "hybrid", reference="0.05 of range")
 
 
 @pytest.mark.parametrize("make", MAKERS)
@@ -110,7 +110,7 @@ def test_an_estimator_takes_columns_by_names(make: Callable[[dict[str, Any]], An
     names = ("branch", "reading_nm")  # swapped: by position the branch would be the reading
     frame = make({name: table[name] for name in names})
     X = features(table["reading_nm"], table["branch"])
-    model = make_model("physics", range_nm=100.0)
+    model = make_model("hybrid", range_nm=100.0)
     by_name = model.fit(frame, table["standard_nm"]).predict(frame)
     assert by_name.tolist() == model.fit(X, table["standard_nm"]).predict(X).tolist()
     with pytest.raises(tb.InputError, match="without the column reading_nm"):

@@ -69,7 +69,7 @@ def bent() -> CompensationTable:
     """A chain whose error changes its slope at zero, as one does that differs by direction."""
     reading = np.linspace(-RANGE_NM, RANGE_NM, 81)
     torque = reading + np.abs(reading) ** 1.5 / 5e3
-    model = make_model("spline").fit(features(reading), torque)
+    model = make_model("bayesian-network").fit(features(reading), torque)
     return compile_table(model, uncertainty=False)
 
 
@@ -109,7 +109,7 @@ def test_a_hysteresis_is_stated_on_its_branches() -> None:
     reading = np.concatenate([rising, rising[::-1]])
     branch = np.repeat([1.0, -1.0], 21)
     torque = reading - branch * np.sin(np.pi * reading / RANGE_NM)
-    model = make_model("gaussian-process").fit(features(reading, branch=branch), torque)
+    model = make_model("hybrid").fit(features(reading, branch=branch), torque)
     fit = fit_curve(compile_table(model, uncertainty=False), (0.0, RANGE_NM))
     assert fit.branch_residual_nm == pytest.approx(1.0, abs=0.3)
     assert fit.residual_nm < 0.2 * fit.branch_residual_nm

@@ -44,6 +44,7 @@ from torquebench.compensation import (
     save_model,
     worse_than_raw,
 )
+from torquebench.compensation.kinds import NETWORKS
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
@@ -69,14 +70,11 @@ __all__ = [
 
 _TITLES = {
     "bayesian-network": "network, Bayesian",
-    "gaussian-process": "Gaussian process",
     "hybrid": "physics + Gaussian process",
-    "physics": "physical form",
     "polynomial": "polynomial, degree {degree}",
     "published-network": "network, gradient descent",
     "radial-basis": "radial basis functions",
     "raw": "raw reading",
-    "spline": "smoothing spline",
 }
 
 CHOSEN_ELSEWHERE = ("range_nm", "range_margin", "outliers")
@@ -96,6 +94,8 @@ def model_title(kind: str, parameters: Mapping[str, Any] | None = None) -> str:
     stem, _, degree = kind.rpartition("-")
     if stem == "polynomial" and degree.isdigit():
         kind, parameters = stem, {"degree": degree}
+    if kind == "network" and parameters:
+        kind = next(name for name, each in NETWORKS.items() if each == parameters["training"])
     title = _TITLES.get(kind, kind)
     if kind != "polynomial":
         return title
@@ -138,14 +138,12 @@ class ModelChoice:
         >>> ModelChoice("published-network", {"hidden": 0}).check()
         Traceback (most recent call last):
         ...
-        torquebench.errors.InputError: hidden = 0 of PublishedNetworkModel; allowed: an int in ...
+        torquebench.errors.InputError: hidden = 0 of NetworkModel; allowed: an int in ...
         """
         for name in CHOSEN_ELSEWHERE:
             if name in self.parameters:
                 raise InputError(Message("parameter {name}", name), "parameters of the model alone")
-        model = make_model(self.name, **self.parameters)
-        estimator: Any = getattr(model, "estimator", model)
-        estimator.check_parameters()
+        make_model(self.name, **self.parameters).check_parameters()
 
     def points(self, data: CalibrationData) -> CalibrationData:
         """Return those points of a calibration that the model is fitted to."""

@@ -1,7 +1,4 @@
 from .base import CompensationModel as CompensationModel
-from .bayesian_network import (
-    BayesianNetworkModel as BayesianNetworkModel,
-)
 from .checks import (
     WHOLE_SHARE as WHOLE_SHARE,
     OutlierWarning as OutlierWarning,
@@ -20,9 +17,7 @@ from .design import (
     Proposal as Proposal,
     propose_points as propose_points,
 )
-from .discrepancy import (
-    DiscrepancyUncertainty as DiscrepancyUncertainty,
-)
+from .discrepancy import FormModel as FormModel
 from .export.formats import (
     EXPORTS as EXPORTS,
     export_table as export_table,
@@ -30,9 +25,6 @@ from .export.formats import (
 from .factory import (
     make_model as make_model,
     model_from_state as model_from_state,
-)
-from .gaussian_process import (
-    GaussianProcessModel as GaussianProcessModel,
 )
 from .hybrid import (
     HybridModel as HybridModel,
@@ -42,7 +34,7 @@ from .hysteresis import (
     HysteresisOperator as HysteresisOperator,
     LiveTorque as LiveTorque,
 )
-from .kinds import MODELS as MODELS, check_kind as check_kind
+from .kinds import MODELS as MODELS, MODEL_NAMES as MODEL_NAMES, check_kind as check_kind
 from .model_file import (
     Provenance as Provenance,
     ReadingScale as ReadingScale,
@@ -50,14 +42,9 @@ from .model_file import (
     load_model as load_model,
     save_model as save_model,
 )
-from .physics import (
-    PhysicsModel as PhysicsModel,
-)
+from .network import NetworkModel as NetworkModel
 from .polynomial import (
     PolynomialModel as PolynomialModel,
-)
-from .published_network import (
-    PublishedNetworkModel as PublishedNetworkModel,
 )
 from .radial_basis import (
     RadialBasisModel as RadialBasisModel,
@@ -75,9 +62,6 @@ from .selection import (
     StepFolds as StepFolds,
     compare as compare,
     worse_than_raw as worse_than_raw,
-)
-from .spline import (
-    SplineModel as SplineModel,
 )
 from .table import (
     CompensationTable as CompensationTable,

@@ -6,6 +6,7 @@ import functools
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from numbers import Real
 from typing import Any, ClassVar, Literal, Self, TypeVar, overload
 
@@ -16,7 +17,6 @@ from threadpoolctl import ThreadpoolController
 from torquebench.compensation.checks import (
     WHOLE_SHARE,
     CalibrationPoints,
-    Outlier,
     check_points,
     point_weights,
     reduce_points,
@@ -29,7 +29,8 @@ from torquebench.compensation.columns import (
     feature_column,
     features,
 )
-from torquebench.compensation.estimator import Between, Estimator, OneOf, clone, parameter
+from torquebench.compensation.curve_uncertainty import student_widening
+from torquebench.compensation.estimator import Between, Estimator, OneOf, parameter
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -37,6 +38,7 @@ from torquebench.progress import NO_PROGRESS, Progress
 
 __all__ = [
     "FEATURES",
+    "FEWEST_POINTS",
     "CompensationModel",
     "FloatArray",
     "feature_column",
@@ -60,6 +62,8 @@ def single_blas_thread() -> AbstractContextManager[object]:
     return limit
 
 
+FEWEST_POINTS = 5
+"""Fewest points from which a curve's discrepancy is estimated."""
 _Result = TypeVar("_Result")
 _ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
 
@@ -76,7 +80,6 @@ class CompensationModel(Estimator, ABC):
     `_fit` sets `effective_parameters_` and `noise_nm_`. All attributes that end in one underscore
     and don't start with one are the model's state: floats, integers, strings, booleans, arrays,
     lists, tuples, dicts with string keys and dataclasses that are registered with `state.storable`.
-    Values that are recomputed from them in `_after_restore` start with an underscore.
 
     Parameters
     ----------
@@ -105,40 +108,29 @@ class CompensationModel(Estimator, ABC):
         Number of parameters that the data determine.
     degrees_of_freedom_ : float
         Those of `noise_nm_`: points (after averaging) minus effective parameters.
+    uncertainty_ : CurveUncertainty or None
+        The curve's discrepancy from the truth and the scatter of readings; None for fewer than five
+        points, where the covariance of the coefficients is used.
 
     Notes
     -----
-    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve. An
-    estimator's own uncertainty contains the data's scatter, but not the error of its form: a
-    `DiscrepancyUncertainty` around it adds that, as in `make_model`. The scatter of the single
-    reading that is compensated isn't in it; its estimate is `scatter_nm`, and `single_reading_std`
-    adds both.
+    ``predict(X, return_std=True)`` gives the standard uncertainty of the model's curve, which
+    `_fit` states as `uncertainty_`; a `FormModel` compares its curve with the hybrid's posterior.
+    The scatter of the single reading that is compensated isn't in it; `single_reading_std` adds it.
     """
 
-    range_nm: float | None = parameter(None, None, Between(Real, 0, open_low=True))
-    range_margin: float = parameter(0.02, Between(Real, 0, 1, open_high=True))
-    outliers: str = parameter("downweight", OneOf(frozenset({"downweight", "refuse", "keep"})))
+    range_nm: float | None = parameter(None, Between(Real, 0, open_low=True), default=None)
+    range_margin: float = parameter(Between(Real, 0, 1, open_high=True), default=0.02)
+    outliers: str = parameter(
+        OneOf(frozenset({"downweight", "refuse", "keep"})), default="downweight"
+    )
 
-    kind: str = ""
+    kind: ClassVar[str] = ""
     """Name in `MODELS`; set by `register`."""
     complexity: ClassVar[int] = 50
     """Rank in the comparison: of equally good models, the one with the lower rank comes first."""
-    maximum_points: int | None = 2000
-    """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm",)
     """Columns that the model uses; others are ignored."""
-
-    doubtful: ClassVar[bool] = False
-    """Whether the kind may be worse than the raw reading, so that a fit checks that."""
-
-    outliers_: list[Outlier]
-    full_scale_nm_: float
-    reading_low_nm_: float
-    reading_high_nm_: float
-    noise_nm_: float
-    effective_parameters_: float
-    degrees_of_freedom_: float
-    points_: int
 
     # ---- to be written by a subclass ------------------------------------------------------
 
@@ -155,15 +147,20 @@ class CompensationModel(Estimator, ABC):
         """Fit to checked points; a point's noise variance is noise² / weight."""
 
     @abstractmethod
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
-        """Return compensated torque and, when requested, the curve's standard uncertainty."""
+    def _predict(self, X: FloatArray) -> FloatArray:
+        """Return compensated torque."""
+
+    def _coefficient_std(self, X: FloatArray) -> FloatArray:  # noqa: ARG002 # for kinds that know it
+        """Return the curve's standard uncertainty by the covariance of its coefficients."""
+        raise InputError(
+            Message("a {name} curve without its uncertainty", self.name),
+            "a model that was fitted with it",
+            "fit it by `fit`",
+        )
 
     def _noise_freedom(self, count: int) -> float:
         """Return the degrees of freedom of `noise_nm_`, from the number of averaged points."""
         return max(count - self.effective_parameters_, 1.0)
-
-    def _after_restore(self) -> None:
-        """Recompute attributes that aren't part of the stored state."""
 
     # ---- the estimator's interface --------------------------------------------------------
 
@@ -189,8 +186,12 @@ class CompensationModel(Estimator, ABC):
             NaN, too few points, a constant reading, contradictory duplicates, torques beyond
             `range_nm`, an outlier (with ``outliers="refuse"``), a parameter out of its limits.
         """
+        return self.fit_curve(X, y, progress)
+
+    def fit_curve(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
+        """Fit the curve as `fit` does, without its discrepancy: for errors at points left out."""
         self.check_parameters()
-        vars(self).pop("_table", None)  # of an earlier fit
+        self.uncertainty_, self.tables = None, {}
         X_checked, y_checked = self._validated(by_names(X), y)
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
@@ -247,11 +248,8 @@ class CompensationModel(Estimator, ABC):
         InputError
             NaN, another number of columns, a reading outside the calibrated range.
         """
-        blocks = self._in_blocks(X, lambda rows: self._predict(rows, return_std))
-        torque = np.concatenate([each[0] for each in blocks])
-        if not return_std:
-            return torque
-        return torque, np.concatenate([std for _, std in blocks if std is not None])
+        torque = np.concatenate(self._in_blocks(X, self._predict))
+        return (torque, self.curve_uncertainty(X)) if return_std else torque
 
     def curve_uncertainty(self, X: ArrayLike) -> FloatArray:
         """Return the standard uncertainty of the model's curve alone, as `predict` returns it.
@@ -284,10 +282,16 @@ class CompensationModel(Estimator, ABC):
             ]
 
     def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
-        """Return the standard uncertainty of `_predict` alone; overridden where that is quicker."""
-        std = self._predict(X, True)[1]
-        assert std is not None
-        return std
+        """Return the standard uncertainty of `_predict`."""
+        if self.uncertainty_ is None:
+            return student_widening(self.degrees_of_freedom_) * self._coefficient_std(X)
+        u, branch = X[:, 0] / self._unit_nm, feature_column(X, "branch")
+        return np.asarray(self._unit_nm * self.uncertainty_.at(u, branch))
+
+    @property
+    def _unit_nm(self) -> float:
+        """Unit of `uncertainty_` in N·m."""
+        return self.full_scale_nm_
 
     def additional_torque(self, X: ArrayLike) -> FloatArray:
         """Return the additional torque, compensated torque - reading, in N·m.
@@ -344,18 +348,40 @@ class CompensationModel(Estimator, ABC):
         return np.asarray(np.hypot(std, self.scatter_at(np.asarray(by_names(X), float)[:, 0])))
 
     def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
-        """Return the standard deviation of single readings at torques in N·m, shape (n,)."""
-        return np.full(torque_nm.shape, self.noise_nm_)
+        """Return the standard deviation of single readings at torques in N·m, shape (n,).
+
+        About a curve that can't follow the chain, points scatter by more than a reading does. The
+        form's error is in the curve's uncertainty, so this is the noise about the truth.
+        """
+        if self.uncertainty_ is None:
+            return np.full(torque_nm.shape, self.noise_nm_)
+        return np.asarray(self._unit_nm * self.uncertainty_.scatter_at(torque_nm / self._unit_nm))
 
     @property
     def scatter_nm(self) -> float:
-        """Standard deviation of a single calibration point in N·m, root mean square of all."""
-        return float(self.noise_nm_)
+        """Standard deviation of a single reading in N·m, root mean square over the range."""
+        if self.uncertainty_ is None:
+            return float(self.noise_nm_)
+        return float(self._unit_nm * np.sqrt(np.mean(np.square(self.uncertainty_.scatter))))
 
     @property
     def scatter_freedom(self) -> float:
         """Degrees of freedom of `scatter_at`."""
-        return float(self.degrees_of_freedom_)
+        if self.uncertainty_ is None:
+            return float(self.degrees_of_freedom_)
+        if np.isnan(self.uncertainty_.freedom):  # of version 0.2.0, which took at least 4
+            return max(self.degrees_of_freedom_, 4.0)
+        return self.uncertainty_.freedom
+
+    @property
+    def doubtful(self) -> bool:
+        """Whether the model may be worse than the raw reading, so that a fit checks that."""
+        return False
+
+    @property
+    def name(self) -> str:
+        """The kind and what distinguishes its variants, as `make_model` takes it."""
+        return self.kind
 
     def shortcoming(self, left_out_rms_nm: float) -> str:  # noqa: ARG002 # for kinds that know it
         """Explain errors at held-out points; empty if the kind of model can't."""
@@ -364,15 +390,11 @@ class CompensationModel(Estimator, ABC):
     @property
     def kind_parameters(self) -> dict[str, Any]:
         """Parameters of this kind of model, by name."""
-        parameters: dict[str, Any] = self.get_params(deep=False)
-        return parameters
+        return self.get_params()
 
     def with_range(self, range_nm: float) -> Self:
         """Return an unfitted copy for a range in N·m, unless this one states its own."""
-        model = clone(self)
-        if model.range_nm is None:
-            model.range_nm = range_nm
-        return model
+        return replace(self, range_nm=range_nm if self.range_nm is None else self.range_nm)
 
     # ---- state for the model file ---------------------------------------------------------
 
@@ -390,9 +412,7 @@ class CompensationModel(Estimator, ABC):
             for name, value in sorted(vars(self).items())
             if name.endswith("_") and not name.startswith("_") and name != "feature_names_in_"
         }
-        parameters = {
-            name: encode_value(value) for name, value in self.get_params(deep=False).items()
-        }
+        parameters = {name: encode_value(value) for name, value in self.get_params().items()}
         return {"kind": self.kind, "parameters": parameters, "fitted": fitted}
 
     @classmethod
@@ -407,8 +427,7 @@ class CompensationModel(Estimator, ABC):
         model = cls(**{name: decode_value(value) for name, value in state["parameters"].items()})
         for name, value in state["fitted"].items():
             setattr(model, name, decode_value(value))
-        with single_blas_thread():
-            model._after_restore()
+        model.tables = {}
         return model
 
     # ---- checks ---------------------------------------------------------------------------

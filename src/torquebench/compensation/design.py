@@ -1,7 +1,7 @@
 """Optimal design: calibration points that lower the predicted uncertainty most.
 
-A Gaussian process fitted to a first, coarse series predicts how strongly a new point would inform
-each place of the range; the model in use states its present uncertainty there. Points are chosen
+The hybrid's posterior by a first, coarse series predicts how strongly a new point would inform each
+place of the range; the model in use states its present uncertainty there. Points are chosen
 one by one, each the one that lowers the criterion most when all chosen ones are treated as
 measured. This depends on their places only, not on their readings (greedy sequential design; A.
 Krause, A. Singh, C. Guestrin, J. Machine Learning Research 9 (2008) 235-284).
@@ -14,11 +14,11 @@ from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_factor, cho_solve
 
 from torquebench.compensation.base import CompensationModel, FloatArray, features
-from torquebench.compensation.gaussian_process import GaussianProcessModel
-from torquebench.compensation.kernels import KernelPoints, covariance
+from torquebench.compensation.curve_uncertainty import CurveUncertainty
+from torquebench.compensation.hybrid.model import Average, HybridModel
+from torquebench.compensation.hybrid.parts import Points
 from torquebench.errors import InputError
 from torquebench.message import Message
 
@@ -53,6 +53,25 @@ class Proposal:
     branch: np.ndarray[tuple[int], np.dtype[np.int8]]
     before_nm: float
     after_nm: float
+
+
+class _Process(HybridModel):
+    """The hybrid with the covariance of its curve."""
+
+    def _tabulated(self, average: Average) -> CurveUncertainty:
+        self._average = average
+        return super()._tabulated(average)
+
+    def covariance(self, reading_nm: FloatArray, branch: FloatArray) -> FloatArray:
+        """Return the covariance of the curve among readings, in (N·m)²."""
+        shares, points = self._average.shares, Points(reading_nm / self.scale_nm_, branch)
+        curves = [member.curve(points) for member in self._average.members]
+        means = np.array([mean for mean, _ in curves])
+        apart = means - shares @ means
+        total = (apart.T * shares) @ apart
+        for share, (_, factors) in zip(shares, curves, strict=True):
+            total += share * factors @ factors.T
+        return np.asarray((self.scale_nm_ * self._average.unit) ** 2 * total)
 
 
 def propose_points(
@@ -92,7 +111,7 @@ def propose_points(
     >>> from torquebench.compensation import features, make_model
     >>> reading = np.linspace(-100.0, 100.0, 16)
     >>> X, y = features(reading, 1.0), reading + 1e-5 * reading**2 + 0.01 * np.sin(reading)
-    >>> proposal = propose_points(make_model("spline").fit(X, y), X, y, count=6)
+    >>> proposal = propose_points(make_model("polynomial-3").fit(X, y), X, y, count=6)
     >>> proposal.nominal_nm.size, bool(proposal.after_nm < proposal.before_nm)
     (6, True)
     """
@@ -104,17 +123,16 @@ def propose_points(
         )
     rows = np.atleast_2d(np.asarray(X, dtype=np.float64))
     full_scale = float(model.full_scale_nm_)
-    process = GaussianProcessModel(range_nm=full_scale, outliers="keep").fit(rows, y)
     low = max(model.reading_low_nm_, -full_scale)
     high = min(model.reading_high_nm_, full_scale)
     places = np.tile(np.linspace(low, high, _PLACES), 2)
     branch = np.repeat([1.0, -1.0], _PLACES)
-    posterior, noise = _posterior(process, places, branch)
-    # the process gives the reach of a point's information, the model the present uncertainty
+    process = _Process(range_nm=full_scale, outliers="keep").fit(rows, y)
+    posterior, noise_variance = process.covariance(places, branch), process.scatter_nm**2
+    # the posterior gives the reach of a point's information, the model the present uncertainty
     deviation = _model_deviation(model, rows.shape[1], places, branch)
-    scale = deviation / np.sqrt(np.diag(posterior))
+    scale = deviation / np.sqrt(np.maximum(np.diag(posterior), 1e-18 * full_scale**2))
     posterior *= np.outer(scale, scale)
-    noise_variance = noise**2
     chosen: list[int] = []
     for _ in range(count):
         variance = np.diag(posterior)
@@ -132,25 +150,6 @@ def propose_points(
         _uncertainty(np.square(deviation), criterion),
         _uncertainty(np.diag(posterior), criterion),
     )
-
-
-def _posterior(
-    process: GaussianProcessModel, places: FloatArray, branch: FloatArray
-) -> tuple[FloatArray, float]:
-    """Covariance among places in (N·m)² given the calibration, and the noise in N·m."""
-    full_scale = process.full_scale_nm_
-    train = KernelPoints(process.train_u_, process.train_branch_)
-    grid = KernelPoints(places / full_scale, branch)
-    total = np.zeros((places.size, places.size))
-    for share, theta in zip(process.shares_, process.thetas_, strict=True):
-        matrix = covariance(train, train, theta)
-        matrix[np.diag_indices_from(matrix)] += np.exp(2 * theta[-1]) / process.train_weights_
-        cross = covariance(grid, train, theta)
-        explained = cross @ cho_solve(cho_factor(matrix), cross.T)
-        total += share * (covariance(grid, grid, theta) - explained)
-    unit = full_scale * process.target_scale_
-    total[np.diag_indices_from(total)] += 1e-12 * np.trace(total)
-    return np.asarray(unit**2 * total), float(process.noise_nm_)
 
 
 def _model_deviation(

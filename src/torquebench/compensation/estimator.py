@@ -6,13 +6,9 @@ import takes longer than all three. The methods that scikit-learn itself calls i
 
 from __future__ import annotations
 
-import copy
-import functools
-import inspect
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
 from numbers import Integral, Real
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Self, TypeGuard, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeGuard, dataclass_transform
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,10 +17,11 @@ from torquebench.compensation.columns import FloatArray
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "clone", "parameter"]
+if TYPE_CHECKING:
+    from torquebench.compensation.checks import Outlier
+    from torquebench.compensation.curve_uncertainty import CurveUncertainty
 
-
-Kind = TypeVar("Kind", bound="Estimator")
+__all__ = ["Between", "Estimator", "Limit", "OneOf", "Truth", "parameter"]
 
 
 @dataclass(frozen=True)
@@ -91,105 +88,72 @@ Limit = Between | OneOf | Truth | None
 """Type of a parameter's value; None allows None."""
 
 
-class Parameter(NamedTuple):
-    """An argument of a constructor: its default, and the values that it may have."""
-
-    default: object
-    allowed: tuple[Limit, ...]
-
-
-def parameter(default: object, *allowed: Limit) -> Any:
+def parameter(*allowed: Limit, default: object) -> Any:
     """Declare an argument of an estimator's constructor.
 
     Examples
     --------
     >>> class Model(Estimator):
-    ...     degree: int = parameter(2, Between(Integral, 1, 30))
+    ...     degree: int = parameter(Between(Integral, 1, 30), default=2)
     >>> Model(degree=3).get_params(), Model()
     ({'degree': 3}, Model())
     """
-    return Parameter(default, allowed)
+    return field(default=default, metadata={"allowed": allowed})
 
 
+@dataclass_transform(kw_only_default=True, eq_default=False, field_specifiers=(parameter,))
 class Estimator:
-    """Parameters, limits of parameters and checks of data as scikit-learn's base class has them.
+    """A dataclass of parameters with the methods that scikit-learn calls of an estimator.
 
-    A class declares its parameters by `parameter`. Its constructor stores each of them under its
-    own name and does nothing else.
+    A subclass declares its parameters by `parameter`; they are arguments by name alone.
     """
 
-    if TYPE_CHECKING:
-
-        def __init__(self, **parameters: Any) -> None: ...
-
     n_features_in_: int
-    declared: ClassVar[dict[str, Parameter]] = {}
-    """The class's own parameters, then those of its base."""
+    outliers_: list[Outlier]
+    full_scale_nm_: float
+    reading_low_nm_: float
+    reading_high_nm_: float
+    noise_nm_: float
+    effective_parameters_: float
+    degrees_of_freedom_: float
+    points_: int
+    uncertainty_: CurveUncertainty | None
+    tables: dict[bool, Any]
+    """Tables of the fitted model, with and without branches, kept by who compiles them."""
+    maximum_points: int | None = 2000
+    """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        own = {name: each for name, each in vars(cls).items() if isinstance(each, Parameter)}
-        for name, each in own.items():
-            setattr(cls, name, each.default)
-        if own:
-            cls.declared = own | {n: each for n, each in cls.declared.items() if n not in own}
-            # It comes from the declared parameters, which typing doesn't know.
-            cls.__init__ = _constructor(cls.declared)  # type: ignore[method-assign]
+        dataclass(kw_only=True, eq=False, repr=False)(cls)
 
     @classmethod
-    @functools.cache
     def parameter_names(cls) -> tuple[str, ...]:
         """Return the names of the constructor's arguments in alphabetical order."""
-        names = inspect.signature(cls.__init__).parameters
-        return tuple(sorted(name for name in names if name != "self"))
+        return tuple(sorted(item.name for item in fields(cls)))  # type: ignore[arg-type] # by subclasses
 
-    def get_params(self, deep: bool = True) -> dict[str, Any]:
-        """Return the constructor's arguments by name.
-
-        Parameters
-        ----------
-        deep : bool, default True
-            Those of models among them as well, as `name__parameter`.
-        """
-        found: dict[str, Any] = {}
-        for name in self.parameter_names():
-            value = found[name] = getattr(self, name)
-            if deep and isinstance(value, Estimator):
-                inner = value.get_params()
-                found |= {f"{name}__{key}": each for key, each in inner.items()}
-        return found
+    def get_params(self, deep: bool = True) -> dict[str, Any]:  # noqa: ARG002 # there are no nested ones
+        """Return the constructor's arguments by name."""
+        return {name: getattr(self, name) for name in self.parameter_names()}
 
     def set_params(self, **parameters: Any) -> Self:
-        """Set arguments of the constructor by name, those of models among them likewise.
-
-        Raises
-        ------
-        ValueError
-            There is no such parameter.
-        """
-        for key, value in parameters.items():
-            name, nested, rest = key.partition("__")
+        """Set arguments of the constructor by name; `ValueError` if there is no such one."""
+        for name, value in parameters.items():
             if name not in self.parameter_names():
                 raise ValueError(
                     f"Invalid parameter {name!r} for estimator {self}. "
                     f"Valid parameters are: {list(self.parameter_names())!r}."
                 )
-            if nested:
-                getattr(self, name).set_params(**{rest: value})
-            else:
-                setattr(self, name, value)
+            setattr(self, name, value)
         return self
 
     def __repr__(self) -> str:
-        signature = inspect.signature(type(self).__init__).parameters
-        given = [
+        changed = (
             f"{name}={value!r}"
-            for name in signature
-            if name != "self"
-            and (value := getattr(self, name)) is not signature[name].default
-            and value != signature[name].default
-        ]
-        return f"{type(self).__name__}({', '.join(given)})"
+            for name, value in self.get_params().items()
+            if value is not getattr(type(self), name) and value != getattr(type(self), name)
+        )
+        return f"{type(self).__name__}({', '.join(changed)})"
 
     def __sklearn_tags__(self) -> Any:
         from sklearn.utils import RegressorTags, Tags, TargetTags
@@ -207,26 +171,18 @@ class Estimator:
 
         return MetadataRequest(owner=self)
 
-    def score(self, X: ArrayLike, y: ArrayLike, sample_weight: ArrayLike | None = None) -> float:
-        """Return the coefficient of determination R² of the prediction."""
-        from sklearn.base import RegressorMixin
-
-        found: float = RegressorMixin.score(self, X, y, sample_weight)
-        return found
-
     # ---- checks ---------------------------------------------------------------------------
 
     def check_parameters(self) -> None:
         """Refuse parameters outside their limits."""
-        for name in self.parameter_names():
-            value = getattr(self, name)
-            allowed = self.declared[name].allowed if name in self.declared else ()
+        for item in fields(self):  # type: ignore[arg-type] # by subclasses
+            allowed, value = item.metadata.get("allowed", ()), getattr(self, item.name)
             if not allowed or any(
                 value is None if limit is None else limit.allows(value) for limit in allowed
             ):
                 continue
             raise InputError(
-                Message("{parameter} = {value!r} of {kind}", name, value, type(self).__name__),
+                Message("{parameter} = {value!r} of {kind}", item.name, value, type(self).__name__),
                 " or ".join("None" if limit is None else str(limit) for limit in allowed),
                 "give a value within the limits",
             )
@@ -242,7 +198,7 @@ class Estimator:
         """Return checked columns and values; raises `ValueError` as scikit-learn does."""
         if _plain(X, 2) and _plain(y, 1) and X.shape[0] == y.shape[0]:
             self.n_features_in_ = X.shape[1]
-            vars(self).pop("feature_names_in_", None)
+            self.__dict__.pop("feature_names_in_", None)  # of an earlier fit to a frame
             return X, y
         from sklearn.utils.validation import validate_data
 
@@ -259,28 +215,6 @@ class Estimator:
         return np.asarray(validate_data(self, X, dtype=np.float64, reset=False))
 
 
-def _constructor(declared: Mapping[str, Parameter]) -> Callable[..., None]:
-    """Return a constructor with these arguments, as scikit-learn reads them from its signature."""
-    kind = inspect.Parameter.POSITIONAL_OR_KEYWORD
-    signature = inspect.Signature(
-        [
-            inspect.Parameter("self", kind),
-            *(inspect.Parameter(n, kind, default=each.default) for n, each in declared.items()),
-        ]
-    )
-
-    def construct(*arguments: Any, **named: Any) -> None:
-        given = signature.bind(*arguments, **named)
-        given.apply_defaults()
-        model = given.arguments.pop("self")
-        vars(model).update(given.arguments)
-
-    # `inspect` reads the arguments from this attribute, which typing doesn't know.
-    construct.__signature__ = signature  # type: ignore[attr-defined]
-    construct.__name__ = "__init__"
-    return construct
-
-
 def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:
     """Return whether values are a non-empty array of finite float64."""
     return (
@@ -290,12 +224,3 @@ def _plain(values: ArrayLike, dimensions: int) -> TypeGuard[FloatArray]:
         and values.size > 0
         and bool(np.isfinite(values).all())
     )
-
-
-def clone(model: Kind) -> Kind:
-    """Return an unfitted copy with copies of the same parameters."""
-    parameters = {
-        name: clone(value) if isinstance(value, Estimator) else copy.deepcopy(value)
-        for name, value in model.get_params(deep=False).items()
-    }
-    return type(model)(**parameters)

@@ -4,31 +4,25 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from torquebench.compensation.base import CompensationModel
-from torquebench.compensation.discrepancy import DiscrepancyUncertainty
-from torquebench.compensation.hybrid import HybridModel
-from torquebench.compensation.kinds import MODELS, parsed_kind
-from torquebench.compensation.state import decode_value
+from torquebench.compensation.kinds import MODELS, NETWORKS, parsed_kind
+from torquebench.compensation.state import encode_value
 from torquebench.errors import InputError, ModelMismatchError
 from torquebench.message import Message
 
-__all__ = ["POSTERIOR_POINTS", "make_model", "model_from_state"]
-
-POSTERIOR_POINTS = 200
-"""Largest number of points to which the posterior of the truth is fitted; more are averaged."""
+__all__ = ["make_model", "model_from_state"]
 
 
 def make_model(name: str, **parameters: Any) -> CompensationModel:
-    """Make an unfitted model by its name, with a calibrated uncertainty.
-
-    The hybrid states its own uncertainty. The covariance of every other kind doesn't contain the
-    error of its form, so it is wrapped in a `DiscrepancyUncertainty` with the hybrid as the
-    posterior.
+    """Make an unfitted model by its name.
 
     Parameters
     ----------
     name : str
-        One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3.
+        One of `MODELS`; "polynomial-3" is short for a polynomial of degree 3, "bayesian-network"
+        and "published-network" for the network by its training.
     **parameters
         The model's own parameters.
 
@@ -43,11 +37,14 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
 
     Examples
     --------
-    >>> make_model("polynomial", degree=3).kind_parameters["degree"]
-    3
+    >>> make_model("polynomial", degree=3)
+    PolynomialModel(degree=3)
     """
     kind, part_of_name = parsed_kind(name)
-    known = MODELS[kind].parameter_names()
+    model = MODELS[kind](**part_of_name)
+    if "training" in parameters and "training" in model.kind_parameters:
+        model.set_params(training=parameters["training"])
+    known = model.kind_parameters
     for parameter in parameters:
         if parameter not in known:
             raise InputError(
@@ -55,10 +52,7 @@ def make_model(name: str, **parameters: Any) -> CompensationModel:
                 ", ".join(known),
                 "name one of these",
             )
-    estimator = MODELS[kind](**{**part_of_name, **parameters})
-    if isinstance(estimator, HybridModel):
-        return estimator
-    return DiscrepancyUncertainty(estimator, HybridModel(maximum_points=POSTERIOR_POINTS))
+    return model.set_params(**parameters)
 
 
 def model_from_state(state: dict[str, Any]) -> CompensationModel:
@@ -67,7 +61,7 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     Parameters
     ----------
     state : dict
-        As from `get_state`.
+        As from `get_state`, of this version or of 0.2.0.
 
     Returns
     -------
@@ -79,31 +73,64 @@ def model_from_state(state: dict[str, Any]) -> CompensationModel:
     InputError
         When the kind isn't known or the state isn't complete.
     ModelMismatchError
-        A hybrid model whose inference this version no longer has.
+        A model of 0.2.0 whose kind or inference this version no longer has.
     """
-    kind = state.get("kind")
-    if kind not in MODELS:
+    kind = str(state.get("kind"))
+    if kind not in {*MODELS, *NETWORKS, *_GONE}:
         raise InputError(
             Message("model kind {kind!r}", kind),
             ", ".join(sorted(MODELS)),
             "use the version of torquebench that the model was made with",
         )
     try:
-        if kind == HybridModel.kind and "dictionary_" in state["fitted"]:
-            raise ModelMismatchError(
-                "a hybrid model of version 0.2.0 or before",
-                "models of this version, and tables exported by any",
-                "fit the same calibration again, or calibrate again",
-            )
-        model = MODELS[str(kind)].restored(state)
-        if "discrepancy" not in state:
-            return model
-        posterior = HybridModel(maximum_points=POSTERIOR_POINTS)
-        uncertainty = decode_value(state["discrepancy"])
-        return DiscrepancyUncertainty.around(model, posterior, uncertainty)
+        if "uncertainty_" not in state["fitted"] or "dictionary_" in state["fitted"]:
+            state = _of_0_2_0(state)
+        return MODELS[state["kind"]].restored(state)
     except (KeyError, TypeError, AttributeError) as problem:
         raise InputError(
             Message("state of a {kind} model that can't be rebuilt ({problem})", kind, problem),
             "a complete state as written by this version",
             "fit the model again",
         ) from problem
+
+
+_GONE = frozenset({"gaussian-process", "physics", "spline"})
+_COVARIANCES = (
+    "hessian_",
+    "noise_variance_",
+    "precision_",
+    "training_inputs_",
+    "training_weights_",
+)
+
+
+def _of_0_2_0(state: dict[str, Any]) -> dict[str, Any]:
+    """Return the state of a model that 0.2.0 wrote as this version has it."""
+    kind, fitted = state["kind"], dict(state["fitted"])
+    fitted["uncertainty_"] = state.get("discrepancy")
+    if (
+        kind in _GONE
+        or kind == "hybrid"
+        or (kind != "polynomial" and fitted["uncertainty_"] is None)
+    ):
+        raise ModelMismatchError(
+            Message("a model of kind {kind} of version 0.2.0 or before", kind),
+            "models of this version, and tables exported by any",
+            "fit the same calibration again, or calibrate again",
+        )
+    for name in _COVARIANCES:
+        fitted.pop(name, None)
+    parameters = state["parameters"]
+    if kind in NETWORKS:
+        parameters = {**parameters, "training": NETWORKS[kind]}
+        fitted.pop("log_evidence_", None)
+        if members := fitted.pop("members_", None):
+            fitted["networks_"] = [member["content"]["parameters"] for member in members]
+        else:
+            fitted["networks_"], fitted["shares_"] = [fitted.pop("parameters_")], _ONE
+        fitted.setdefault("training_curve_", encode_value(np.zeros((0, 2))))
+        kind = "network"
+    return {"kind": kind, "parameters": parameters, "fitted": fitted}
+
+
+_ONE = encode_value(np.ones(1))

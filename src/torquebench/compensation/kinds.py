@@ -12,13 +12,13 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.compensation.base import CompensationModel
 
-__all__ = ["MODELS", "check_kind", "parsed_kind", "register"]
+__all__ = ["MODELS", "MODEL_NAMES", "NETWORKS", "check_kind", "parsed_kind", "register"]
 
 
 class _Kinds(Mapping[str, "type[CompensationModel]"]):
     """Kinds by name; a class is imported at its first use.
 
-    Each kind's module has its name, such as "bayesian-network" in `bayesian_network`.
+    Each kind's module has its name, such as "radial-basis" in `radial_basis`.
     """
 
     def __init__(self, *kinds: str) -> None:
@@ -44,17 +44,14 @@ class _Kinds(Mapping[str, "type[CompensationModel]"]):
         self._classes[kind] = model
 
 
-MODELS = _Kinds(
-    "bayesian-network",
-    "gaussian-process",
-    "hybrid",
-    "physics",
-    "polynomial",
-    "published-network",
-    "radial-basis",
-    "spline",
-)
-"""All kinds of models by their name on the command line and in model files."""
+MODELS = _Kinds("hybrid", "network", "polynomial", "radial-basis")
+"""All kinds of models by their name in model files."""
+
+NETWORKS = {"bayesian-network": "levenberg-marquardt", "published-network": "gradient-descent"}
+"""Names of the network by its training."""
+
+MODEL_NAMES = (*MODELS, *NETWORKS, *(f"polynomial-{degree}" for degree in range(1, 31)))
+"""All names that `make_model` takes."""
 
 _Model = TypeVar("_Model", bound="type[CompensationModel]")
 
@@ -65,7 +62,7 @@ def register(kind: str) -> Callable[[_Model], _Model]:
     Parameters
     ----------
     kind : str
-        Lower-case name with hyphens, such as "bayesian-network".
+        Lower-case name with hyphens, such as "radial-basis".
 
     Returns
     -------
@@ -104,8 +101,12 @@ def parsed_kind(name: str) -> tuple[str, dict[str, Any]]:
     stem, _, suffix = name.rpartition("-")
     if stem == "polynomial" and suffix.isdigit():
         return "polynomial", {"degree": int(suffix)}
+    if name in NETWORKS:
+        return "network", {"training": NETWORKS[name]}
     if name not in MODELS:
         raise InputError(
-            Message("model {name!r}", name), ", ".join(sorted(MODELS)), "name one of these"
+            Message("model {name!r}", name),
+            ", ".join(sorted({*MODELS, *NETWORKS})),
+            "name one of these",
         )
     return name, {}

@@ -1,290 +1,282 @@
-"""The sources' network 1-50-1 (tanh, linear): starts, values, Jacobian, uncertainty of its curve.
-
-Two trainings share it: plain gradient descent as published (`published_network`) and
-Levenberg-Marquardt with Bayesian regularisation (`bayesian_network`).
-"""
+"""The source papers' network 1-50-1, by its published training or by a Bayesian one."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from numbers import Integral, Real
+from typing import Any, ClassVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from torquebench.compensation.base import FloatArray
-from torquebench.compensation.state import storable
+from torquebench.compensation.discrepancy import FormModel
+from torquebench.compensation.estimator import Between, OneOf, parameter
+from torquebench.compensation.kinds import NETWORKS, register
+from torquebench.compensation.network_training import (
+    NetworkParameters,
+    SpanScaling,
+    descend,
+    determined_parameters,
+    network_values,
+    nguyen_widrow_start,
+    small_uniform_start,
+    train_member,
+)
+from torquebench.errors import InputError
+from torquebench.message import Message
+from torquebench.progress import SHARES, Progress
 
-__all__ = [
-    "GROUPS",
-    "NetworkParameters",
-    "SpanScaling",
-    "hidden_values",
-    "jacobian",
-    "network_values",
-    "nguyen_widrow_start",
-    "posterior_factor",
-    "posterior_variance",
-    "rounding",
-    "small_uniform_start",
-    "tangent_kernels",
-]
+__all__ = ["NetworkModel"]
 
-GROUPS = ("input weights", "hidden biases", "output weights and bias")
-"""Groups of parameters with a common prior precision."""
+_NEGLIGIBLE_EVIDENCE = -20.0  # nats below the best start
+_START_SIZES = (1.0, 0.25)  # in units of Nguyen and Widrow's: from fine to smooth
+_MATLAB_ACTIVE_HALF_SPAN = 2.0
+_CURVE_EPOCHS = (1, 2, 5, 10, 20, 50, 100, 200, 500)
+_EPOCHS_PER_POINT = 500
+"""Interval in epochs, after the first ones, at which the training error is compared with its
+target.
+"""
+_OF_BAYESIAN = frozenset({"ensemble", "iterations", "tolerance"})
+_OF_DESCENT = frozenset({"learning_rate", "epochs", "target_error_nm"})
+_DESCENT = "gradient-descent"
 
 
-@storable
-@dataclass(frozen=True)
-class SpanScaling:
-    """Linear map of a span onto -1 to 1, as MATLAB's mapminmax.
+@register("network")
+class NetworkModel(FormModel):
+    """The source papers' back-propagation network 1-50-1 (tanh, linear).
+
+    As published it is trained by batch gradient descent on the mean square error, for comparison.
+    The articles give neither learning rate nor epochs nor start, and the result depends on the
+    start: from the usual Nguyen-Widrow weights it doesn't become smooth between the points, from
+    small weights it does, slowly. The default training is Levenberg-Marquardt with Bayesian
+    regularisation from a few starts of different smoothness, averaged by their evidence: the
+    effective number of parameters is inferred, and more neurons than points do no harm.
+
+    Parameters
+    ----------
+    training : {"levenberg-marquardt", "gradient-descent"}, default "levenberg-marquardt"
+    mapping : {"residual", "direct"}, default "residual"
+        Output is the additional torque (2021 article) or the standard torque (2022 article).
+    start : {"nguyen-widrow", "small-uniform"}, default "nguyen-widrow"
+        Start weights as MATLAB's initnw draws them, or evenly within ±0.5. Levenberg-Marquardt
+        takes Nguyen and Widrow's size of the input weights down to a quarter of it.
+    hidden : int, default 50
+        Hidden neurons.
+    random_state : int, default 0
+        Seed of the starts.
+    ensemble : int, default 3
+        Number of starts whose curves are averaged; Levenberg-Marquardt.
+    iterations : int, default 20
+        Largest number of steps of each start; Levenberg-Marquardt. Hundreds more raise the evidence
+        a little further, but not the accuracy.
+    tolerance : float, default 1e-3
+        Relative change of objective, precisions and noise below which training ends;
+        Levenberg-Marquardt.
+    learning_rate : float, default 0.01
+        MATLAB's default for traingd; gradient descent.
+    epochs : int, default 50000
+        Steps of gradient descent, at most.
+    target_error_nm : float, optional
+        Gradient descent ends when the root mean square of the residuals falls below it, N·m.
+    range_nm, range_margin, outliers
+        See `CompensationModel`.
 
     Attributes
     ----------
-    low, high : float
-        Ends of the span.
+    networks_ : list of NetworkParameters
+        The trained networks, in scaled input and output.
+    shares_ : float64 array
+        Share of each, in proportion to its evidence.
+    training_rms_nm_ : float
+        Root mean square of the residuals, in N·m.
+    training_curve_ : float64[n, 2]
+        Epoch, and root mean square of the residuals after it in N·m, to the end of gradient
+        descent; empty for the other training.
+
+    Notes
+    -----
+    Sources: Z. Yu, Y. Zhang, Journal of Sensors, 2021; Z. Yu, Y. Zhang, W. Yu, X. Liu, Measurement
+    and Control, 2022, doi 10.1177/00202940221103308.
 
     Examples
     --------
-    >>> SpanScaling(0.0, 10.0).to_unit(np.array([0.0, 5.0, 10.0]))
-    array([-1.,  0.,  1.])
+    >>> import numpy as np
+    >>> reading = np.linspace(-2000.0, 2000.0, 41)
+    >>> standard = reading + 2.0 + 1e-3 * reading + 1e-6 * reading**2
+    >>> NetworkModel().fit(reading[:, None], standard).predict([[1000.0]]).round(1)
+    array([1004.])
+    >>> published = NetworkModel(training="gradient-descent", start="small-uniform", epochs=5000)
+    >>> published.fit(reading[:, None], standard).training_rms_nm_ < 0.2
+    True
     """
 
-    low: float
-    high: float
+    training: str = parameter(
+        OneOf(frozenset({"levenberg-marquardt", _DESCENT})), default="levenberg-marquardt"
+    )
+    mapping: str = parameter(OneOf(frozenset({"residual", "direct"})), default="residual")
+    start: str = parameter(
+        OneOf(frozenset({"nguyen-widrow", "small-uniform"})), default="nguyen-widrow"
+    )
+    hidden: int = parameter(Between(Integral, 1, 1000), default=50)
+    random_state: int = parameter(Between(Integral, 0), default=0)
+    ensemble: int = parameter(Between(Integral, 1, 100), default=3)
+    iterations: int = parameter(Between(Integral, 1), default=20)
+    tolerance: float = parameter(Between(Real, 0, 1, open_high=True), default=1e-3)
+    learning_rate: float = parameter(Between(Real, 0, open_low=True), default=0.01)
+    epochs: int = parameter(Between(Integral, 1), default=50_000)
+    target_error_nm: float | None = parameter(None, Between(Real, 0, open_low=True), default=None)
 
-    @classmethod
-    def of(cls, values: FloatArray) -> SpanScaling:
-        """Return the scaling of the span of values; a single value gets the span 1."""
-        low, high = float(np.min(values)), float(np.max(values))
-        return cls(low, high) if high > low else cls(low - 0.5, high + 0.5)
+    complexity: ClassVar[int] = 30
+    maximum_points = 600
 
     @property
-    def half_span(self) -> float:
-        """Half of the span, in the unit of the values."""
-        return 0.5 * (self.high - self.low)
-
-    def to_unit(self, values: FloatArray) -> FloatArray:
-        """Map values onto -1 to 1."""
-        return (values - 0.5 * (self.low + self.high)) / self.half_span
-
-    def from_unit(self, scaled: FloatArray) -> FloatArray:
-        """Map values back."""
-        return scaled * self.half_span + 0.5 * (self.low + self.high)
-
-
-@storable
-@dataclass(frozen=True)
-class NetworkParameters:
-    """Weights and biases of a network with one input, one hidden layer and one output.
-
-    Attributes
-    ----------
-    input_weights, hidden_biases, output_weights : float64 array of shape (hidden,)
-    output_bias : float
-    """
-
-    input_weights: FloatArray
-    hidden_biases: FloatArray
-    output_weights: FloatArray
-    output_bias: float
+    def doubtful(self) -> bool:
+        """Whether the model may be worse than the raw reading."""
+        return self.training == _DESCENT
 
     @property
-    def flat(self) -> FloatArray:
-        """All 3·hidden + 1 parameters in the order of the attributes."""
-        return np.concatenate(
-            [self.input_weights, self.hidden_biases, self.output_weights, [self.output_bias]]
+    def name(self) -> str:
+        """The name of its training, as `make_model` takes it."""
+        return next(name for name, training in NETWORKS.items() if training == self.training)
+
+    @property
+    def kind_parameters(self) -> dict[str, Any]:
+        """Parameters of this training, by name."""
+        others = _OF_BAYESIAN if self.training == _DESCENT else _OF_DESCENT
+        return {name: value for name, value in self.get_params().items() if name not in others}
+
+    def _minimum_points(self) -> int:
+        return 5
+
+    def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, progress: Progress) -> None:
+        reading = X[:, 0]
+        target = y - reading if self.mapping == "residual" else y
+        self.input_scaling_ = SpanScaling.of(reading)
+        self.output_scaling_ = SpanScaling.of(target)
+        x, scaled = self.input_scaling_.to_unit(reading), self.output_scaling_.to_unit(target)
+        self.training_curve_ = np.zeros((0, 2))
+        train = self._fit_descent if self.training == _DESCENT else self._fit_bayesian
+        determined, noise_variance = train(x, scaled, weights, progress)
+        self.effective_parameters_ = determined
+        self.noise_nm_ = float(np.sqrt(noise_variance) * self.output_scaling_.half_span)
+        self.training_rms_nm_ = self._rms_nm(scaled - self._curve(x), weights)
+
+    def _fit_bayesian(
+        self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
+    ) -> tuple[float, float]:
+        """Return the number of parameters that the points determine, and the noise variance."""
+        members = []
+        for done, start in enumerate(self._starts(), 1):
+            members.append(train_member(x, target, weights, start, self.iterations, self.tolerance))
+            progress.reach(
+                SHARES * done // self.ensemble,
+                Message("start {done} of {ensemble}", done, self.ensemble),
+            )
+        best = max(member.log_evidence for member in members)
+        members = [m for m in members if m.log_evidence - best >= _NEGLIGIBLE_EVIDENCE]
+        odds = np.exp([member.log_evidence - best for member in members])
+        self.shares_ = odds / np.sum(odds)
+        self.networks_ = [member.parameters for member in members]
+        gamma = np.array([member.effective_parameters for member in members])
+        noise_variance = np.array([member.noise_variance for member in members])
+        return float(self.shares_ @ gamma), float(self.shares_ @ noise_variance)
+
+    def _starts(self) -> list[NetworkParameters]:
+        generator = np.random.default_rng(self.random_state)
+        count = 1 if self.training == _DESCENT else self.ensemble
+        if self.start == "small-uniform":
+            return [small_uniform_start(generator, self.hidden) for _ in range(count)]
+        if self.training == _DESCENT:
+            return [nguyen_widrow_start(generator, self.hidden, _MATLAB_ACTIVE_HALF_SPAN)]
+        sizes = np.geomspace(*_START_SIZES, count)
+        if count == 1:
+            sizes = np.sqrt(np.prod(_START_SIZES, keepdims=True))
+        return [nguyen_widrow_start(generator, self.hidden, float(size)) for size in sizes]
+
+    def _fit_descent(
+        self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
+    ) -> tuple[float, float]:
+        """Return the number of parameters that the points determine, and the noise variance."""
+        mean_weight = float(np.mean(weights))
+        weights = weights / mean_weight
+        (start,) = self._starts()
+        network, done = start, 0
+        curve: list[tuple[float, float]] = []
+        while done < self.epochs:
+            count = min(_next_noted(done), self.epochs) - done
+            network = descend(network, x, target, weights, float(self.learning_rate), count)
+            done += count
+            if not np.isfinite(network.output_bias) or abs(network.output_bias) > 1e6:
+                raise InputError(
+                    Message(
+                        "gradient descent diverged with learning_rate {learning_rate:g}",
+                        self.learning_rate,
+                    ),
+                    Message(
+                        "less than about {error:.2g} for {neurons} neurons",
+                        1.0 / (self.hidden + 1),
+                        self.hidden,
+                    ),
+                    "lower learning_rate",
+                )
+            rms = self._rms_nm(target - network_values(network, x), weights)
+            curve.append((done, rms))
+            if self.target_error_nm is not None and rms < self.target_error_nm:
+                break
+            progress.reach(
+                SHARES * done // self.epochs, Message("gradient descent, epoch {done}", done)
+            )
+        self.networks_, self.shares_ = [network], np.ones(1)
+        self.training_curve_ = np.array(curve)
+        residual = target - network_values(network, x)
+        determined, noise_variance = determined_parameters(network, start, x, residual, weights)
+        return determined, mean_weight * noise_variance  # of one point; bins hold several
+
+    def _rms_nm(self, residual: FloatArray, weights: FloatArray) -> float:
+        mean_square = np.mean(weights * residual**2) / np.mean(weights)
+        return float(np.sqrt(mean_square) * self.output_scaling_.half_span)
+
+    def shortcoming(self, left_out_rms_nm: float) -> str:
+        """State whether the start or the number of epochs causes errors at held-out points."""
+        if self.training != _DESCENT:
+            return ""
+        unstated = "the articles state neither start nor epochs"
+        training = self.training_rms_nm_
+        if training < 0.5 * left_out_rms_nm:
+            other = ", start='small-uniform'" if self.start == "nguyen-widrow" else ""
+            return Message(
+                "the network misses its own {points} points by {training:.3g} N·m RMS "
+                "and steps left out by {left_out_rms_nm:.3g} N·m: from the start "
+                "{start!r} it doesn't get smooth between them ({unstated}); take more "
+                "points{other} or another model",
+                self.points_,
+                training,
+                left_out_rms_nm,
+                self.start,
+                unstated,
+                other,
+            )
+        return Message(
+            "after {epochs} epochs of gradient descent the network still misses its "
+            "own {points} points by {training:.3g} N·m RMS ({unstated}); take more "
+            "epochs or another model",
+            self.epochs,
+            self.points_,
+            training,
+            unstated,
         )
 
-    @classmethod
-    def from_flat(cls, flat: FloatArray) -> NetworkParameters:
-        """Undo `flat`."""
-        hidden = (flat.size - 1) // 3
-        return cls(
-            flat[:hidden].copy(),
-            flat[hidden : 2 * hidden].copy(),
-            flat[2 * hidden : -1].copy(),
-            float(flat[-1]),
-        )
+    def _curve(self, x: FloatArray) -> FloatArray:
+        curves = np.array([network_values(network, x) for network in self.networks_])
+        return np.asarray(np.sum(curves * self.shares_[:, None], axis=0))
+
+    def _predict(self, X: FloatArray) -> FloatArray:
+        reading = X[:, 0]
+        curve = self._curve(self.input_scaling_.to_unit(reading))
+        torque = self.output_scaling_.from_unit(curve)
+        return np.asarray(torque + reading if self.mapping == "residual" else torque)
 
 
-def nguyen_widrow_start(
-    generator: np.random.Generator, hidden: int, size: float = 1.0
-) -> NetworkParameters:
-    """Draw start weights that spread the hidden neurons evenly over the input from -1 to 1.
-
-    D. Nguyen, B. Widrow, IJCNN 1990, vol. 3, 21-26: input weights of size 0.7·hidden. MATLAB's
-    initnw multiplies them by the half-span 2 of the active region of tansig.
-
-    Parameters
-    ----------
-    generator : numpy.random.Generator
-        Source of the signs and output weights.
-    hidden : int
-        Number of hidden neurons.
-    size : float, default 1
-        Factor on the input weights: 2 as in MATLAB, below 1 for a smoother start.
-
-    Returns
-    -------
-    start : NetworkParameters
-    """
-    slope = 0.7 * hidden * size
-    signs = generator.choice([-1.0, 1.0], hidden)
-    positions = np.linspace(-1.0, 1.0, hidden) if hidden > 1 else np.zeros(1)
-    output_weights = generator.uniform(-1.0, 1.0, hidden)
-    output_bias = float(generator.uniform(-1.0, 1.0))
-    return NetworkParameters(slope * signs, slope * positions * signs, output_weights, output_bias)
-
-
-def small_uniform_start(
-    generator: np.random.Generator, hidden: int, half_span: float = 0.5
-) -> NetworkParameters:
-    """Draw all start weights and biases evenly from a small interval about 0.
-
-    Parameters
-    ----------
-    generator : numpy.random.Generator
-        Source of the draws.
-    hidden : int
-        Number of hidden neurons.
-    half_span : float, default 0.5
-        Largest size of a weight.
-
-    Returns
-    -------
-    start : NetworkParameters
-    """
-    return NetworkParameters.from_flat(generator.uniform(-half_span, half_span, 3 * hidden + 1))
-
-
-def hidden_values(parameters: NetworkParameters, x: FloatArray) -> FloatArray:
-    """Return the outputs of the hidden neurons, shape (n, hidden), for scaled inputs x."""
-    activation = np.multiply.outer(x, parameters.input_weights)
-    activation += parameters.hidden_biases
-    return np.asarray(np.tanh(activation, out=activation))
-
-
-def network_values(parameters: NetworkParameters, x: FloatArray) -> FloatArray:
-    """Return the outputs of the network, shape (n,), for scaled inputs x.
-
-    Examples
-    --------
-    >>> one = NetworkParameters(np.ones(1), np.zeros(1), np.array([2.0]), 0.5)
-    >>> network_values(one, np.array([0.0])).tolist()
-    [0.5]
-    """
-    # Summed row by row, so that a value doesn't depend on the number of others in the call.
-    weighted = hidden_values(parameters, x) * parameters.output_weights
-    return np.asarray(weighted.sum(axis=1) + parameters.output_bias)
-
-
-def jacobian(
-    parameters: NetworkParameters, x: FloatArray, hidden: FloatArray | None = None
-) -> FloatArray:
-    """Return the derivatives of the outputs by all parameters, shape (n, 3·hidden + 1).
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-    x : float64 array of shape (n,)
-        Scaled inputs.
-    hidden : float64 array of shape (n, hidden), optional
-        From `hidden_values`, where already known.
-
-    Returns
-    -------
-    derivatives : float64 array
-        Columns in the order of `NetworkParameters.flat`.
-    """
-    t = hidden_values(parameters, x) if hidden is None else hidden
-    slope = (1.0 - t * t) * parameters.output_weights
-    return np.concatenate([slope * x[:, None], slope, t, np.ones((x.size, 1))], axis=1)
-
-
-def tangent_kernels(parameters: NetworkParameters, x: FloatArray, hidden: FloatArray) -> FloatArray:
-    """Return J_g J_gᵀ of each group of parameters, without forming J.
-
-    One input makes the first two share one product: rows of the input weights' part are those of
-    the hidden biases' part times x.
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-    x : float64 array of shape (n,)
-        Scaled inputs.
-    hidden : float64 array of shape (n, hidden)
-        From `hidden_values`.
-
-    Returns
-    -------
-    kernels : float64 array of shape (3, n, n)
-        In the order of `GROUPS`.
-    """
-    slope = (1.0 - hidden * hidden) * parameters.output_weights
-    kernels = np.empty((len(GROUPS), x.size, x.size))
-    np.matmul(slope, slope.T, out=kernels[1])
-    np.multiply(kernels[1], np.multiply.outer(x, x), out=kernels[0])
-    np.matmul(hidden, hidden.T, out=kernels[2])
-    kernels[2] += 1.0
-    return kernels
-
-
-def rounding(diagonal: FloatArray) -> float:
-    """Return a matrix's rounding error by its diagonal, which keeps it positive definite."""
-    return float(4.0 * diagonal.size * np.finfo(np.float64).eps * np.max(diagonal))
-
-
-def posterior_factor(
-    parameters: NetworkParameters,
-    x: FloatArray,
-    weights: FloatArray,
-    precisions: FloatArray,
-    noise_variance: float,
-) -> FloatArray:
-    """Return the Cholesky factor of the Gauss-Newton Hessian JᵀWJ/σ² + A of the posterior.
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-        Where the posterior has its maximum.
-    x, weights : float64 array of shape (n,)
-        Scaled inputs and weights of the calibration points.
-    precisions : float64 array of shape (3,)
-        Prior precision of each of `GROUPS`.
-    noise_variance : float
-        σ² of a point of weight 1, in scaled units.
-
-    Returns
-    -------
-    factor : float64 array of shape (3·hidden + 1, 3·hidden + 1)
-        Lower triangular.
-    """
-    J = jacobian(parameters, x)
-    hessian = (J.T * (weights / noise_variance)) @ J
-    hidden = parameters.input_weights.size
-    diagonal = hessian.reshape(-1)[:: len(hessian) + 1]
-    diagonal += np.repeat(precisions, [hidden, hidden, hidden + 1])
-    diagonal += rounding(diagonal)
-    return np.asarray(np.linalg.cholesky(hessian), dtype=np.float64)
-
-
-def posterior_variance(
-    parameters: NetworkParameters, factor: FloatArray, x: FloatArray
-) -> FloatArray:
-    """Return the variance of the network's curve at scaled inputs x, in scaled units squared.
-
-    Parameters
-    ----------
-    parameters : NetworkParameters
-    factor : float64 array
-        From `posterior_factor`.
-    x : float64 array of shape (n,)
-
-    Returns
-    -------
-    variance : float64 array of shape (n,)
-        gᵀ H⁻¹ g with the gradient g of the output (D. J. C. MacKay, Neural Computation 4 (1992)
-        448-472).
-    """
-    whitened = solve_triangular(factor, jacobian(parameters, x).T, lower=True)
-    return np.asarray(np.sum(whitened**2, axis=0))
+def _next_noted(done: int) -> int:
+    """Return the next epoch at which the training error is stored."""
+    following = next((epoch for epoch in _CURVE_EPOCHS if epoch > done), None)
+    return following or (done // _EPOCHS_PER_POINT + 1) * _EPOCHS_PER_POINT

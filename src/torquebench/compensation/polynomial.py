@@ -9,7 +9,8 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation.base import CompensationModel, FloatArray
+from torquebench.compensation.base import FloatArray
+from torquebench.compensation.discrepancy import FormModel
 from torquebench.compensation.estimator import Between, Truth, parameter
 from torquebench.compensation.kinds import register
 from torquebench.compensation.state import storable
@@ -154,7 +155,7 @@ def fit_orthogonal(
 
 
 @register("polynomial")
-class PolynomialModel(CompensationModel):
+class PolynomialModel(FormModel):
     """Polynomial of any degree in the reading, joint or one per direction.
 
     Parameters
@@ -176,8 +177,8 @@ class PolynomialModel(CompensationModel):
     Notes
     -----
     Centred, scaled and orthogonal over the points, so that NIST's load-cell data (Pontius) come
-    out to 12 digits. The uncertainty is the usual covariance of least squares, with the noise from
-    the residuals and n − p degrees of freedom.
+    out to 12 digits. Fewer than five points leave the usual covariance of least squares, with the
+    noise from the residuals and n − p degrees of freedom.
 
     Examples
     --------
@@ -189,14 +190,12 @@ class PolynomialModel(CompensationModel):
     array([1004.])
     """
 
-    degree: int = parameter(2, Between(Integral, 1, 30))
-    per_direction: bool = parameter(False, Truth())
-    through_zero: bool = parameter(False, Truth())
+    degree: int = parameter(Between(Integral, 1, 30), default=2)
+    per_direction: bool = parameter(Truth(), default=False)
+    through_zero: bool = parameter(Truth(), default=False)
 
     complexity: ClassVar[int] = 10
-    maximum_points: int | None = None
-
-    polynomials_: list[OrthogonalPolynomial]
+    maximum_points = None
 
     def _minimum_points(self) -> int:
         return self.degree + (1 if self.through_zero else 2)
@@ -209,7 +208,7 @@ class PolynomialModel(CompensationModel):
         sides = [np.ones(reading.size, dtype=bool)]
         if self.per_direction:
             sides = [side for side in (reading <= 0.0, reading >= 0.0) if np.ptp(reading[side]) > 0]
-        self.polynomials_ = []
+        self.polynomials_: list[OrthogonalPolynomial] = []
         for side in sides:
             self._refuse_short_side(reading[side])
             self.polynomials_.append(
@@ -236,13 +235,18 @@ class PolynomialModel(CompensationModel):
                 "record more points there or take a joint polynomial",
             )
 
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+    @property
+    def name(self) -> str:
+        """The kind and the degree."""
+        return f"{self.kind}-{self.degree}"
+
+    def _predict(self, X: FloatArray) -> FloatArray:
+        return self._evaluate(X[:, 0])
+
+    def _coefficient_std(self, X: FloatArray) -> FloatArray:
         reading = X[:, 0]
-        torque = self._evaluate(reading)
-        if not return_std:
-            return torque, None
         variance = self._pick(reading, [p.relative_variance(reading) for p in self.polynomials_])
-        return torque, self.noise_nm_ * np.sqrt(variance)
+        return np.asarray(self.noise_nm_ * np.sqrt(variance))
 
     def _evaluate(self, reading: FloatArray) -> FloatArray:
         return self._pick(reading, [polynomial(reading) for polynomial in self.polynomials_])

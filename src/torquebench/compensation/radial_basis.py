@@ -7,12 +7,12 @@ from numbers import Integral
 from typing import ClassVar
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from torquebench.compensation.base import CompensationModel, FloatArray
+from torquebench.compensation.base import FloatArray
+from torquebench.compensation.discrepancy import FormModel
 from torquebench.compensation.estimator import Between, parameter
 from torquebench.compensation.kinds import register
-from torquebench.compensation.network import SpanScaling
+from torquebench.compensation.network_training import SpanScaling
 from torquebench.compensation.state import storable
 from torquebench.message import Message
 from torquebench.progress import SHARES, Progress
@@ -120,7 +120,7 @@ def _solve_outputs(
 
 
 @register("radial-basis")
-class RadialBasisModel(CompensationModel):
+class RadialBasisModel(FormModel):
     """Gaussian radial-basis network: a swarm places the neurons, Levenberg-Marquardt finishes.
 
     Each particle holds the centres and widths of all neurons and the weight decay of the output
@@ -151,8 +151,8 @@ class RadialBasisModel(CompensationModel):
     Notes
     -----
     After the same group's later article, Computational Intelligence and Neuroscience 2022, 8155818
-    (radial-basis network, particle swarm, Levenberg-Marquardt). The leave-one-out criterion and the
-    uncertainty (linearised network) are additions.
+    (radial-basis network, particle swarm, Levenberg-Marquardt). The leave-one-out criterion is an
+    addition.
 
     Examples
     --------
@@ -164,17 +164,13 @@ class RadialBasisModel(CompensationModel):
     array([1004.])
     """
 
-    neurons: int = parameter(12, Between(Integral, 1, 200))
-    particles: int = parameter(30, Between(Integral, 2, 1000))
-    swarm_steps: int = parameter(80, Between(Integral, 1))
-    iterations: int = parameter(20, Between(Integral, 0))
-    random_state: int = parameter(0, Between(Integral, 0))
+    neurons: int = parameter(Between(Integral, 1, 200), default=12)
+    particles: int = parameter(Between(Integral, 2, 1000), default=30)
+    swarm_steps: int = parameter(Between(Integral, 1), default=80)
+    iterations: int = parameter(Between(Integral, 0), default=20)
+    random_state: int = parameter(Between(Integral, 0), default=0)
 
     complexity: ClassVar[int] = 35
-
-    network_: RadialBasis
-    input_scaling_: SpanScaling
-    output_scaling_: SpanScaling
 
     def _minimum_points(self) -> int:
         return 8
@@ -192,7 +188,7 @@ class RadialBasisModel(CompensationModel):
             key=lambda candidate: candidate[1],
         )
         self.left_out_rms_nm_ = float(np.sqrt(left_out) * self.output_scaling_.half_span)
-        self._estimate_uncertainty(x, target, weights)
+        self._count_parameters(x, target, weights)
 
     def _swarm(
         self, x: FloatArray, target: FloatArray, weights: FloatArray, progress: Progress
@@ -309,7 +305,8 @@ class RadialBasisModel(CompensationModel):
         count = network.centres.size
         return np.concatenate([np.zeros(2 * count), np.full(count, network.ridge), [0.0]])
 
-    def _estimate_uncertainty(self, x: FloatArray, target: FloatArray, weights: FloatArray) -> None:
+    def _count_parameters(self, x: FloatArray, target: FloatArray, weights: FloatArray) -> None:
+        """Set the number of determined parameters and the noise, from the linearised network."""
         J = self.network_.jacobian(x)
         residual = target - self.network_(x)
         squares = float(np.sum(weights * residual**2))
@@ -325,24 +322,13 @@ class RadialBasisModel(CompensationModel):
             prior[count : 2 * count] = noise_variance
             prior[-1] = noise_variance * 1e-2
             before = determined
-            hessian = normal + np.diag(prior)
-            determined = float(np.trace(np.linalg.solve(hessian, normal)))
+            determined = float(np.trace(np.linalg.solve(normal + np.diag(prior), normal)))
             if abs(determined - before) < 1e-6:
                 break
         self.effective_parameters_ = determined
-        self.noise_variance_ = noise_variance
         self.noise_nm_ = float(np.sqrt(noise_variance) * self.output_scaling_.half_span)
-        self.hessian_ = hessian / noise_variance
-        self._after_restore()
 
-    def _after_restore(self) -> None:
-        self._factor = np.linalg.cholesky(self.hessian_)
-
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+    def _predict(self, X: FloatArray) -> FloatArray:
         reading = X[:, 0]
-        x = self.input_scaling_.to_unit(reading)
-        torque = reading + self.output_scaling_.from_unit(self.network_(x))
-        if not return_std:
-            return torque, None
-        whitened = solve_triangular(self._factor, self.network_.jacobian(x).T, lower=True)
-        return torque, np.sqrt(np.sum(whitened**2, axis=0)) * self.output_scaling_.half_span
+        curve = self.network_(self.input_scaling_.to_unit(reading))
+        return np.asarray(reading + self.output_scaling_.from_unit(curve))

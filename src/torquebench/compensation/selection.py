@@ -6,13 +6,12 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.special import ndtr, stdtrit
 
-from torquebench.compensation.base import CompensationModel, FloatArray
+from torquebench.compensation.base import FEWEST_POINTS, CompensationModel, FloatArray
 from torquebench.compensation.checks import (
     CalibrationPoints,
     Outlier,
@@ -22,12 +21,7 @@ from torquebench.compensation.checks import (
     point_weights,
 )
 from torquebench.compensation.columns import by_names
-from torquebench.compensation.discrepancy import (
-    FEWEST_POINTS,
-    DiscrepancyUncertainty,
-    fit_posterior,
-)
-from torquebench.compensation.estimator import clone
+from torquebench.compensation.discrepancy import discrepancy_of, fit_posterior
 from torquebench.compensation.factory import make_model
 from torquebench.compensation.repeats import (
     IntArray,
@@ -53,12 +47,9 @@ CANDIDATES = (
     "polynomial-1",
     "polynomial-2",
     "polynomial-3",
-    "physics",
-    "spline",
     "published-network",
     "bayesian-network",
     "radial-basis",
-    "gaussian-process",
     "hybrid",
 )
 """Default models of `compare`."""
@@ -68,7 +59,6 @@ _ALIKE_SHARE_OF_RANGE = 1e-6
 """Root mean square errors closer than this, in full scales, are treated as equal: a table's error.
 """
 _FEW_STEPS = 8
-_Model = TypeVar("_Model", bound=CompensationModel)
 
 
 @dataclass(frozen=True)
@@ -157,8 +147,7 @@ def behind_raw(
     if left_out.worst_nm <= raw.worst_nm and left_out.rms_nm <= raw.rms_nm:
         return ""
     percent = 100.0 / full_scale_nm
-    form = model.estimator_ if isinstance(model, DiscrepancyUncertainty) else model
-    why = form.shortcoming(left_out.rms_nm)
+    why = model.shortcoming(left_out.rms_nm)
     said = Message(
         "{name} is worse than the raw reading at steps that it wasn't fitted to: "
         "{worst:.3g} % FS at worst and {rms:.3g} % FS RMS; the raw "
@@ -355,9 +344,9 @@ def compare(
     >>> reading = np.tile(np.linspace(-2000.0, 2000.0, 21), 2)
     >>> standard = reading + 1e-3 * reading + 1e-6 * reading**2
     >>> standard += generator.normal(0.0, 0.2, reading.size)
-    >>> comparison = compare(reading[:, None], standard, ["polynomial-2", "spline"])
+    >>> comparison = compare(reading[:, None], standard, ["polynomial-2", "hybrid"])
     >>> [score.name for score in comparison.scores if "worse" not in score.reason]
-    ['polynomial-2', 'spline']
+    ['polynomial-2', 'hybrid']
     """
     features, torque = _checked(X, y)
     full_scale = float(np.max(np.abs(features[:, 0]))) if range_nm is None else float(range_nm)
@@ -589,7 +578,7 @@ def _try_all(
         part = Part(progress, SHARES * number * share, prefix=name, share=share)
         try:
             started = time.perf_counter()
-            fitted = _quiet_fit(posteriors.given_to(model), X, y)
+            fitted = posteriors.complete(_quiet_fit(model, X, y))
             fit_time_s = time.perf_counter() - started
             errors = _left_out_errors(model, X, y, fold_of_point, folds, part)
         except InputError as refusal:
@@ -613,24 +602,22 @@ class _Posteriors:
         self._X, self._y = X, y
         self._fitted: dict[tuple[float | None, float, str], CompensationModel] = {}
 
-    def given_to(self, model: CompensationModel) -> CompensationModel:
-        """Return an unfitted copy that is compared with the common posterior."""
-        if not isinstance(model, DiscrepancyUncertainty):
-            copy: CompensationModel = clone(model)
-            return copy
-        form = model.estimator
-        key = (form.range_nm, form.range_margin, form.outliers)
-        if key not in self._fitted and self._y.size >= FEWEST_POINTS:
-            self._fitted[key] = fit_posterior(model.posterior, form, self._X, self._y)
-        return DiscrepancyUncertainty(clone(form), self._fitted.get(key, model.posterior))
+    def complete(self, model: CompensationModel) -> CompensationModel:
+        """Return a model whose curve was fitted with its uncertainty."""
+        if model.uncertainty_ is None and model.points_ >= FEWEST_POINTS:
+            key = (model.range_nm, model.range_margin, model.outliers)
+            if key not in self._fitted:
+                self._fitted[key] = fit_posterior(model, self._X, self._y)
+            model.uncertainty_ = discrepancy_of(model, self._fitted[key], self._X)
+        return model
 
 
-def _quiet_fit(model: _Model, X: FloatArray, y: FloatArray) -> _Model:
-    """Fit without warnings: the comparison has reported them already."""
+def _quiet_fit(model: CompensationModel, X: FloatArray, y: FloatArray) -> CompensationModel:
+    """Return a copy whose curve is fitted without warnings: the comparison has reported them."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", OutlierWarning)
         warnings.simplefilter("ignore", PointsReducedWarning)
-        return model.fit(X, y)
+        return replace(model).fit_curve(X, y)
 
 
 def _left_out_errors(
@@ -643,10 +630,9 @@ def _left_out_errors(
 ) -> FloatArray:
     """Return each point's error by the model fitted without its fold; NaN if never held out."""
     error = np.full(y.size, np.nan)
-    form = model.estimator if isinstance(model, DiscrepancyUncertainty) else model
     for fold in range(folds):
         here = fold_of_point == fold
-        fitted = _quiet_fit(clone(form), X[~here], y[~here])
+        fitted = _quiet_fit(model, X[~here], y[~here])
         error[here] = fitted.predict(X[here]) - y[here]
         progress.reach(
             SHARES * (fold + 1) // folds, Message("fold {fold} of {folds}", fold + 1, folds)

@@ -15,10 +15,10 @@ from torquebench.calibration import CalibrationData, VerificationResult, verify
 from torquebench.campaign.fitting import feature_columns
 from torquebench.chain import Readings, Torque
 from torquebench.compensation import (
-    MODELS,
     CompensationModel,
-    PublishedNetworkModel,
+    NetworkModel,
     features,
+    make_model,
 )
 from torquebench.papers.tables import ModuleTables
 
@@ -143,8 +143,8 @@ def node_trials(tables: ModuleTables) -> tuple[NodeTrial, ...]:
     found = []
     for hidden in NODES:
         parameters = {**CHOICES[BP_RESIDUAL].parameters, "epochs": NODE_EPOCHS, "hidden": hidden}
-        model = PublishedNetworkModel(range_nm=data.range_nm, **parameters)
-        model.fit(data.features(1), data.standard_nm)
+        model = NetworkModel(range_nm=data.range_nm, training="gradient-descent", **parameters)
+        model.fit_curve(data.features(1), data.standard_nm)
         worst = None
         if fresh is not None:
             error = model.predict(fresh.features(1)) - fresh.standard_nm
@@ -204,9 +204,9 @@ def fit_module(
     for name in names:
         choice = CHOICES[name]
         data = tables.rising if choice.rising_only else tables.calibration
-        model = MODELS[choice.kind](range_nm=data.range_nm, **choice.parameters)
+        model = make_model(choice.kind, range_nm=data.range_nm, **choice.parameters)
         started = time.perf_counter()
-        model.fit(data.features(feature_columns(model)), data.standard_nm)
+        model.fit_curve(data.features(feature_columns(model)), data.standard_nm)
         models[name] = PapersModel(choice, model, time.perf_counter() - started)
 
     def verified(data: CalibrationData | None) -> VerificationResult | None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, repeatability
-from torquebench.compensation import PublishedNetworkModel
+from torquebench.compensation import NetworkModel
 from torquebench.figures import Curve
 from torquebench.papers.facts import MOUNTING
 from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS, Answer, Fulfilment
@@ -449,7 +449,7 @@ def _training(bench: BenchResult) -> tuple[Answer, Blocks]:
         curves = []
         for name in (BP_RESIDUAL, BP_DIRECT):
             fitted = module.models[name]
-            assert isinstance(fitted.model, PublishedNetworkModel)
+            assert isinstance(fitted.model, NetworkModel)
             curve = fitted.model.training_curve_
             curves.append(Curve(fitted.choice.title, curve[:, 0], curve[:, 1]))
             reached.append(curve[-1, 1] / module.tables.calibration.range_nm)

@@ -20,7 +20,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation import MODELS, features
+from torquebench.compensation import features, make_model
 from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.units import TURN
@@ -293,9 +293,9 @@ def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) 
     quiet = features(chain.reading_nm(dense, on), on)
     found = []
     for contender in wanted:
-        model = MODELS[contender.kind](range_nm=READ_NM, **contender.parameters)
+        model = make_model(contender.kind, range_nm=READ_NM, **contender.parameters)
         columns = 2 if "branch" in model.used_features else 1
-        model.fit(X[:, :columns], torque)
+        model.fit_curve(X[:, :columns], torque)
         found.append(
             Finding(
                 chain.family,

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from torquebench.campaign.results import FitResult
-from torquebench.compensation import Comparison
+from torquebench.compensation import Comparison, NetworkModel
 from torquebench.figures import Curve, additional_torque_figure, error_figure
 from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import errors_table, number
@@ -78,11 +76,11 @@ def _data(result: FitResult) -> Section:
 
 def _training(result: FitResult) -> list[Section]:
     """Return a network's training curve, if the model keeps it."""
-    fitted: Any = getattr(result.model, "estimator_", result.model)
-    curve = getattr(fitted, "training_curve_", None)
-    if curve is None:
+    model = result.model
+    if not isinstance(model, NetworkModel) or not model.training_curve_.size:
         return []
-    parameters = [(name, f"{value}") for name, value in fitted.kind_parameters.items()]
+    curve = model.training_curve_
+    parameters = [(name, f"{value}") for name, value in model.kind_parameters.items()]
     panel = Panel(
         [Curve("", curve[:, 0], curve[:, 1])],
         "epoch",

@@ -249,7 +249,7 @@ def test_blocks_kept_together_state_the_same_to_the_last_bit(
     size = np.concatenate((np.linspace(0.04, 1.0, 13), np.linspace(0.98, 0.02, 13)))
     torque, up = 500.0 * np.concatenate((size, -size)), np.tile(np.repeat([1.0, -1.0], 13), 2)
     loop = torque + 1e-3 * up * (500.0 - np.abs(torque)) * np.sign(torque)
-    model = make_model("physics", range_nm=500.0).fit(
+    model = make_model("hybrid", range_nm=500.0).fit(
         features(torque, up, np.where(torque > 0, 1, 2)), loop
     )
     effects = (Zero("drift", 1.0), Temperature("data sheet", 0.1, 0.001, 23.0))
@@ -260,7 +260,7 @@ def test_blocks_kept_together_state_the_same_to_the_last_bit(
         with open_bench() as bench:
             bench.acquisition.set_journal(journal)
             bench.acquisition.set_compensation(
-                "output", ActiveChain(MeasuringChain(model, effects), "1", "physics")
+                "output", ActiveChain(MeasuringChain(model, effects), "1", "hybrid")
             )
             bench.load_output(300.0)
             bench.clock.wait(2.0)

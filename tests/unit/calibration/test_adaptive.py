@@ -114,7 +114,7 @@ def test_every_point_is_met_on_its_branch_of_the_full_loop(
 def test_points_are_placed_where_the_model_is_least_certain() -> None:
     settings = load_profile("adaptive").with_options(points=36).adaptive
     assert settings is not None
-    found = place_points(measured(24), settings.model_copy(update={"model": "spline"}))
+    found = place_points(measured(24), settings.model_copy(update={"model": "polynomial-3"}))
     assert found.nominal_nm.size == 12
     assert found.predicted_percent < found.now_percent
     assert set(found.branch.tolist()) <= {1, -1}
@@ -123,7 +123,7 @@ def test_points_are_placed_where_the_model_is_least_certain() -> None:
 def test_nothing_is_placed_once_the_target_is_reached_or_the_budget_used() -> None:
     settings = load_profile("adaptive").with_options(target_percent=5.0).adaptive
     assert settings is not None
-    settings = settings.model_copy(update={"model": "spline"})
+    settings = settings.model_copy(update={"model": "polynomial-3"})
     reached = place_points(measured(24), settings)
     assert reached.nominal_nm.size == 0
     placement = Placement.of([reached.round(24)], settings)

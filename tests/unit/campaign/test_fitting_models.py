@@ -33,9 +33,9 @@ def chain(seed: int = 1, outlying: bool = False) -> CalibrationData:
 
 def test_every_choice_is_fitted_and_reports_all_its_steps() -> None:
     watcher = Watching()
-    choices = [ModelChoice("polynomial-2"), ModelChoice("spline"), ModelChoice("physics")]
+    choices = [ModelChoice("polynomial-2"), ModelChoice("radial-basis"), ModelChoice("hybrid")]
     fitted = fit_models(chain(), choices, watcher, title="Fitting the input module")
-    assert [item.name for item in fitted] == ["polynomial-2", "spline", "physics"]
+    assert [item.name for item in fitted] == ["polynomial-2", "radial-basis", "hybrid"]
     assert watcher.stages == [("Fitting the input module", 300)]
     assert (watcher.done[-1], watcher.finished) == (300, 1)
     assert all(item.model.range_nm == 100.0 for item in fitted)
@@ -57,9 +57,9 @@ def test_every_kind_has_a_title_that_fits_the_table(kind: str) -> None:
 
 
 def test_models_are_fitted_to_the_columns_that_they_use() -> None:
-    (polynomial, physics) = fit_models(chain(), [ModelChoice("polynomial"), ModelChoice("physics")])
+    (polynomial, hybrid) = fit_models(chain(), [ModelChoice("polynomial"), ModelChoice("hybrid")])
     assert polynomial.model.n_features_in_ == feature_columns(polynomial.model) == 1
-    assert physics.model.n_features_in_ == feature_columns(physics.model) >= 2
+    assert hybrid.model.n_features_in_ == feature_columns(hybrid.model) >= 2
 
 
 def test_an_unknown_model_is_refused() -> None:

@@ -43,7 +43,7 @@ def chain() -> MeasuringChain:
     torque = np.concatenate([50.0 * share, -50.0 * share])
     both = np.tile(branch, 2)
     reading = torque + 0.05 * np.sign(torque) * both * (1.0 - np.tile(share, 2))
-    model = make_model("physics", range_nm=50.0).fit(features(reading, both), torque)
+    model = make_model("hybrid", range_nm=50.0).fit(features(reading, both), torque)
     stored = (
         ROTATION,
         Inertia("ramps", 0.002, 1e-5, 300.0),

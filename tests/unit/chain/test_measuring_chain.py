@@ -111,7 +111,7 @@ def additional(share: np.ndarray, branch: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def model() -> CompensationModel:
-    return make_model("physics", range_nm=RANGE_NM).fit(*calibration())
+    return make_model("hybrid", range_nm=RANGE_NM).fit(*calibration())
 
 
 @pytest.fixture(scope="module")
@@ -419,7 +419,7 @@ def test_what_a_form_misses_counts_once() -> None:
             within = np.abs(dense.X[:, 0]) < 1.01 * made.range_nm
             X, truth = dense.X[within], dense.torque_nm[within]
             noise = made.range_nm * made.noise.draw(truth.size, generator)
-            for kind in ("polynomial-2", "spline", "physics"):
+            for kind in ("polynomial-2", "hybrid"):
                 model = make_model(kind, range_nm=made.range_nm).fit(data.X, data.standard_nm)
                 chain = MeasuringChain(model)
                 for inside, branch in ((known, X[:, 1]), (unknown, np.zeros(truth.size))):

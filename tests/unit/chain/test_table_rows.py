@@ -22,7 +22,7 @@ from torquebench.tables.readings import calibration_csv
 @pytest.fixture(scope="module")
 def chain() -> MeasuringChain:
     """A chain at standstill with hysteresis."""
-    return MeasuringChain(make_model("physics", range_nm=RANGE_NM).fit(*points()), OF_LIMITS)
+    return MeasuringChain(make_model("hybrid", range_nm=RANGE_NM).fit(*points()), OF_LIMITS)
 
 
 def record(count: int = 300) -> Readings:
@@ -124,7 +124,7 @@ def test_a_written_calibration_gives_apply_what_it_gives_verify(
 
 def test_dynamics_are_identified_along_the_history_of_a_record(tmp_path: Path) -> None:
     features, standard = points(noise_nm=0.0)
-    model = make_model("physics", range_nm=RANGE_NM).fit(features, standard)
+    model = make_model("hybrid", range_nm=RANGE_NM).fit(features, standard)
     save_model(tmp_path / "model.json", StoredModel(model, Provenance(RANGE_NM)))
     time_s, reading, torque = 50.0 * np.array(SimulatedChain().run(steps, 0.09))
     time_s /= 50.0

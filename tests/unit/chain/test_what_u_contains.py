@@ -19,7 +19,7 @@ def test_the_worked_example_is_what_the_software_computes() -> None:
 
 def test_every_component_is_explained() -> None:
     features, standard = calibration()
-    model = make_model("physics", range_nm=2000.0).fit(features, standard)
+    model = make_model("hybrid", range_nm=2000.0).fit(features, standard)
     limits = MeasuringChain(model, OF_LIMITS).torque(Readings(features[:1, 0]))
     measured = MeasuringChain(model, EFFECTS_OF_ALL_KINDS).torque(Readings(features[:1, 0]))
     table = PAGE.read_text(encoding="utf-8").split("## The effects")[1].split("\n\n")[1]

@@ -17,10 +17,11 @@ from torquebench.compensation import (
     features,
 )
 from torquebench.compensation.checks import CalibrationPoints, find_outliers, reduce_points
+from torquebench.compensation.kinds import NETWORKS
 from torquebench.errors import InputError
 
 QuickModel = Callable[..., CompensationModel]
-KINDS = sorted(MODELS)
+KINDS = sorted({*MODELS, *NETWORKS} - {"network"})
 
 
 def chain(

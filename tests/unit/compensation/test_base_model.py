@@ -18,11 +18,12 @@ from torquebench.compensation import (
     features,
     make_model,
 )
+from torquebench.compensation.kinds import NETWORKS
 from torquebench.errors import InputError
 
 READING = np.linspace(-100.0, 100.0, 25)
 STANDARD = READING + 0.2 + 1e-3 * READING + 2e-5 * READING * np.abs(READING)
-KINDS = sorted(MODELS)
+KINDS = sorted({*MODELS, *NETWORKS} - {"network"})
 QuickModel = Callable[..., CompensationModel]
 
 
@@ -51,11 +52,12 @@ def test_branch_comes_back_as_sign_and_missing_columns_as_zeros() -> None:
 
 def test_names_lead_to_models_and_unknown_ones_to_a_list() -> None:
     assert make_model("polynomial-5").kind_parameters["degree"] == 5
-    assert all(MODELS[kind].kind == kind for kind in KINDS)
+    assert all(MODELS[kind].kind == kind for kind in MODELS)
+    assert all(make_model(name).name == name for name in KINDS if name != "polynomial")
     with pytest.raises(InputError, match="bayesian-network"):
         make_model("oracle")
     with pytest.raises(InputError, match="'degree'"):
-        make_model("spline", degree=3)
+        make_model("hybrid", degree=3)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -153,7 +155,7 @@ def test_progress_reaches_the_end(quick_model: QuickModel) -> None:
 
 
 def test_long_predictions_come_in_blocks_without_a_seam(quick_model: QuickModel) -> None:
-    model = quick_model("spline").fit(READING[:, None], STANDARD)
+    model = quick_model("polynomial-3").fit(READING[:, None], STANDARD)
     many = np.linspace(-100.0, 100.0, 20_001)[:, None]
     torque, std = model.predict(many, return_std=True)
     np.testing.assert_allclose(torque[8000:8400], model.predict(many[8000:8400]), rtol=1e-13)

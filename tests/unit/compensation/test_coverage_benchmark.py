@@ -23,7 +23,7 @@ from rich.console import Console
 from tests.support.chain_shapes import SHAPES
 from tests.support.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
 
-QUICK = (DEFAULT, "known form", "raw reading", "physics", "polynomial-2 per direction")
+QUICK = (DEFAULT, "known form", "raw reading", "radial-basis", "polynomial-2 per direction")
 
 
 @settings(max_examples=20)
@@ -126,7 +126,7 @@ def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None
         "RMS / bound, all families, 50 points",
         "RMS / bound, quadratic, 50 points",
     }
-    figures |= interval_figures(results, [DEFAULT, "physics"], 50)
+    figures |= interval_figures(results, [DEFAULT, "radial-basis"], 50)
     values = {name: value for name, (value, _) in figures.items()}
     text, met = judge(Console(quiet=True), "compensation", values)
     assert met == ("MISSED" not in text)

@@ -24,7 +24,7 @@ def _coarse(points=6, gap=None):
     return features(_FS * (share - extra + noise), branch), _FS * share
 
 
-@pytest.fixture(scope="module", params=["gaussian-process", "spline", "hybrid"])
+@pytest.fixture(scope="module", params=["polynomial-3", "hybrid"])
 def fitted(request):
     X, y = _coarse()
     return make_model(request.param, range_nm=_FS).fit(X, y), X, y
@@ -50,7 +50,7 @@ def test_points_form_a_staircase_and_promise_less_uncertainty(fitted, criterion)
 
 def test_a_gap_in_the_calibration_attracts_points():
     X, y = _coarse(points=11, gap=(0.25, 0.75))
-    model = make_model("gaussian-process", range_nm=_FS).fit(X, y)
+    model = make_model("hybrid", range_nm=_FS).fit(X, y)
     proposal = propose_points(model, X, y, 6)
     share = proposal.nominal_nm / _FS
     assert np.count_nonzero((share > 0.2) & (share < 0.8)) >= 4
@@ -72,7 +72,7 @@ def test_measured_points_keep_the_promise():
     """Fitted again with the proposed points, the model is about as certain as predicted."""
     share = np.linspace(0.0, 1.0, 6)
     X, y = _coarse()
-    model = make_model("gaussian-process", range_nm=_FS).fit(X, y)
+    model = make_model("hybrid", range_nm=_FS).fit(X, y)
     proposal = propose_points(model, X, y, 40)
     target, branch = proposal.nominal_nm / _FS, proposal.branch.astype(float)
     extra = 3e-3 * target + 2e-3 * target * np.abs(target) + 3e-4 * np.tanh(target / 0.02)
@@ -80,7 +80,7 @@ def test_measured_points_keep_the_promise():
     extra += 2e-4 * np.sign(target) * branch * np.abs(target) * (1 - np.abs(target))
     noise = 2e-4 * np.random.default_rng(3).standard_normal(target.size)
     more = features(_FS * (target - extra + noise), branch)
-    again = make_model("gaussian-process", range_nm=_FS)
+    again = make_model("hybrid", range_nm=_FS)
     again.fit(np.vstack([X, more]), np.concatenate([y, proposal.nominal_nm]))
     share = np.linspace(-1.0, 1.0, 101)
     deviation = max(
@@ -92,7 +92,7 @@ def test_measured_points_keep_the_promise():
 def test_one_direction_only():
     reading = np.linspace(0.0, 50.0, 12)
     X, y = features(reading), reading + 1e-4 * reading**2
-    model = make_model("spline", range_nm=50.0).fit(X, y)
+    model = make_model("polynomial-3", range_nm=50.0).fit(X, y)
     proposal = propose_points(model, X, y, 5)
     assert np.all(proposal.nominal_nm >= -1.0 - 1e-9)
 

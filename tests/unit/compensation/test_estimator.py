@@ -1,15 +1,16 @@
 import subprocess
 import sys
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from sklearn.base import clone as scikit_learn_clone
 from sklearn.base import is_regressor
-from sklearn.model_selection import KFold, cross_val_score
+from sklearn.model_selection import GridSearchCV, KFold, cross_val_score
 from sklearn.pipeline import make_pipeline
 
-from torquebench.compensation import PolynomialModel, make_model
-from torquebench.compensation.estimator import Between, OneOf, Truth, clone
+from torquebench.compensation import PolynomialModel, StepFolds, make_model
+from torquebench.compensation.estimator import Between, OneOf, Truth
 from torquebench.errors import InputError
 
 READING = np.linspace(-100.0, 100.0, 41)[:, None]
@@ -59,19 +60,22 @@ def test_a_list_is_checked_as_an_array_is() -> None:
 
 def test_parameters_are_copied_set_and_shown() -> None:
     model = make_model("polynomial", degree=4)
-    copied = clone(model)
-    assert copied.get_params(deep=False).keys() == model.get_params(deep=False).keys()
-    assert copied.get_params()["estimator__degree"] == 4
-    copied.set_params(estimator__degree=5)
-    assert (copied.get_params()["estimator__degree"], model.get_params()["estimator__degree"]) == (
-        5,
-        4,
-    )
+    copied = replace(model)
+    assert copied.get_params() == model.get_params()
+    copied.set_params(degree=5)
+    assert (copied.degree, model.degree) == (5, 4)
     assert repr(PolynomialModel(degree=5, range_nm=50.0)) == (
         "PolynomialModel(degree=5, range_nm=50.0)"
     )
     with pytest.raises(ValueError, match="Invalid parameter 'degrees'"):
         PolynomialModel().set_params(degrees=3)
+
+
+def test_a_grid_search_reaches_the_parameters_of_a_model_with_its_uncertainty() -> None:
+    search = GridSearchCV(make_model("polynomial"), {"degree": [1, 2]}, cv=StepFolds(4))
+    search.fit(READING, STANDARD)
+    assert search.best_params_ == {"degree": 2}
+    assert search.best_estimator_.predict(READING, return_std=True)[1].max() < 1e-3
 
 
 @pytest.mark.parametrize(

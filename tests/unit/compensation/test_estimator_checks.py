@@ -8,7 +8,14 @@ from typing import Any
 import pytest
 from sklearn.utils.estimator_checks import estimator_checks_generator
 
-from torquebench.compensation import MODELS, CompensationModel, OutlierWarning, make_model
+from torquebench.compensation import (
+    MODELS,
+    RECOMMENDED,
+    CompensationModel,
+    OutlierWarning,
+    make_model,
+)
+from torquebench.compensation.kinds import NETWORKS
 
 # Checks that ask for what isn't installed here; each says so by skipping itself.
 NOT_ASKED = {
@@ -17,7 +24,6 @@ NOT_ASKED = {
 }
 # Checks that a model can't pass, with the reason; none so far.
 EXPECTED_TO_FAIL: dict[str, dict[str, str]] = {}
-WRAPPED = ("polynomial",)
 
 
 def quick(kind: str, **parameters: Any) -> CompensationModel:
@@ -27,15 +33,13 @@ def quick(kind: str, **parameters: Any) -> CompensationModel:
         "bayesian-network": {"iterations": 5},
         "radial-basis": {"swarm_steps": 5, "iterations": 3},
     }
-    parameters = {**small.get(kind, {}), **parameters}
-    # Bare: what `make_model` wraps round them is one class, checked round the polynomial.
-    return make_model(kind, **parameters) if kind in WRAPPED else MODELS[kind](**parameters)
+    return make_model(kind, **{**small.get(kind, {}), **parameters})
 
 
 def all_checks() -> Iterator[Any]:
-    for kind in sorted(MODELS):
-        # With the range of the data, and with a declared one that no test set exceeds.
-        for parameters in ({}, {"range_nm": 1e4}):
+    for kind in sorted({*MODELS, *NETWORKS} - {"network"}):
+        # With the range of the data; the default also with a declared one that no set exceeds.
+        for parameters in ({}, {"range_nm": 1e4}) if kind == RECOMMENDED else ({},):
             model = quick(kind, **parameters)
             with warnings.catch_warnings():
                 # It is one without inheriting, so that using a model doesn't import scikit-learn.

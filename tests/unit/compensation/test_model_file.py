@@ -24,11 +24,12 @@ from torquebench.compensation import (
     model_from_state,
     save_model,
 )
+from torquebench.compensation.kinds import NETWORKS
 from torquebench.compensation.state import decode_value, encode_value
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 
 QuickModel = Callable[..., CompensationModel]
-KINDS = sorted(MODELS)
+KINDS = sorted({*MODELS, *NETWORKS} - {"network"})
 PROVENANCE = Provenance(
     range_nm=2000.0,
     side="output",
@@ -224,9 +225,32 @@ def test_what_a_model_file_cannot_hold_is_a_defect_not_a_surprise() -> None:
         decode_value({"what": 1})
 
 
-def test_a_hybrid_model_of_0_2_0_is_refused_with_what_to_do() -> None:
-    state = {"kind": "hybrid", "parameters": {}, "fitted": {"dictionary_": {}, "main_": {}}}
-    with pytest.raises(ModelMismatchError, match=r"0\.2\.0.*fit the same calibration again"):
+WRITTEN_BY_0_2_0 = json.loads((Path(__file__).parent / "models_0_2_0.json").read_text())
+"""Model files that version 0.2.0 wrote, with its values at some readings as hexadecimal floats."""
+
+
+@pytest.mark.parametrize("kind", sorted(WRITTEN_BY_0_2_0["files"]))
+def test_a_file_of_0_2_0_gives_the_same_bits(kind: str, tmp_path: Path) -> None:
+    (tmp_path / "m.json").write_text(json.dumps(WRITTEN_BY_0_2_0["files"][kind]))
+    stored = load_model(tmp_path / "m.json")
+    again = load_model(save_model(tmp_path / "again.json", stored))
+    reading = [float.fromhex(value) for value in WRITTEN_BY_0_2_0["reading_nm"]]
+    for model in (stored.model, again.model):
+        found = model.predict(features(reading), return_std=True)
+        expected = WRITTEN_BY_0_2_0["values"][kind]
+        for values, wanted in zip(found, expected, strict=True):
+            assert [float(value).hex() for value in values] == wanted
+    assert stored.model.name in (kind, "polynomial-3")
+    assert np.isfinite(stored.model.scatter_nm)
+
+
+@pytest.mark.parametrize("kind", ["physics", "gaussian-process", "spline", "hybrid"])
+def test_a_model_of_0_2_0_whose_kind_is_gone_is_refused_with_what_to_do(kind: str) -> None:
+    fitted = {"dictionary_": {}, "uncertainty_": {}} if kind == "hybrid" else {}
+    state = {"kind": kind, "parameters": {}, "fitted": fitted}
+    with pytest.raises(
+        ModelMismatchError, match=rf"{kind}.*0\.2\.0.*fit the same calibration again"
+    ):
         model_from_state(state)
 
 
@@ -234,6 +258,7 @@ def test_a_discrepancy_of_0_2_0_has_one_scatter_for_all_torques() -> None:
     reading = np.linspace(-100.0, 100.0, 30)
     model = make_model("polynomial").fit(features(reading), reading + 1e-5 * reading**2)
     state = json.loads(json.dumps(model.get_state()))
+    state["discrepancy"] = state["fitted"].pop("uncertainty_")
     state["discrepancy"]["content"]["scatter"] = 2.5e-4
     again = model_from_state(state)
     np.testing.assert_array_equal(again.scatter_at(reading), 100.0 * 2.5e-4)

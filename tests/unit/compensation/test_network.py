@@ -5,15 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from torquebench.compensation.network import (
+from torquebench.compensation.network_training import (
     NetworkParameters,
     SpanScaling,
     hidden_values,
     jacobian,
     network_values,
     nguyen_widrow_start,
-    posterior_factor,
-    posterior_variance,
     small_uniform_start,
     tangent_kernels,
 )
@@ -48,19 +46,6 @@ def test_tangent_kernels_are_products_of_the_jacobian_with_itself(seed: int, hid
     kernels = tangent_kernels(network, X, hidden_values(network, X))
     for part, kernel in zip(parts, kernels, strict=True):
         np.testing.assert_allclose(kernel, part @ part.T, atol=1e-11)
-
-
-@given(seed=st.integers(0, 10_000))
-def test_the_variance_is_gradient_inverse_hessian_gradient(seed: int) -> None:
-    network = some_network(seed, 5)
-    weights, precisions = np.linspace(0.5, 2.0, X.size), np.array([0.5, 1.0, 2.0])
-    J = jacobian(network, X)
-    hessian = (J.T * weights / 0.01) @ J + np.diag(np.repeat(precisions, [5, 5, 6]))
-    at = np.array([-0.3, 0.9])
-    gradient = jacobian(network, at)
-    expected = np.einsum("ij,jk,ik->i", gradient, np.linalg.inv(hessian), gradient)
-    factor = posterior_factor(network, X, weights, precisions, 0.01)
-    np.testing.assert_allclose(posterior_variance(network, factor, at), expected, rtol=1e-6)
 
 
 def test_flat_parameters_come_back() -> None:

@@ -6,13 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.stats import multivariate_normal
 
-from torquebench.compensation import BayesianNetworkModel
-from torquebench.compensation.bayesian_network import NetworkMember, _Problem, train_member
-from torquebench.compensation.network import (
+from torquebench.compensation import NetworkModel
+from torquebench.compensation.network_training import (
+    NetworkMember,
     NetworkParameters,
+    _Problem,
     jacobian,
     network_values,
     nguyen_widrow_start,
+    train_member,
 )
 
 
@@ -96,7 +98,7 @@ def test_a_step_solves_the_damped_normal_equations(count: int, damping: float) -
 
 def test_it_is_far_better_than_a_polynomial_and_never_worse_than_the_noise() -> None:
     reading, standard = noisy(60, seed=1)
-    model = BayesianNetworkModel().fit(reading[:, None], standard)
+    model = NetworkModel().fit(reading[:, None], standard)
     dense = np.linspace(-2000.0, 2000.0, 801)
     error = model.predict(dense[:, None]) - truth(dense)
     assert np.sqrt(np.mean(error**2)) < 0.3
@@ -110,7 +112,7 @@ def test_intervals_cover_the_truth() -> None:
     inside = []
     for seed in range(12):
         reading, standard = noisy(50, seed)
-        model = BayesianNetworkModel().fit(reading[:, None], standard)
+        model = NetworkModel().fit(reading[:, None], standard)
         fresh = truth(dense) + np.random.default_rng(seed + 100).normal(0.0, 0.3, dense.size)
         error = model.predict(dense[:, None]) - fresh
         inside.append(np.abs(error) < 1.96 * model.single_reading_std(dense[:, None]))
@@ -120,7 +122,7 @@ def test_intervals_cover_the_truth() -> None:
 def test_without_noise_it_follows_the_chain() -> None:
     reading = np.linspace(-2000.0, 2000.0, 50)
     standard = reading + 1e-3 * reading + 1e-6 * reading**2
-    model = BayesianNetworkModel().fit(reading[:, None], standard)
+    model = NetworkModel().fit(reading[:, None], standard)
     dense = np.linspace(-2000.0, 2000.0, 301)
     error = model.predict(dense[:, None]) - (dense + 1e-3 * dense + 1e-6 * dense**2)
     assert np.max(np.abs(error)) < 0.02
@@ -137,7 +139,7 @@ def test_units_do_not_matter_and_the_seed_decides_alone(
 ) -> None:
     reading, standard = noisy(30, 0)
     plain, scaled = (
-        BayesianNetworkModel(ensemble=ensemble, random_state=seed, iterations=5).fit(
+        NetworkModel(ensemble=ensemble, random_state=seed, iterations=5).fit(
             factor * reading[:, None], factor * standard
         )
         for factor in (1.0, scale)
@@ -151,13 +153,13 @@ def test_units_do_not_matter_and_the_seed_decides_alone(
 def test_one_start_and_small_starts_are_a_choice() -> None:
     reading, standard = noisy(40, 2)
     for parameters in ({"ensemble": 1}, {"start": "small-uniform"}):
-        model = BayesianNetworkModel(**parameters).fit(reading[:, None], standard)  # type: ignore[arg-type]
+        model = NetworkModel(**parameters).fit(reading[:, None], standard)  # type: ignore[arg-type]
         assert np.sqrt(np.mean((model.predict(reading[:, None]) - truth(reading)) ** 2)) < 0.5
 
 
 def test_flat_parameters_carry_the_published_layout() -> None:
     reading, standard = noisy(20, 3)
-    model = BayesianNetworkModel(ensemble=1).fit(reading[:, None], standard)
-    parameters = model.members_[0].parameters
+    model = NetworkModel(ensemble=1).fit(reading[:, None], standard)
+    parameters = model.networks_[0]
     assert isinstance(parameters, NetworkParameters)
     assert parameters.flat.size == 151  # 1-50-1

@@ -6,11 +6,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.compensation import MODELS, features, make_model
+from torquebench.compensation.kinds import NETWORKS
 from torquebench.compensation.piecewise import PiecewisePolynomial, approximate
 from torquebench.compensation.table import CompensationTable, compile_table
 from torquebench.errors import InputError
 
 _RANGE = 2000.0
+KINDS = sorted({*MODELS, *NETWORKS} - {"network"})
 
 
 def _calibration(points=60, seed=3):
@@ -33,14 +35,14 @@ def _parameters(kind):
 def fitted():
     X, y = _calibration()
     return {
-        kind: make_model(kind, range_nm=_RANGE, **_parameters(kind)).fit(X, y) for kind in MODELS
+        kind: make_model(kind, range_nm=_RANGE, **_parameters(kind)).fit(X, y) for kind in KINDS
     }
 
 
-@pytest.mark.parametrize("kind", sorted(MODELS))
+@pytest.mark.parametrize("kind", KINDS)
 def test_every_model_compiles_within_its_bound(fitted, kind):
     model = fitted[kind]
-    table = compile_table(model, uncertainty=kind in ("hybrid", "polynomial", "spline"))
+    table = compile_table(model, uncertainty=kind in ("hybrid", "polynomial"))
     assert table.bound_nm < 1e-6 * _RANGE
     generator = np.random.default_rng(11)
     low, high = table.reading_low_nm, table.reading_high_nm
@@ -115,7 +117,7 @@ def test_single_reading_equals_the_array(fitted_table, reading, branch):
     assert fitted_table.at(reading, branch) == pytest.approx(array, abs=1e-9 * _RANGE)
 
 
-@pytest.fixture(scope="module", params=["physics", "published-network"])
+@pytest.fixture(scope="module", params=["hybrid", "published-network"])
 def fitted_table(request):
     X, y = _calibration()
     model = make_model(request.param, range_nm=_RANGE, **_parameters(request.param)).fit(X, y)
@@ -241,7 +243,7 @@ def test_curve_that_is_not_a_number_is_refused():
 
 
 def test_intervals_cover_the_range_and_are_narrow_near_zero(fitted):
-    curve = compile_table(fitted["physics"], uncertainty=False).curve
+    curve = compile_table(fitted["hybrid"], uncertainty=False).curve
     nodes = curve.nodes()
     assert (nodes[0], nodes[-1]) == (curve.low, curve.high)
     assert np.all(np.diff(nodes) > 0)

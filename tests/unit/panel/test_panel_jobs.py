@@ -119,7 +119,7 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
         ("calibrate", {"side": "output", "models": ["guess"]}, InputError),
         ("calibrate", {"side": "output", "profile": "nobodys"}, NotFoundError),
         ("calibrate", {"side": "output", "profile": "verification"}, InputError),
-        ("fit", {"calibration_id": 9, "model": "spline"}, RecordError),
+        ("fit", {"calibration_id": 9, "model": "radial-basis"}, RecordError),
         ("compare-models", {"calibration_id": 9}, RecordError),
         ("verify", {"calibration_id": 9}, RecordError),
         ("check", {"side": "output", "profile": "nobodys"}, NotFoundError),
@@ -183,9 +183,9 @@ def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
     assert again["rising_only"]
     assert again["training_curve"]["epoch"][-1] == 200
     (newest,) = (tmp_path / "models").glob("*-published-network-*.json")
-    trained = load_model(newest).model.estimator_
+    trained = load_model(newest).model
     assert trained.hidden == 10
-    assert trained.training_inputs_.size == points["branch"].count(1) < len(points["branch"])
+    assert trained.points_ == points["branch"].count(1) < len(points["branch"])
 
     service.recall(ANA, number)
     shown = find_workflow(service.jobs.recent(), Dismissed()).models

@@ -100,7 +100,7 @@ def fill(registry, folder):
     )
     file = folder / "model.json"
     file.write_text("{}", encoding="utf-8")
-    model = registry.add_model(calibration, kind="spline", file=file, metrics={"rms": 0.25})
+    model = registry.add_model(calibration, kind="radial-basis", file=file, metrics={"rms": 0.25})
     registry.activate(model.model_id, operator="Ana")
     registry.add_verification(model.model_id, verify(data, {}), run_id="run-1")
     registry.add_check(

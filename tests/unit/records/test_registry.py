@@ -145,7 +145,7 @@ def test_a_calibration_of_an_unnamed_chain_is_refused(registry):
 
 
 def test_models_are_active_for_the_chain_that_they_were_made_with(registry, tmp_path):
-    first, second = (add_model(registry, tmp_path, kind) for kind in ("polynomial", "spline"))
+    first, second = (add_model(registry, tmp_path, kind) for kind in ("polynomial", "radial-basis"))
     assert registry.active_model("T-1", "C-1") is None
     registry.activate(first.model_id, operator="Ana")
     registry.activate(second.model_id, operator="Ben", reason="better")
@@ -195,7 +195,7 @@ def test_contradictions_of_a_model_keep_their_messages(registry, tmp_path):
 def test_unknown_models_are_named(registry, tmp_path):
     calibration = registry.add_calibration(CalibrationEntry.of_points(data(), performed=START))
     with pytest.raises(RecordError, match=r"none\.json is missing"):
-        registry.add_model(calibration, kind="spline", file=tmp_path / "none.json")
+        registry.add_model(calibration, kind="radial-basis", file=tmp_path / "none.json")
     for action in (registry.activate, registry.model):
         with pytest.raises(RecordError, match="model 7 isn't registered"):
             action(7)
@@ -238,7 +238,7 @@ def test_a_model_of_no_calibration_is_refused(registry, tmp_path):
     file = tmp_path / "model.json"
     file.write_text("{}", encoding="utf-8")
     with pytest.raises(RecordError, match=r"(?i)foreign key"):
-        registry.add_model(entry, kind="spline", file=file)
+        registry.add_model(entry, kind="radial-basis", file=file)
 
 
 def test_a_file_database_is_in_wal_mode(tmp_path):

@@ -45,7 +45,7 @@ def test_every_component_that_an_effect_names_has_words_on_certificates_and_in_t
 @pytest.mark.parametrize("effects", [OF_LIMITS, EFFECTS_OF_ALL_KINDS], ids=["limits", "measured"])
 def test_every_component_has_words_on_certificates_and_in_the_panel(effects: tuple) -> None:
     features, standard = calibration()
-    model = make_model("physics", range_nm=2000.0).fit(features, standard)
+    model = make_model("hybrid", range_nm=2000.0).fit(features, standard)
     torque = MeasuringChain(model, effects).torque(Readings(features[:1, 0]))
     for component in torque.components:
         assert has_words_everywhere(component.name), component.name

@@ -158,7 +158,7 @@ def test_speeds_of_one_direction_only_keep_their_row() -> None:
 
 
 def test_a_column_of_sentences_wraps_and_numbers_do_not() -> None:
-    row = ("spline", "0.1", "2.7 standard errors worse than x")
+    row = ("radial-basis", "0.1", "2.7 standard errors worse than x")
     table = Table(("model", "RMS", "verdict"), [row])
     assert table.sentences == (False, False, True)
     text = render_page(Page("A", "", [Section("", "", (table,))]))

@@ -24,8 +24,6 @@ CORRELATION_SHARE = 0.1
 branches, are treated as independent. A smooth curve's errors are correlated over longer distances;
 assuming a shorter distance only makes a comparison's U larger.
 """
-_STATE = frozenset({"speed_rpm", "temperature_c"})
-"""Features that change while a model is in use, so that no table covers them."""
 _SQUARE_ROOT_3 = np.sqrt(3.0)
 _SQUARE_ROOT_2 = np.sqrt(2.0)
 
@@ -70,15 +68,15 @@ class StaticCurve(Effect):
         It compensates every reading, and is kept with the model, which several chains share. None
         if the model uses speed or temperature, or has jumps: it is then evaluated itself.
         """
-        known = vars(self.model)
-        if "_table" not in known:
-            known["_table"] = self._compiled()
-        table: CompensationTable | None = known["_table"]
+        tables = self.model.tables
+        if self.branch_aware not in tables:
+            tables[self.branch_aware] = self._compiled()
+        table: CompensationTable | None = tables[self.branch_aware]
         return table
 
     def _compiled(self) -> CompensationTable | None:
-        if _STATE.intersection(self.model.used_features):
-            return None
+        if {"speed_rpm", "temperature_c"}.intersection(self.model.used_features):
+            return None  # they change while a model is in use
         try:
             return compile_table(self.model, branches=self.branch_aware)
         except InputError:

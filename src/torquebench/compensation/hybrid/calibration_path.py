@@ -34,28 +34,10 @@ def count_levels(u: FloatArray) -> int:
 
 
 def path_clock(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
-    """Read the time of calibration points off their place on the path: see `path_clocks`.
-
-    Returns
-    -------
-    elapsed : float64 array of shape (n,) or (0,)
-        Of the clock that runs through all series, from 0 to 1; empty when a branch is unknown.
-
-    Examples
-    --------
-    >>> path_clock(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
-    array([0.25, 0.5 , 0.75])
-    """
-    clocks = path_clocks(u, branch, series)
-    return clocks[-1] if len(clocks) else np.zeros(0)
-
-
-def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatArray:
     """Read the time of calibration points off their place on the path.
 
     A series runs from zero to full scale and back, or through both directions, clockwise first. A
-    zero on the falling branch is the last point of its direction. One clock starts again in each
-    series and direction, where a zero may have been taken; the other runs through all of them.
+    zero on the falling branch is the last point of its direction.
 
     Parameters
     ----------
@@ -64,18 +46,21 @@ def path_clocks(u: FloatArray, branch: FloatArray, series: FloatArray) -> FloatA
 
     Returns
     -------
-    elapsed : float64 array of shape (2, n), (1, n) or (0, n)
-        From 0 to 1; empty when a branch is unknown, one row when both clocks are the same.
+    elapsed : float64 array of shape (n,) or (0,)
+        From 0 to 1 through all series; empty when a branch is unknown.
+
+    Examples
+    --------
+    >>> path_clock(np.array([0.5, 1.0, 0.5]), np.array([1.0, 1.0, -1.0]), np.zeros(3))
+    array([0.25, 0.5 , 0.75])
     """
     if np.any(branch == 0.0):
-        return np.zeros((0, u.size))
+        return np.zeros(0)
     x = np.minimum(np.abs(u), 1.0)
     leg = np.where(branch > 0, 0.5 * x, 1.0 - 0.5 * x)
     keys, sections = _loadings(u, series)
-    if sections.size <= 1:
-        return leg[None, :]
     rank = np.searchsorted(sections, keys).astype(np.float64)
-    return np.array([leg, (rank + leg) / sections.size])
+    return np.asarray((rank + leg) / sections.size if sections.size > 1 else leg)
 
 
 def path_side(u: FloatArray, series: FloatArray) -> FloatArray:

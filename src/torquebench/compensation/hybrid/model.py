@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from numbers import Integral
 from typing import ClassVar
 
@@ -42,6 +44,25 @@ _BLOCK = 256
 """Readings at a time: their columns stay within the cache."""
 
 
+@dataclass(frozen=True)
+class Average:
+    """Members of a chain's posterior with their probabilities.
+
+    `unit` is the unit of their curves, `scatter` the factor of the points' correlated scatter on
+    the noise, `branches` are those that were recorded.
+    """
+
+    members: list[Member]
+    shares: FloatArray
+    unit: float
+    scatter: float
+    branches: frozenset[float]
+
+    def mean_of(self, values: Sequence[float]) -> float:
+        """Return the mean of the members' values."""
+        return float(self.shares @ values)
+
+
 @register("hybrid")
 class HybridModel(CompensationModel):
     """Physics and Gaussian processes, averaged over what a chain may consist of.
@@ -72,8 +93,6 @@ class HybridModel(CompensationModel):
         Posterior probability of each part.
     uncertainty_ : CurveUncertainty
         Posterior standard deviation of the curve, and scatter of single readings.
-    noise_freedom_ : float
-        Degrees of freedom of the scatter.
 
     Examples
     --------
@@ -85,22 +104,26 @@ class HybridModel(CompensationModel):
     True
     """
 
-    maximum_points: int = parameter(500, Between(Integral, 8))
+    maximum_points: int = parameter(Between(Integral, 8), default=500)
 
     complexity: ClassVar[int] = 40
     used_features: ClassVar[tuple[str, ...]] = ("reading_nm", "branch", "series")
-
-    form_: FloatArray
-    terms_: list[Term]
-    scale_nm_: float
-    present_: dict[str, float]
-    uncertainty_: CurveUncertainty
-    noise_freedom_: float
 
     def _minimum_points(self) -> int:
         return 5
 
     def _fit(self, X: FloatArray, y: FloatArray, weights: FloatArray, _progress: Progress) -> None:
+        average = self._averaged(X, y, weights)
+        self._add_means(average)
+        self.effective_parameters_ = average.mean_of(
+            [member.effective_parameters() for member in average.members]
+        )
+        self.uncertainty_ = self._tabulated(average)
+        at_points = self.uncertainty_.scatter_at(X[:, 0] / self.scale_nm_)
+        self.noise_nm_ = self.scale_nm_ * float(np.sqrt(np.mean(at_points**2)))
+
+    def _averaged(self, X: FloatArray, y: FloatArray, weights: FloatArray) -> Average:
+        """Average the structures of the chain, in fractions of `scale_nm_`."""
         largest = float(np.max(np.abs(X[:, 0])))
         whole = largest >= WHOLE_SHARE * self.full_scale_nm_
         self.scale_nm_ = self.full_scale_nm_ if whole else largest
@@ -117,16 +140,12 @@ class HybridModel(CompensationModel):
             weights = np.ones(u.size)
         problem = Problem(points, target / unit, parts, trend_scale, whitening)
         members, shares = average(problem, weights)
-        self._add_means(members, shares, unit)
-        self.noise_freedom_ = 1.0 / float(shares @ [1.0 / m.noise_freedom for m in members])
-        self.effective_parameters_ = float(shares @ [m.effective_parameters() for m in members])
-        self._tabulate(members, shares, unit, scatter, branches)
-        at_points = self.uncertainty_.scatter_at(u)
-        self.noise_nm_ = self.scale_nm_ * float(np.sqrt(np.mean(at_points**2)))
+        return Average(members, shares, unit, scatter, branches)
 
-    def _add_means(self, members: list[Member], shares: FloatArray, unit: float) -> None:
+    def _add_means(self, average: Average) -> None:
         """Add the members' means: coefficients of equal columns are added up."""
         terms: dict[tuple[str, tuple[float, ...]], FloatArray] = {}
+        members, shares, unit = average.members, average.shares, average.unit
         present = dict.fromkeys(members[0].problem.parts, 0.0)
         for share, member in zip(shares, members, strict=True):
             for name in member.structure.parts:
@@ -134,26 +153,22 @@ class HybridModel(CompensationModel):
             for name, (shape, beta) in member.coefficients().items():
                 key = (name, tuple(shape.tolist()))
                 terms[key] = terms.get(key, np.zeros(beta.size)) + unit * share * beta
-        self.present_ = {name: min(share, 1.0) for name, share in present.items()}
-        self.form_ = terms.pop(("form", ()))
+        self.present_: dict[str, float] = {name: min(share, 1.0) for name, share in present.items()}
+        self.form_: FloatArray = terms.pop(("form", ()))
         self.terms_ = [
             Term(name, np.array(shape), beta)
             for (name, shape), beta in terms.items()
             if np.abs(beta).sum() > _NEGLIGIBLE
         ]
 
-    def _tabulate(
-        self,
-        members: list[Member],
-        shares: FloatArray,
-        unit: float,
-        scatter: float,
-        branches: frozenset[float],
-    ) -> None:
-        """Tabulate the uncertainty on both branches, more closely around the reversal."""
+    def _tabulated(self, average: Average) -> CurveUncertainty:
+        """Return the uncertainty on both branches, at nodes that are closer around the reversal."""
+        members, shares, unit = average.members, average.shares, average.unit
+        branches = average.branches
         positive = np.concatenate([_NEAR, (1.0 + self.range_margin) * _FAR])
         nodes = np.concatenate([-positive[::-1], positive])
-        widening = student_widening(self.noise_freedom_)
+        freedom = 1.0 / average.mean_of([1.0 / member.noise_freedom for member in members])
+        widening = student_widening(freedom)
 
         def variance(branch: float) -> FloatArray:
             means, variances = [], []
@@ -174,27 +189,26 @@ class HybridModel(CompensationModel):
             unknown2 = up2 + (2.0 * loop2 if branches else loop2)
             up2 = up2 + 4.0 * loop2 if branches == {-1.0} else up2
             down2 = down2 + 4.0 * loop2 if branches == {1.0} else down2
-        noise2 = scatter * unit**2 * (shares @ np.array([m.noise(nodes) for m in members]))
-        self.uncertainty_ = CurveUncertainty(
-            nodes, np.sqrt(up2), np.sqrt(down2), np.sqrt(unknown2), np.sqrt(noise2)
-        )
+        noise2 = average.scatter * unit**2 * (shares @ np.array([m.noise(nodes) for m in members]))
+        up, down, unknown, noise = np.sqrt([up2, down2, unknown2, noise2])
+        return CurveUncertainty(nodes, up, down, unknown, noise, freedom)
 
-    def _noise_freedom(self, count: int) -> float:  # noqa: ARG002 # the posterior has it
-        return self.noise_freedom_
+    def _noise_freedom(self, count: int) -> float:
+        freedom = super()._noise_freedom(count)
+        return freedom if self.uncertainty_ is None else self.uncertainty_.freedom
 
-    def scatter_at(self, torque_nm: FloatArray) -> FloatArray:
-        """Return the standard deviation of single readings at torques in N·m."""
-        u = torque_nm / self.scale_nm_
-        return np.asarray(self.scale_nm_ * self.uncertainty_.scatter_at(u))
+    @property
+    def _unit_nm(self) -> float:
+        return self.scale_nm_
 
-    def _predict(self, X: FloatArray, return_std: bool) -> tuple[FloatArray, FloatArray | None]:
+    @property
+    def scatter_nm(self) -> float:
+        """Standard deviation of a single reading in N·m, root mean square over the points."""
+        return float(self.noise_nm_)
+
+    def _predict(self, X: FloatArray) -> FloatArray:
         u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
-        torque = X[:, 0] + self.scale_nm_ * self._mean(u, branch)
-        return torque, self._curve_uncertainty(X) if return_std else None
-
-    def _curve_uncertainty(self, X: FloatArray) -> FloatArray:
-        u, branch = X[:, 0] / self.scale_nm_, feature_column(X, "branch")
-        return np.asarray(self.scale_nm_ * self.uncertainty_.at(u, branch))
+        return np.asarray(X[:, 0] + self.scale_nm_ * self._mean(u, branch))
 
     def _mean(self, u: FloatArray, branch: FloatArray) -> FloatArray:
         """Return the mean additional torque as a fraction of `scale_nm_`."""

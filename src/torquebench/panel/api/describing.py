@@ -63,7 +63,7 @@ WORDS = {
     "metrics": "Quality of the fit, stored when it was fitted.",
     "model_id": "Number of a registered model.",
     "model_ids": "Numbers of the models by their names.",
-    "models": "Kinds of models, such as hybrid, spline or polynomial-2.",
+    "models": "Kinds of models, such as hybrid, radial-basis or polynomial-2.",
     "operator": "Who did it.",
     "password": "Of the person; only its argon2id hash is stored.",
     "performed": "When it was measured.",
@@ -128,7 +128,7 @@ EXAMPLES: dict[str, dict[str, Any]] = {
         "reason": "the clamp was loose",
     },
     "CompareRequest": {"calibration_id": 7},
-    "FitRequest": {"calibration_id": 7, "model": "spline"},
+    "FitRequest": {"calibration_id": 7, "model": "polynomial-3"},
     "VerifyRequest": {"calibration_id": 7, "groups": 10, "points": 20, "bench_clear": True},
     "RecordRequest": {
         "name": "run-down of the drive",

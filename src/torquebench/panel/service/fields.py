@@ -15,7 +15,7 @@ from pydantic import (
     WithJsonSchema,
 )
 
-from torquebench.compensation.kinds import MODELS
+from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
 
 __all__ = [
     "WHOLE",
@@ -59,13 +59,11 @@ def _of_our_time(moment: datetime) -> datetime:
     return moment
 
 
-MODEL_NAMES = (*MODELS, *(f"polynomial-{degree}" for degree in range(1, 31)))
-"""Parameters as for `make_model`."""
-
-
 def _known_model(name: str) -> str:
     if name not in MODEL_NAMES:
-        raise ValueError("one of " + ", ".join(MODELS) + ", polynomial-1 to polynomial-30")
+        raise ValueError(
+            "one of " + ", ".join((*MODELS, *NETWORKS, "polynomial-1 to polynomial-30"))
+        )
     return name
 
 

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from torquebench.campaign.fitting import model_title
-from torquebench.compensation import CANDIDATES, PublishedNetworkModel
+from torquebench.compensation import CANDIDATES, NetworkModel
 from torquebench.panel.components.charts import Chart, Line
 from torquebench.panel.components.controls import Choice, Field, button
 from torquebench.panel.components.elements import box, panel, words
@@ -15,9 +15,9 @@ from torquebench.panel.text import Text
 
 __all__ = ["AnotherFit", "titled", "training_chart"]
 
-NETWORK = PublishedNetworkModel.kind
 NUMBERS = {"hidden": int, "epochs": int, "learning_rate": float, "target_error_nm": float}
-FIRST = PublishedNetworkModel()
+FIRST = NetworkModel(training="gradient-descent")
+NETWORK = FIRST.name
 
 
 class AnotherFit:

@@ -7,7 +7,7 @@ from typing import Any
 
 from torquebench.campaign.fitting import model_title
 from torquebench.campaign.reducers.catalogue import TESTS
-from torquebench.compensation import MODELS
+from torquebench.compensation import MODEL_NAMES
 from torquebench.panel.components.controls import button, set_disabled
 from torquebench.panel.components.elements import box, panel, refilled, table
 from torquebench.panel.pages.records.column_titles import column_title
@@ -58,7 +58,7 @@ def _said(text: Text, key: str, value: Any) -> str:
         return ", ".join(_said(text, key, item) for item in value)
     if isinstance(value, int | float):
         return f"{value:g}" if isinstance(value, float) else str(value)
-    if key in ("model", "models") and value in MODELS:
+    if key in ("model", "models") and value in MODEL_NAMES:
         return text.core(model_title(value))
     if key == "test" and value in TESTS:
         return text.core(TESTS[value].title)

@@ -15,10 +15,10 @@ from torquebench.campaign.fitting import (
 )
 from torquebench.campaign.resuming import find_interrupted, read_interrupted
 from torquebench.chain import MeasuringChain, load_chain
-from torquebench.compensation import CompensationModel, PublishedNetworkModel
+from torquebench.compensation import make_model
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service.access.actors import Actor
-from torquebench.panel.service.jobs.calibrations import VerifyRequest
+from torquebench.panel.service.jobs.calibrations import NETWORK, VerifyRequest
 from torquebench.panel.service.jobs.results import (
     calibration_data,
     calibration_result,
@@ -108,7 +108,7 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     loaded = {name: load_chain(model.check_file()) for name, model in entries.items()}
     fitted, numbers = [], {}
     for key, model in entries.items():
-        name = _name(loaded[key].model)
+        name = loaded[key].model.name
         name = f"{name} {model.model_id}" if name in numbers else name
         numbers[name] = model.model_id
         fitted.append(_fitted(name, loaded[key], model))
@@ -144,24 +144,18 @@ def recalled(station: Station, calibration_id: int) -> tuple[JobResult, JobResul
     return measured, verified
 
 
-def _name(model: CompensationModel) -> str:
-    """Return a model's name as in comparisons."""
-    degree = model.kind_parameters.get("degree")
-    return model.kind if degree is None else f"{model.kind}-{degree}"
-
-
 def _fitted(name: str, chain: MeasuringChain, entry: ModelEntry) -> FittedModel:
     model = chain.model
     title = model_title(model.kind, model.kind_parameters)
     choice = None
-    if model.kind == PublishedNetworkModel.kind:
-        own, known = PublishedNetworkModel().kind_parameters, model.kind_parameters
+    if model.name == NETWORK:
+        own, known = make_model(NETWORK).kind_parameters, model.kind_parameters
         asked = {
             key: value
             for key, value in known.items()
             if key not in CHOSEN_ELSEWHERE and value != own[key]
         }
-        choice = ModelChoice(model.kind, asked)
+        choice = ModelChoice(NETWORK, asked)
     return FittedModel(
         name,
         title,

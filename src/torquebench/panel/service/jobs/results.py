@@ -15,7 +15,7 @@ from torquebench.campaign.bench_chains import check_standard
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import FittedModel, model_title
 from torquebench.chain import MeasuringChain
-from torquebench.compensation import CompensationModel, PublishedNetworkModel
+from torquebench.compensation import CompensationModel, NetworkModel
 from torquebench.errors import RecordError
 from torquebench.message import Message
 from torquebench.panel.service.jobs.details import (
@@ -114,10 +114,9 @@ def fit_details(
 
 def _training(model: CompensationModel) -> TrainingCurve | None:
     """Return the training curve of a network; None for any other model."""
-    trained = getattr(model, "estimator_", model)
-    if not isinstance(trained, PublishedNetworkModel):
+    if not isinstance(model, NetworkModel) or not model.training_curve_.size:
         return None
-    return TrainingCurve(*trained.training_curve_.T)
+    return TrainingCurve(*model.training_curve_.T)
 
 
 def calibration_data(station: Station, calibration_id: int) -> tuple[CalibrationEntry, Any]:
