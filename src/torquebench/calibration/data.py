@@ -99,7 +99,7 @@ class CalibrationData:
     table : array of str, shape (n,), optional
         Name of that table, where the points are of several.
     scale : ReadingScale, optional
-        Unit that the readings came in, where it wasn't a torque's.
+        Unit that the readings came in, where it wasn't N·m.
 
     Raises
     ------
@@ -541,6 +541,9 @@ class CalibrationData:
         """
         if not parts:
             raise InputError("no calibration table to join", "at least one")
+        scales = {part.scale for part in parts}
+        if all(scale is None or scale.is_torque for scale in scales) and len(scales) > 1:
+            parts = [replace(part, scale=None) for part in parts]
         head = parts[0]
         for name in ("range_nm", "side", "transducer_serial", "counter_identity", "scale"):
             values = {getattr(part, name) for part in parts}

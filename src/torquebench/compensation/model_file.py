@@ -33,7 +33,7 @@ FORMAT_VERSION = 1
 
 @dataclass(frozen=True)
 class ReadingScale:
-    """Unit of readings that aren't torques: a signal, a force or a mass.
+    """Unit that readings come in: another one of torque, a signal, a force or a mass.
 
     A reading times `nm_per_unit` plus `offset_nm` is a torque in N·m.
 
@@ -42,7 +42,7 @@ class ReadingScale:
     unit : str
     nm_per_unit, offset_nm : float
     stated : str
-        Sensitivity or lever arm, as a person stated it.
+        Sensitivity or lever arm, as a person stated it; empty for a torque, which needs none.
 
     Examples
     --------
@@ -55,6 +55,27 @@ class ReadingScale:
     nm_per_unit: float
     offset_nm: float = 0.0
     stated: str = ""
+
+    def __str__(self) -> str:
+        return self.unit
+
+    @property
+    def is_torque(self) -> bool:
+        """Whether any other unit of torque is as good."""
+        return not self.stated
+
+    @property
+    def formula(self) -> str:
+        """The conversion in words.
+
+        Examples
+        --------
+        >>> ReadingScale("kHz", 100.0, -1000.0, "10 kHz at 0 N·m; 15 kHz at 500 N·m").formula
+        'N·m = 100 × kHz - 1000 (10 kHz at 0 N·m; 15 kHz at 500 N·m)'
+        """
+        zero = f" {'-' if self.offset_nm < 0 else '+'} {abs(self.offset_nm):.9g}"
+        words = f"N·m = {self.nm_per_unit:.9g} × {self.unit}" + zero * bool(self.offset_nm)
+        return words + f" ({self.stated})" * bool(self.stated)
 
     @property
     def text(self) -> str:
@@ -96,7 +117,7 @@ class Provenance:
     unit : str
         Unit of readings and torques inside the model.
     reading_scale : str
-        Unit that the calibration's readings came in, as `ReadingScale.text`; "" for torques.
+        Unit that the calibration's readings came in, as `ReadingScale.text`; "" for N·m.
     effects : tuple of mapping
         Effects of the measuring chain, as stored by `torquebench.chain`.
     contradictions : tuple of str
@@ -137,7 +158,7 @@ class StoredModel:
 
     @property
     def scale(self) -> ReadingScale | None:
-        """Unit of the readings that this model is for; None for torques."""
+        """Unit that the readings of the calibration came in; None for N·m."""
         text = self.provenance.reading_scale
         return ReadingScale.of_text(text) if text else None
 

@@ -175,6 +175,8 @@ def static_page(
         ("Points", f"{len(points)}, {points.range_nm:g} N·m"),
         ("Transducer", points.transducer_serial or "not stated"),
     ]
+    if points.scale is not None:
+        facts.append(("Readings", points.scale.formula))
     if profile is not None:
         checked = "" if profile.verified else ", not checked against a licensed text"
         facts.append(("Profile", f"{profile.name} (SHA-256 {profile.sha256[:16]}…{checked})"))

@@ -55,6 +55,7 @@ def _data(result: FitResult) -> Section:
         (
             ("Points", f"{len(data)} in {len(np.unique(data.series))} series"),
             ("Range", f"{data.range_nm:g} N·m"),
+            ("Readings", "in N·m" if data.scale is None else data.scale.formula),
             ("Transducer", data.transducer_serial or "not stated"),
             ("Counter", data.counter_identity or "not stated"),
             ("Scatter of repeated points", scatter),

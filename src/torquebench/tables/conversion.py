@@ -252,6 +252,8 @@ class Conversion:
     @property
     def text(self) -> str:
         """What was stated, in words."""
+        if self.scale is not None and not self.scale.is_torque:
+            return self.scale.stated
         parts = [] if self.sensitivity is None else [self.sensitivity.text]
         if self.arm_m is not None:
             parts.append(f"arm {self.arm_m:g} m, g = {self.gravity:g} m/s²")

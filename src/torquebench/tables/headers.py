@@ -613,7 +613,9 @@ class _Choice:
         kind = self._wanted[quantity]
         if kind in (LABEL, WORD):
             return Message("add it, or name it: --column '{name}=Header'", quantity)
-        shown = BASE[kind].replace("·", "")
+        shown, scale = BASE[kind].replace("·", ""), self._conversion.scale
+        if quantity == "reading" and scale is not None:
+            shown = scale.unit
         index = self._likeliest(quantity)
         if index is None:
             return Message(
@@ -624,10 +626,11 @@ class _Choice:
             return Message("{name} is a share, not a torque: multiply by the full scale", name)
         if name.lower() == quantity:
             return Message(
-                "rename {name} to {own} if it is in that unit: a header names its unit, "
-                "or --column '{name}={name}[{shown_units}]'",
+                "a header names its unit: rename {name} to {own} if it is in that unit, "
+                "or --column '{quantity}={name}[{shown_units}]'",
                 name,
                 _own_name(quantity, kind),
+                quantity,
                 shown,
             )
         stated = self._stated_unit(name, kind)

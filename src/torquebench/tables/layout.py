@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
+from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.tables.units import kinds_of
 
@@ -47,6 +48,8 @@ class Layout:
         Column with times in ticks of 100 ns.
     notes : tuple of str
         What was passed over.
+    partial : bool
+        Whether rows have other cells, too, which are passed over.
     """
 
     names: tuple[str, ...]
@@ -54,6 +57,7 @@ class Layout:
     columns: tuple[int, ...]
     ticks: int | None = None
     notes: tuple[str, ...] = field(default=())
+    partial: bool = False
 
 
 def find_layout(
@@ -89,7 +93,7 @@ def find_layout(
     width = max(map(len, rows))
     scope = _scope_header(rows)
     if scope is not None:
-        return _of_scope(rows, scope, width)
+        return _of_scope(rows, scope)
     numeric = _numeric_columns(rows, width)
     header = _header(rows, numeric, known)
     if header is None:
@@ -214,21 +218,48 @@ def _completed(names: Sequence[str]) -> tuple[str, ...]:
 def _scope_header(rows: Sequence[Sequence[str]]) -> int | None:
     """Return the row of names of a scope's export: one that its own rows of properties follow."""
     first = [_cell(row, 0).lower() for row in rows]
-    for index, cell in enumerate(first[:-1]):
+    for index, cell in reversed(list(enumerate(first[:-1]))):  # a scope has a name, too
         if cell == "name" and any(each in _SCOPE_ROWS for each in first[index + 1 : index + 4]):
             return index
     return None
 
 
-def _of_scope(rows: Sequence[Sequence[str]], header: int, width: int) -> Layout:
-    properties = {_cell(row, 0).lower(): row for row in rows[header + 1 :] if _cell(row, 0)}
+def _last(row: Sequence[str]) -> int:
+    return max((at for at, cell in enumerate(row, 1) if cell.strip()), default=0)
+
+
+def _of_scope(rows: Sequence[Sequence[str]], header: int) -> Layout:
+    """Return the channels of the sample time that most have, with the times of the first."""
+    properties: dict[str, Sequence[str]] = {}
+    for row in rows[header + 1 :]:
+        properties.setdefault(_cell(row, 0).lower(), row)
     first = next(
         index
         for index in range(header + 1, len(rows) + 1)
         if index == len(rows) or _is_number(_cell(rows[index], 0))
     )
     cells = [" ".join(cell.split()) for cell in rows[header]]
-    units = properties.get("unit", ())
+    units, steps = (
+        next((properties[key] for key in keys if key in properties), ())
+        for keys in (("unit",), ("sampletime[ms]", "sampletime"))
+    )
+    for row in filter(None, (steps, *rows[first : first + 1])):
+        if _last(row) != _last(rows[header]):
+            raise InputError(
+                Message(
+                    "an export of TwinCAT's scope with {count} names and {found} cells from "
+                    "{cell!r} on",
+                    _last(rows[header]),
+                    _last(row),
+                    _cell(row, 0),
+                ),
+                "a separator that isn't the decimal mark and stands in no name",
+                "export with tabs or semicolons",
+            )
+    channels = [at for at, name in enumerate(cells) if name and name.lower() != "name"]
+    step_of = {at: _cell(steps, at) for at in channels}
+    step = max(step_of.values(), key=list(step_of.values()).count, default="")
+    others = [at for at in channels if step_of[at] != step]
     values = (
         [float(cell.replace(",", ".")) for cell in rows[first][:1]] if first < len(rows) else []
     )
@@ -237,9 +268,11 @@ def _of_scope(rows: Sequence[Sequence[str]], header: int, width: int) -> Layout:
     columns: list[int] = []
     for column, name in enumerate(cells):
         time = name.lower() == "name"
-        if time and columns:
+        if time and (columns or step_of.get(column + 1, step) != step):
             continue  # each channel has its times, which are those of the first
-        unit = _cell(units, column).strip(_BRACKETS)
+        if column in others:
+            continue
+        unit = _cell(units, column).partition(" (")[0].strip(_BRACKETS)  # V (Voltage)
         if time:
             name = "time [s]" if ticks is not None else "time [ms]"
         elif unit and unit.lower() not in _NO_UNIT:
@@ -247,6 +280,12 @@ def _of_scope(rows: Sequence[Sequence[str]], header: int, width: int) -> Layout:
         if name:
             names.append(name)
             columns.append(column)
-    note = Message("times of {columns} channels are taken as one", width // 2)
-    paired = sum(cell.lower() == "name" for cell in cells) > 1
-    return Layout(tuple(names), first, tuple(columns), ticks, (note,) if paired else ())
+    notes: list[str] = []
+    if sum(cell.lower() == "name" for cell in cells) > 1 + bool(others):
+        notes.append(
+            Message("times of {columns} channels are taken as one", len(channels) - len(others))
+        )
+    if others:
+        left = ", ".join(cells[at] for at in others)
+        notes.append(Message("not read, because sampled at other times: {names}", left))
+    return Layout(tuple(names), first, tuple(columns), ticks, tuple(notes), bool(others))

@@ -77,6 +77,7 @@ _WINDOW = "window_s"
 """Comment with the length of the windows of a table's readings."""
 _DAY = "measured_on"
 """Comment with the day of a measurement, from or to which the age of a calibration counts."""
+_NEWTON_METRE = unit_named("N·m", "torque")
 _SCALE = "reading_scale"
 """Comment with the unit of the readings before they were converted, as `ReadingScale.text`."""
 _TEXTS = ("side", "transducer_serial", "counter_identity")
@@ -164,7 +165,7 @@ def check_model(stored: StoredModel, table: Table, columns: TableColumns) -> Non
             "a table of the range that was calibrated",
             "take the model of this range, or calibrate it",
         )
-    scale, present_scale = stored.scale, columns.scale
+    scale, present_scale = _of_signal(stored.scale), _of_signal(columns.scale)
     if (scale is None) != (present_scale is None) and "reading_nm" in columns:
         name = columns.name("reading_nm")
         raise ModelMismatchError(
@@ -194,15 +195,19 @@ def model_conversion(stored: StoredModel, stated: Conversion) -> Conversion:
     ModelMismatchError
         A sensitivity is stated, and the model knows that of its calibration.
     """
-    if stored.scale is None:
-        return stated
+    if _of_signal(stored.scale) is None:
+        return replace(stated, scale=stored.scale)
     if stated.sensitivity is not None:
         raise ModelMismatchError(
             Message("--sensitivity {text!r}, and that of the model", stated.sensitivity.text),
-            Message("the model's: {text}", stored.scale.stated),
+            Message("the model's: {text}", "" if stored.scale is None else stored.scale.stated),
             "leave the option out",
         )
     return replace(stated, scale=stored.scale)
+
+
+def _of_signal(scale: ReadingScale | None) -> ReadingScale | None:
+    return None if scale is None or scale.is_torque else scale
 
 
 class TableColumns:
@@ -223,7 +228,7 @@ class TableColumns:
     ----------
     understood : Understood
     scale : ReadingScale or None
-        Unit of the readings, where it isn't a torque's.
+        Unit of the readings, where it isn't N·m.
     notes : list of str
         What was passed over.
     """
@@ -241,12 +246,12 @@ class TableColumns:
         self._loading: bool | None = None
         reading = self.understood.columns.get("reading")
         self.scale: ReadingScale | None = None
-        if reading is not None and reading.unit is not None and reading.unit.kind != "torque":
+        if reading is not None and reading.unit is not None and reading.unit != _NEWTON_METRE:
             self.scale = ReadingScale(
                 reading.unit.symbol,
                 reading.factor,
                 reading.offset,
-                (conversion or Conversion()).text,
+                "" if reading.unit.kind == "torque" else (conversion or Conversion()).text,
             )
 
     def __contains__(self, column: str) -> bool:
@@ -571,7 +576,7 @@ def _check_sizes(
     chosen = columns.understood.columns
     largest = [float(np.max(np.abs(values))) for values in (reading, standard)]
     by_words = chosen["reading"].by_words or chosen["standard"].by_words
-    if not by_words or columns.scale is not None or 0.0 in largest:
+    if not by_words or _of_signal(columns.scale) is not None or 0.0 in largest:
         return
     if max(largest) / min(largest) > _LARGEST_RATIO:
         raise InputError(

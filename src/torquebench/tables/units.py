@@ -127,7 +127,7 @@ def _torques() -> Iterator[tuple[str, Unit]]:
             if force_symbol in _REVERSED:
                 yield length + force, unit
     for word, factor in _TORQUE_WORDS.items():
-        yield word, Unit("N·m", "torque", factor)
+        yield word, Unit({1e3: "kN·m", 1e-3: "mN·m"}.get(factor, "N·m"), "torque", factor)
     plain = _simple_torques()
     for words, spelling in _POUND_WORDS.items():
         yield words, plain[spelling]

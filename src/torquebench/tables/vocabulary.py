@@ -17,13 +17,14 @@ __all__ = ["BRANCH", "matches", "meanings"]
 _WORDS: Mapping[str, str] = {
     "reading": """
         reading readings read indicated indication indicator measured measurement measure meas uut
-        dut iut sensor transducer loadcell display displayed observed
+        dut iut sensor transducer loadcell display displayed observed signal
         anzeige anzeigen messwert istwert ist mess prüfling pruefling prüf pruef aufnehmer gemessen
         gemessene gemessenes angezeigt angezeigte angezeigtes ablesung ablesewert
-        示值 读数 测量 实测 被测 被检 显示 指示 测得 传感器
+        信号 示值 读数 测量 实测 被测 被检 显示 指示 测得 传感器
         lecture lu lue lus mesure mesuré mesurée indiqué indiquée affiché affichage capteur
-        lectura indicación indicado indicada medido medida medición leído leída sensor transductor
-        指示 測定 実測 読み 読取 読取り 表示 計測""",
+        señal lectura indicación indicado indicada medido medida medición leído leída sensor
+        transductor
+        信号 指示 測定 実測 読み 読取 読取り 表示 計測""",
     "standard": """
         reference ref standard applied true calibrator master certified deadweight
         referenz normal normals bezug bezugs bezugsnormal aufgebracht aufgebrachtes angelegt

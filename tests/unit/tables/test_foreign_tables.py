@@ -14,11 +14,13 @@ from decimal import Decimal
 from pathlib import Path
 from typing import Any
 
+import h5py
 import numpy as np
 import openpyxl
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from scipy.io import savemat
 
 from torquebench.campaign.dynamics import identify_dynamics
 from torquebench.compensation import (
@@ -39,6 +41,7 @@ from torquebench.tables import (
     read_calibration_table,
     read_empty_run,
     read_readings,
+    read_table,
     table_of_arrow,
     understand,
 )
@@ -255,6 +258,132 @@ def test_where_the_table_begins(tmp_path: Path, seed: int) -> None:
     line = first + at + (at > 2)  # a cell of two lines stands in the third row
     with pytest.raises(InputError, match=f"line {line}, column UUT.*oops"):
         read_calibration(bad)
+
+
+def write_matlab73(path: Path, variables: dict[str, Any]) -> None:
+    """Write MATLAB 7.3: HDF5 behind 512 bytes, arrays by columns, texts as numbers."""
+
+    def put(group: h5py.Group, name: str, value: Any) -> None:
+        if isinstance(value, dict):
+            inner = group.create_group(name)
+            inner.attrs["MATLAB_class"] = np.bytes_("struct")
+            for key, each in value.items():
+                put(inner, key, each)
+            return
+        if isinstance(value, str):
+            kind, data = "char", np.array([[ord(letter)] for letter in value], dtype="uint16")
+        elif isinstance(value, list):
+            cells = group.file.require_group("#refs#")
+            for number, each in enumerate(value):
+                put(cells, f"{name}{number}", each)
+            references = [[cells[f"{name}{number}"].ref for number in range(len(value))]]
+            kind, data = "cell", np.array(references, dtype=h5py.ref_dtype)
+        else:
+            array = np.atleast_2d(value)
+            data = array if array.shape[0] == 1 else array.T
+            kind = {"float64": "double", "bool": "logical"}.get(array.dtype.name, array.dtype.name)
+            data = data.astype("uint8") if kind == "logical" else data
+        stored = group.create_dataset(name, data=data)
+        stored.attrs["MATLAB_class"] = np.bytes_(kind)
+
+    with h5py.File(path, "w", userblock_size=512) as file:
+        for name, value in variables.items():
+            put(file, name, value)
+    content = bytearray(path.read_bytes())
+    content[:128] = b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(124) + b"\x00\x02IM"
+    path.write_bytes(content)
+
+
+@pytest.mark.parametrize("seed", range(MANY))
+def test_files_of_matlab(tmp_path: Path, seed: int) -> None:
+    """Version 5 by SciPy and 7.3 by h5py: structures, texts as long as the columns, cells."""
+    draw = random.Random(seed)
+    columns: dict[str, Any] = {
+        "reading_nm": np.array(READING)[:, None],
+        "standard_nm": np.array(STANDARD)[:, None],
+    }
+    text = "x" * draw.choice([1, 3, len(READING), 20])
+    rest: dict[str, Any] = {"operator": text, "range_nm": 100.0}
+    if draw.random() < 0.5:
+        columns["ok"] = np.array([True] * len(READING))[:, None]
+    variables = {**columns, **rest} if draw.random() < 0.5 else {"cal": columns, **rest}
+    cells = draw.random() < 0.5
+    path = tmp_path / "t.mat"
+    if seed % 2:
+        write_matlab73(path, variables | ({"names": ["a", "bc"]} if cells else {}))
+    else:
+        names = np.array(["a", "bc"], dtype=object)
+        savemat(path, variables | ({"names": names} if cells else {}))
+    found = read_calibration_table(path)
+    assert found.data.reading_nm.tolist() == READING
+    assert found.data.standard_nm.tolist() == STANDARD
+    assert found.data.range_nm == 100.0
+    assert list(found.columns.notes) == ["t.mat: not read: names"] * cells
+
+
+@pytest.mark.parametrize("seed", range(MANY))
+def test_exports_of_twincats_scope(tmp_path: Path, seed: int) -> None:
+    """Channels with times of their own or shared ones, other sample times, ticks of 100 ns.
+
+    The layout is that of the exports in the repositories pytcs and amci_resolver_issue.
+    """
+    draw = random.Random(seed)
+    separator = draw.choice("\t;")
+    comma, ticks, fast = (draw.random() < 0.5 for _ in range(3))
+    shared = draw.random() < 0.5
+    rows = draw.randrange(3, 30)
+    torque = [round(draw.uniform(-50.0, 50.0), 3) for _ in range(rows)]
+    speed = [draw.randrange(100) for _ in range(rows)]
+    begin = 132_900_081_483_250_000
+
+    def time(step: float, row: int) -> str:
+        return str(begin + round(1e4 * step) * row) if ticks else f"{step * row:g}"
+
+    channels: list[tuple[str, str, float, list[Any]]] = [
+        ("Torque", "N·m (Torque)", 2.0, torque),
+        ("Speed", "(None)", 2.0, speed),
+    ]
+    oversampled = ("Fast", "V (Voltage)", 0.5, [0.25 * n for n in range(4 * rows)])
+    if fast:
+        channels.insert(draw.randrange(3), oversampled)
+    head: dict[str, list[str]] = {
+        name: []
+        for name in ("Name", "SymbolComment", "Data-Type", "SampleTime[ms]", "Unit", "Unit Offset")
+    }
+    columns: list[list[str]] = []
+    before = None
+    for name, unit, step, values in channels:
+        cells = (name, "", "REAL64", f"{step:g}", unit, "0")
+        if not (shared and before == step):
+            for key in head:
+                head[key].append(key)
+            columns.append([time(step, row) for row in range(len(values))])
+        for key, cell in zip(head, cells, strict=True):
+            head[key].append(cell)
+        columns.append([str(value) for value in values])
+        before = step
+    longest = max(map(len, columns))
+    body = [
+        [column[row] if row < len(column) else "" for column in columns] for row in range(longest)
+    ]
+    title = [
+        ["Name", "A scope"],
+        ["Starttime of export", str(begin), "Monday", "15:56:24.376"],
+        [],
+        [],
+    ]
+    lines = [separator.join(cells) for cells in (*title, *head.values(), [], *body)]
+    path = tmp_path / "scope.csv"
+    content = "\r\n".join(lines)
+    path.write_text(content.replace(".", ",") if comma else content, encoding="utf-8")
+    table = read_table(path)
+    assert table.names == (f"time [{'s' if ticks else 'ms'}]", "Torque [N·m]", "Speed")
+    np.testing.assert_allclose(table.numbers("Torque [N·m]"), torque)
+    np.testing.assert_allclose(table.numbers("Speed"), speed)
+    times = 2.0 * np.arange(rows) * (1e-3 if ticks else 1.0)
+    found = table.numbers(0)
+    np.testing.assert_allclose(found - found[0], times, atol=1e-6)
+    assert [note for note in table.notes if note.endswith("other times: Fast")] != [] or not fast
 
 
 UNUSED: tuple[tuple[Any, list[Any]], ...] = (

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from torquebench.compensation.model_file import Provenance
+from torquebench.compensation.model_file import Provenance, ReadingScale
 
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
@@ -39,6 +39,9 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
         "branch: +1 the size of the torque grew, -1 it fell, 0 unknown",
         f"deviation from the model: at most {table.bound_nm:.3g} N m",
     ]
+    if provenance.reading_scale:
+        formula = ReadingScale.of_text(provenance.reading_scale).formula
+        lines.insert(6, f"readings of the calibration, to be converted alike: {formula}")
     if uncertainty is not None:
         lines.append(
             "curve uncertainty: standard uncertainty (k = 1) of the model's curve alone, within "
@@ -49,4 +52,5 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
         lines.append(
             f"scatter of a single reading: {provenance.metrics['noise_nm']:.3g} N m (k = 1)"
         )
-    return [line.encode("ascii", "replace").decode("ascii") for line in lines]
+    plain = str.maketrans({"·": " ", "×": "*", "µ": "u", "²": "2", "°": "deg "})
+    return [line.translate(plain).encode("ascii", "replace").decode("ascii") for line in lines]

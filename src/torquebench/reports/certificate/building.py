@@ -258,6 +258,7 @@ def build_record(
         unreviewed=unreviewed,
         acts=tuple(acts.stated(measured_by, calibration.signature, ", ".join(names))),
         loading_accuracy=_loading(data),
+        readings="" if data.scale is None else data.scale.formula,
         turning="" if source.chain is None else turning_range(source.chain),
         turning_budget=None
         if source.chain is None

@@ -479,6 +479,8 @@ class CertificateRecord:
         From the record of the mounting; empty if not entered.
     loading_accuracy : str
         Largest difference of the standard from the requested torque.
+    readings : str
+        From their unit to N·m; empty where they were in N·m.
     """
 
     number: str
@@ -521,6 +523,7 @@ class CertificateRecord:
     lubrication: str = stated(MOUNTING_WORDS["lubrication"], default="")
     mounted_by: str = stated(MOUNTING_WORDS["mounted_by"], default="")
     loading_accuracy: str = stated("Loading accuracy", default="")
+    readings: str = stated("Conversion of the readings", default="")
     turning: str = stated("While it turns, the compensation holds for", default="")
     turning_budget: TurningBudget | None = None
     not_in_u: tuple[str, ...] = ()

@@ -7,6 +7,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import IO, Any
 
+from torquebench.message import Message
 from torquebench.tables.formats import (
     Format,
     OpenedTable,
@@ -48,6 +49,7 @@ def columns_of_file(
 
     groups: dict[str, dict[str, Any]] = {}
     unused: list[str] = []
+    remarks: dict[str, Any] = {}
 
     def visit(name: str, item: Any) -> None:
         if hidden and name.startswith(hidden):
@@ -55,10 +57,18 @@ def columns_of_file(
         if not isinstance(item, h5py.Dataset) or item.size in (0, None):
             return
         group, _, own = name.rpartition("/")
-        if item.dtype.names:
+        matlab = _matlab_class(item)
+        if matlab == "char" and 1 in item.shape:
+            remarks[own] = "".join(map(chr, item[()].ravel()))
+        elif matlab in _MATLAB_ONLY or "MATLAB_empty" in item.attrs:
+            unused.append(name)
+        elif item.dtype.names:
             groups[name] = {each: item.fields(each) for each in item.dtype.names}
         elif item.ndim in (1, 2) and item.size > 1 and item.dtype.kind in "iufbSO":
             groups.setdefault(group or "/", {}).update(_columns(own, item, transposed))
+        elif item.size == 1 and item.dtype.kind in "iufbS":
+            value = item[()].ravel()[0]
+            remarks[own] = value.decode("utf-8", "replace") if item.dtype.kind == "S" else value
         else:
             unused.append(name)
 
@@ -68,12 +78,23 @@ def columns_of_file(
         parts |= tables_by_length(name, group, _size)
     chosen = chosen_part(path, part, {name: list(each) for name, each in parts.items()}, "group")
     sets = parts[chosen]
-    remarks = dict(file.attrs)
+    remarks |= dict(file.attrs)
     for name, group in groups.items():
         if next(iter(sets.values())) in group.values() and name in file:
-            remarks |= dict(file[name].attrs)
+            own = file[name].attrs.items()
+            remarks |= {key: value for key, value in own if not key.startswith("MATLAB_")}
     channels = [(name, _unit(data), _slices(data)) for name, data in sets.items()]
-    return of_channels(channels, _size(next(iter(sets.values()))), remarks, chosen)
+    notes = [Message("{path}: not read: {names}", path.name, ", ".join(unused))] if unused else []
+    return of_channels(channels, _size(next(iter(sets.values()))), remarks, chosen, notes)
+
+
+_MATLAB_ONLY = ("cell", "function_handle", "table", "timetable", "datetime", "string", "char")
+
+
+def _matlab_class(item: Any) -> str:
+    """Return the class that MATLAB 7.3 gives a variable: its texts are arrays of numbers."""
+    name = item.attrs.get("MATLAB_class", b"")
+    return name.decode("ascii", "replace") if isinstance(name, bytes) else str(name)
 
 
 class _Column:

@@ -36,7 +36,8 @@ def _open(path: Path, part: str, opened: ExitStack) -> OpenedTable:
     content = loadmat(path, appendmat=False, struct_as_record=True)
     groups: dict[str, dict[str, Any]] = {"": {}}
     remarks: dict[str, str] = {}
-    notes = []
+    notes: list[str] = []
+    unused: list[str] = []
     for name, value in content.items():
         if name in _OBJECTS:
             if name == "None":
@@ -48,7 +49,7 @@ def _open(path: Path, part: str, opened: ExitStack) -> OpenedTable:
                     )
                 )
         elif not name.startswith("__"):
-            _sort(name, value, groups, remarks)
+            _sort(name, value, groups, remarks, unused)
     parts: dict[str, dict[str, Any]] = {}
     for name, group in groups.items():
         parts |= tables_by_length(name, group, len)
@@ -58,6 +59,8 @@ def _open(path: Path, part: str, opened: ExitStack) -> OpenedTable:
             "arrays of numbers, one a quantity",
             "in MATLAB: time = t.Time; torque = t.Torque; save('data.mat', 'time', 'torque')",
         )
+    if unused:
+        notes.append(Message("{path}: not read: {names}", path.name, ", ".join(unused)))
     chosen = chosen_part(path, part, {name: list(each) for name, each in parts.items()}, "variable")
     columns = parts[chosen]
     channels = [(name, "", _reader(values)) for name, values in columns.items()]
@@ -69,24 +72,34 @@ def _reader(values: Any) -> Any:
 
 
 def _sort(
-    name: str, value: Any, groups: dict[str, dict[str, Any]], remarks: dict[str, str]
+    name: str,
+    value: Any,
+    groups: dict[str, dict[str, Any]],
+    remarks: dict[str, str],
+    unused: list[str],
 ) -> None:
     """Put a variable where it belongs: columns, remarks, or the columns of a structure."""
     if value.dtype.names and value.size == 1:
         for field in value.dtype.names:
             inner = value[field].item()
-            if hasattr(inner, "dtype"):
-                _sort_array(field, inner, groups.setdefault(name, {}), remarks)
-    elif not value.dtype.names:
-        _sort_array(name, value, groups[""], remarks)
+            if not hasattr(inner, "dtype") or not _sort_array(
+                field, inner, groups.setdefault(name, {}), remarks
+            ):
+                unused.append(f"{name}.{field}")
+    elif value.dtype.names or not _sort_array(name, value, groups[""], remarks):
+        unused.append(name)
 
 
-def _sort_array(name: str, value: Any, columns: dict[str, Any], remarks: dict[str, str]) -> None:
+def _sort_array(name: str, value: Any, columns: dict[str, Any], remarks: dict[str, str]) -> bool:
+    """Take an array as columns or as a remark; return whether it is one."""
     kind = value.dtype.kind
     if (kind in "US" and value.size == 1) or (kind in "iufb" and value.size == 1):
         remarks[name] = str(value.item())
-    elif kind in "iufb" and value.ndim == 2:
+    elif kind in "iufb" and value.ndim == 2 and value.size:
         columns.update(_columns(name, value))
+    else:
+        return False
+    return True
 
 
 def _columns(name: str, value: Any) -> Iterator[tuple[str, Any]]:

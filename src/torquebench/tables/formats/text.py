@@ -358,6 +358,7 @@ class TextFile:
             layout.ticks is not None
             or self.separator == " "
             or layout.columns[-1] + 1 != len(layout.columns)
+            or layout.partial
         ):
             return None
         import pyarrow as pa
@@ -388,12 +389,14 @@ class TextFile:
         """Read a piece line by line."""
         lines = _uncommented(self._decoded(content, before))
         width, layout = len(self.names), self._layout
-        whole = width == layout.columns[-1] + 1
+        whole = width == layout.columns[-1] + 1 and not layout.partial
         rows, numbers = [], []
         for cells, number, _ in _records(lines, self.separator, self.origin, before):
             fitting: list[str] | None = [
                 cells[index] if index < len(cells) else "" for index in layout.columns
             ]
+            if layout.partial and not any(fitting or ()):
+                continue  # a channel that was sampled at other times goes on
             if whole or cells[0].lower() in _ENDS:
                 fitting = self._fitting(cells, number)
             if fitting is not None:
