@@ -31,7 +31,8 @@ check: $(VENV)/.installed-test
 
 # Campaigns, soak tests and demonstrations, and the numbers as on another processor.
 nightly: programs
-	$(BIN)/pytest -n auto --dist worksteal -m nightly
+	$(BIN)/pytest -n auto --dist worksteal -m "nightly and not alone"
+	$(BIN)/pytest -m "nightly and alone"
 	$(MAKE) other-processor
 
 # The programs that the tests start (a browser, PostgreSQL, an MQTT broker, …): installed by apt

@@ -1,6 +1,6 @@
 """Make every picture of the documentation again: `make pictures`, about three minutes.
 
-`python -m tests.pictures drawings`, `demo` or `panel` makes a part of them.
+`python -m tests.pictures drawings`, `charts`, `demo` or `panel` makes a part of them.
 """
 
 import os
@@ -9,10 +9,10 @@ import tempfile
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before NumPy is imported, as the command does
-from tests.pictures import demo, drawings, panel
+from tests.pictures import charts, demo, drawings, panel
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-PARTS = {"drawings": drawings.make, "demo": demo.make, "panel": panel.make}
+PARTS = {"drawings": drawings.make, "charts": charts.make, "demo": demo.make, "panel": panel.make}
 
 for name in sys.argv[1:] or PARTS:
     with tempfile.TemporaryDirectory(prefix="torquebench-pictures-") as scratch:

@@ -20,7 +20,7 @@ from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
-from benchmarks.fault_judging import Outcome
+from tests.support.faults.judging import Outcome
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile

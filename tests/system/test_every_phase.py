@@ -1,6 +1,6 @@
 """Kills, full disks and restarts of the database at phases of a calibration and its certificate.
 
-`python -m benchmarks.faults` goes through the commands with more of them.
+`tests/nightly` goes through the commands with more of them.
 """
 
 import os

@@ -6,7 +6,6 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 import pytest
-from benchmarks import charts
 from benchmarks import compensation as benchmark
 from benchmarks.__main__ import QUESTIONS
 from benchmarks.compensation_contenders import DEFAULT, contenders
@@ -20,6 +19,7 @@ from benchmarks.reporting import AIMS, Aim, aim, judge, write_section
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from rich.console import Console
+from tests.pictures import charts
 from tests.support.chain_shapes import SHAPES
 from tests.support.chains import FAMILIES, REPEATABILITY, Noise, known_form, make_chain, path
 
@@ -161,7 +161,7 @@ def test_the_section_is_replaced_and_the_rest_kept(tmp_path: Path) -> None:
 
 
 def test_charts_show_what_the_tables_say(tmp_path: Path) -> None:
-    """A chart that isn't drawn again after its table changed is found: `benchmarks.charts`."""
+    """A chart that isn't drawn again after its table changed is found."""
     for chart in charts.draw(tmp_path):
         heading = escape(charts.said(charts.CHARTS[chart.stem][0]))
         assert heading in chart.read_text(encoding="utf-8")

@@ -18,8 +18,8 @@ from pathlib import Path
 
 from tests.accounts import people_of
 from tests.hostile_files import FILES
+from tests.support.faults.judging import Outcome
 
-from benchmarks.fault_judging import Outcome
 from torquebench.calibration import load_profile
 from torquebench.campaign.finishing import finish_calibration, finish_run
 from torquebench.campaign.fitting import ModelChoice
@@ -32,7 +32,7 @@ from torquebench.records import RunFolder, unfinished_runs
 from torquebench.reports.certificate import Issue, build_record
 from torquebench.station import Station, enter_run
 
-__all__ = ["RECORD_FAULTS", "numbered_record"]
+__all__ = ["ACTS", "attacked"]
 
 PROFILE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 POINTS = 16
@@ -112,7 +112,6 @@ ACTS: dict[str, Act] = {
     "run copied": _copy("{}-copy", sealed=True),
     "run copied before it was sealed": _copy("copy-of-{}", sealed=False),
 }
-RECORD_FAULTS = 2 * len(ACTS)
 
 
 @dataclass
@@ -130,9 +129,8 @@ class _Meanwhile(NoProgress):
             self.act()
 
 
-def numbered_record(index: int, seed: int) -> Outcome:
+def attacked(name: str, seed: int, *, real: bool) -> Outcome:
     """Attack once, in simulated or in real time, and look what is left."""
-    name, real = list(ACTS)[index // 2], bool(index % 2)
     problems: list[str] = []
     said, took_s = "", 0.0
     if name.startswith("upload "):
@@ -181,6 +179,4 @@ def numbered_record(index: int, seed: int) -> Outcome:
         float("nan"),
         points,
         tuple(problems),
-        index=index,
-        seed=seed,
     )

@@ -1,67 +1,38 @@
-"""Break the bench on purpose and look what is left: ``python -m benchmarks.faults [--quick]``.
-
-Seeded faults come at random moments of all procedures, in parts (``--parts``):
-
-simulated    instruments, drives, disk and process, on the simulated bench in simulated time
-sockets      every kind of wrong answer and disobedience of every instrument over real sockets
-real         the same in real time
-phases       a kill, a full disk, a lost database while a calibration is measured, sealed, fitted,
-             registered and certified
-postgresql   a registry in PostgreSQL restarts for 2 s at every phase, where it is installed
-undisturbed  nothing is broken, in real time over sockets, for ``--minutes`` (none by default)
+"""Faults of instruments, drives, disk and process on the simulated bench, in simulated time.
 
 After each one both drives have to be off or an alarm has to stay that says so, the alarm or error
 has to have a name, the record has to be sealed and readable with every acknowledged point in it,
 and no point and no result may be wrong: readings and standard are compared with the true torque,
-results with an undisturbed run. Then the bench has to work again. Exits with 1 on any failure.
-
-With ``--into FILE`` outcomes are kept, and a campaign that was interrupted goes on; a fault is
-repeated alone by its part and number (``--only real:12``). ``--docs`` writes the report into
-docs/benchmarks.md.
+results with an undisturbed run. Then the bench has to work again.
 """
 
 from __future__ import annotations
 
-import argparse
 import contextlib
-import logging
 import os
 import signal
-import sys
 import tempfile
 import time
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, replace
-from functools import partial
-from multiprocessing import get_context
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from tests import postgresql_server
-
-from benchmarks.fault_bench import KINDS, TRIES, FaultyBench, Kind, on_thread
-from benchmarks.fault_judging import (
+from tests.support.faults.bench import KINDS, TRIES, FaultyBench, Kind, on_thread
+from tests.support.faults.judging import (
     Outcome,
     checked,
     differing,
     ended_badly,
-    line_of,
     record_of,
     slipped,
     status_of,
     unsafe_end,
 )
-from benchmarks.fault_procedures import PROCEDURES, Procedure
-from benchmarks.fault_report import Kept, Start, section, summary
-from benchmarks.network_faults import numbered_real, numbered_wire, wire_faults
-from benchmarks.phase_faults import PHASE_FAULTS, numbered_phase
-from benchmarks.record_faults import RECORD_FAULTS, numbered_record
-from benchmarks.reporting import BENCHMARKS, write_section
-from benchmarks.restarts import RESTARTS, numbered_restart
-from benchmarks.undisturbed import TITLE, undisturbed
+from tests.support.faults.procedures import PROCEDURES, Procedure
+
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import SIDES
@@ -76,9 +47,6 @@ from torquebench.station import Station, recover_unfinished
 SAFE_S = 1.0
 """Longest time until both drives are off, s of bench time, of a fault that stops the bench."""
 FULL = 300
-QUICK_WIRE, QUICK_REAL, QUICK_PHASES, QUICK_RECORDS, QUICK_RESTARTS = 3, 1, 2, 2, 1
-AT_ONCE = 3
-"""Of the quick campaign: one that waits for a time-out over sockets beside two that compute."""
 KEPT_POWER_S = 2.0
 """How long to wait for a drive that doesn't go off whatever it is told, s of wall time."""
 MET_LATER = (
@@ -322,124 +290,4 @@ def numbered(index: int, seed: int) -> Outcome:
                     outcome = one_fault(station, faulty, kind, procedure, draw)
             if outcome.status != "too late":
                 break
-    return replace(outcome, index=index, seed=seed)
-
-
-def gone_through(begun: Sequence[Callable[[], Outcome]], *, tell: bool) -> list[Outcome]:
-    """Return what became of faults, in order."""
-    outcomes = []
-    for outcome in begun:
-        outcomes.append(outcome())
-        if tell:
-            print(line_of(outcomes[-1]), flush=True)
-    return outcomes
-
-
-@contextlib.contextmanager
-def starting(at_once: int) -> Iterator[Start]:
-    """Have so many faults gone through at once, in processes of their own where it is several."""
-    if at_once == 1:
-        yield partial
-        return
-    with ProcessPoolExecutor(at_once, mp_context=get_context("fork")) as others:
-        yield lambda *fault: others.submit(*fault).result
-
-
-def computing_s() -> float:
-    """Return what this process and those that it has ended have computed, s."""
-    return sum(os.times()[:4])
-
-
-def main() -> int:
-    """Go through the campaign; 1 where a fault wasn't survived."""
-    parts = _parts()
-    arguments = parsed(parts)
-    logging.getLogger("torquebench").addHandler(logging.NullHandler())  # it breaks on purpose
-    seed = arguments.seed
-    if arguments.only is not None:
-        name, _, index = arguments.only.partition(":")
-        print(outcome := parts[name].fault(int(index), seed))
-        return int(bool(outcome.problems))
-    chosen = {name: part for name, part in parts.items() if name in arguments.parts}
-    tell = arguments.verbose or arguments.quick
-    kept, began = Kept(arguments.into), time.monotonic()
-    outcomes: dict[str, Sequence[Outcome]] = {}
-    with starting(arguments.at_once or (AT_ONCE if arguments.quick else 1)) as start:
-        begun = {
-            # What waits for time-outs comes first, so that the others compute meanwhile.
-            name: kept.begin(
-                name, part.fault, part.number(arguments), seed, partial if part.alone else start
-            )
-            for name, part in reversed(chosen.items())
-        }
-        for name, part in chosen.items():
-            outcomes[part.title] = gone_through(begun[name], tell=tell)
-            print("\n".join(summary(outcomes[part.title], part.title)), flush=True)
-    if arguments.minutes:
-        outcomes[TITLE] = undisturbed(arguments.minutes, seed, kept, tell=tell)
-        print("\n".join(summary(outcomes[TITLE], TITLE)), flush=True)
-    print(f"\n{time.monotonic() - began:.0f} s, of which {computing_s():.0f} s computing")
-    if arguments.docs:
-        write_section(BENCHMARKS, "faults", section(outcomes, arguments.docs))
-    return int(any(outcome.problems for part in outcomes.values() for outcome in part))
-
-
-@dataclass(frozen=True)
-class Part:
-    """A part of the campaign: its title, how one fault goes, how many there are."""
-
-    title: str
-    fault: Callable[[int, int], Outcome]
-    full: int
-    quick: int
-    alone: bool = False
-    """Whether one goes at a time, since it measures by the wall's clock."""
-
-    def number(self, arguments: argparse.Namespace) -> int:
-        """Return how many are gone through."""
-        most = self.quick if arguments.quick else self.full
-        return most if arguments.faults is None else min(most, int(arguments.faults))
-
-
-def _parts() -> dict[str, Part]:
-    wires = len(wire_faults())
-    parts = {
-        "simulated": Part("simulated bench", numbered, FULL, len(KINDS)),
-        "phases": Part("phases of a calibration", numbered_phase, PHASE_FAULTS, QUICK_PHASES),
-        "records": Part("records", numbered_record, RECORD_FAULTS, QUICK_RECORDS),
-        "sockets": Part("simulated instruments over sockets", numbered_wire, wires, QUICK_WIRE),
-        "real": Part("the same in real time", numbered_real, wires, QUICK_REAL, alone=True),
-    }
-    if postgresql_server.binaries() is not None:
-        title = "PostgreSQL restarts"
-        parts["postgresql"] = Part(title, numbered_restart, RESTARTS, QUICK_RESTARTS)
-    return parts
-
-
-def parsed(parts: Collection[str]) -> argparse.Namespace:
-    """Read the command line."""
-    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="one fault of each kind, a few others")
-    parser.add_argument("--parts", type=lambda text: text.split(","), default=list(parts),
-                        help="some of " + ",".join(parts))  # fmt: skip
-    parser.add_argument("--seed", type=int, default=1)
-    parser.add_argument("--faults", type=int, help="of each part at most so many")
-    parser.add_argument("--minutes", type=float, default=0.0,
-                        help="of undisturbed work in real time over sockets")  # fmt: skip
-    parser.add_argument(
-        "--at-once", type=int, help=f"faults at a time: {AT_ONCE} of --quick, else 1 by default"
-    )
-    parser.add_argument("--into", type=Path, help="keep outcomes here, and go on from there")
-    parser.add_argument("--only", help="one fault, such as simulated:12")
-    parser.add_argument("--docs", default="", help="write the report, with this remark on it")
-    parser.add_argument("--verbose", action="store_true", help="say each fault, as --quick does")
-    arguments = parser.parse_args()
-    asked = [arguments.only.partition(":")[0]] if arguments.only else arguments.parts
-    for name in filter(None, asked):
-        if name not in parts:
-            parser.error(f"part {name!r}; one of {', '.join(parts)}")
-    return arguments
-
-
-if __name__ == "__main__":
-    sys.exit(main())
+    return outcome

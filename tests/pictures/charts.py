@@ -1,6 +1,6 @@
 """Draw the charts of docs/benchmarks.md from its own tables, so that both agree.
 
-``python -m benchmarks.charts`` after a table has changed; a test compares charts and tables.
+`python -m tests.pictures charts` after a table has changed; a test compares charts and tables.
 """
 
 from __future__ import annotations
@@ -9,11 +9,8 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
-from matplotlib.figure import Figure
-
 from benchmarks.reporting import BENCHMARKS
-
-__all__ = ["CHARTS", "FOLDER", "draw", "said", "table_under"]
+from matplotlib.figure import Figure
 
 FOLDER = BENCHMARKS.parent / "images" / "benchmarks"
 COLOURS = ("#1f5fa8", "#c2571a")
@@ -66,7 +63,7 @@ def said(heading: str) -> str:
     return "; ".join(", ".join(row) for row in table_under(heading))
 
 
-def draw(folder: Path = FOLDER) -> list[Path]:
+def draw(folder: Path) -> list[Path]:
     """Draw every chart as SVG."""
     import matplotlib as mpl
 
@@ -81,6 +78,6 @@ def draw(folder: Path = FOLDER) -> list[Path]:
     return paths
 
 
-if __name__ == "__main__":
-    for drawn in draw():
-        print(drawn)
+def make(images: Path, _scratch: Path) -> list[Path]:
+    """Draw them where the documentation has them."""
+    return draw(images / FOLDER.name)

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from typing import Any, cast
 
 import numpy as np
+from tests.support.faults.procedures import Procedure
 
-from benchmarks.fault_procedures import Procedure
 from torquebench.bench.drivers.base import (
     Block,
     Drive,

@@ -2,7 +2,7 @@
 
 Every simulated instrument is late, silent, cut short, garbled, gone, frozen, lies, disobeys, has a
 wrong scale or a clock of its own while some procedure runs that needs it, in simulated and in real
-time; `benchmarks.faults` calls it and counts what is left.
+time.
 """
 
 from __future__ import annotations
@@ -15,14 +15,13 @@ import time
 import tomllib
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import numpy as np
-
-from benchmarks.fault_bench import TRIES
-from benchmarks.fault_judging import (
+from tests.support.faults.bench import TRIES
+from tests.support.faults.judging import (
     Outcome,
     await_safe,
     differing,
@@ -32,8 +31,9 @@ from benchmarks.fault_judging import (
     status_of,
     unsafe_end,
 )
-from benchmarks.fault_procedures import PROCEDURES, Procedure
-from benchmarks.served import Served, moves, served
+from tests.support.faults.procedures import PROCEDURES, Procedure
+from tests.support.faults.served import Served, moves, served
+
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.safety import Alarm
@@ -47,7 +47,7 @@ from torquebench.validation import validated
 __all__ = ["WireFault", "networked", "numbered_real", "numbered_wire", "opened", "wire_faults"]
 
 Time = Literal["on-demand", "real"]
-EXAMPLE = Path(__file__).resolve().parents[1] / "examples" / "networked.toml"
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "networked.toml"
 ENDPOINTS = ("counter", "input_drive", "output_drive", "reference", "temperature", "modes", "clamp")
 DRIVES = ("input_drive", "output_drive")
 MODBUS = ("input_drive", "temperature", "modes", "clamp")
@@ -415,7 +415,7 @@ def numbered_wire(index: int, seed: int, time: Time = "on-demand") -> Outcome:
             outcome = one_wire_fault(fault, procedure, seed + index, folder, draw, time)
             if outcome.status != "too late":
                 break
-    return replace(outcome, index=index, seed=seed)
+    return outcome
 
 
 def numbered_real(index: int, seed: int) -> Outcome:

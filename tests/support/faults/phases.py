@@ -28,13 +28,13 @@ from types import FrameType
 from typing import Any
 
 import numpy as np
+from tests.support.faults.judging import Outcome, Status
 from tests.system.command_line import laboratory
 
 import torquebench.campaign.fitting
 import torquebench.campaign.registering
 import torquebench.cli
 import torquebench.reports.certificate
-from benchmarks.fault_judging import Outcome, Status
 from torquebench.bench.description import default_bench
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import Side
@@ -383,4 +383,4 @@ def numbered_phase(index: int, seed: int) -> Outcome:
             kind, when, data, real_time=index // len(PHASE_KINDS) == REPEATS - 1
         )
         shutil.rmtree(data, ignore_errors=True)
-    return Outcome(**{**vars(outcome), "index": index, "seed": seed})
+    return outcome

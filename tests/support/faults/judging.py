@@ -1,6 +1,7 @@
 """What must hold after a fault: drives off, a name for it, a readable record, no wrong number.
 
-A problem begins with what it counts as: see `PROBLEMS`.
+A problem begins with what it is: unsafe, stranded (a run or a point), wrong (a number), false alarm
+or other.
 """
 
 from __future__ import annotations
@@ -12,8 +13,8 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
+from tests.support.faults.procedures import REDUCER
 
-from benchmarks.fault_procedures import REDUCER
 from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.safety import Alarm, AlarmKind
@@ -25,27 +26,16 @@ from torquebench.records import RunFolder
 from torquebench.station import Station
 
 __all__ = [
-    "PROBLEMS",
     "Outcome",
     "await_safe",
     "checked",
     "differing",
     "ended_badly",
-    "line_of",
     "record_of",
     "slipped",
     "status_of",
     "unsafe_end",
 ]
-
-PROBLEMS = {
-    "unsafe": "unsafe ends",
-    "stranded": "stranded runs and points",
-    "wrong": "wrong numbers",
-    "false alarm": "false alarms",
-    "other": "other problems",
-}
-"""What a problem counts as, by how its text begins."""
 
 READING_PERCENT = 2.0
 """How far a reading may be from the truth without compensation, % of range (a drift of the zero
@@ -76,10 +66,6 @@ class Outcome:
         What went wrong; empty when the fault was survived.
     wall_s : float
         As `safe_s`, wall time; NaN where bench time isn't a clock's.
-    index, seed : int
-        With which it can be repeated alone.
-    lasted_s : float
-        Wall time that it took, s, where that matters.
     """
 
     kind: str
@@ -90,15 +76,6 @@ class Outcome:
     points: int
     problems: tuple[str, ...] = ()
     wall_s: float = float("nan")
-    index: int = 0
-    seed: int = 0
-    lasted_s: float = 0.0
-
-
-def line_of(outcome: Outcome) -> str:
-    """Return an outcome in one line."""
-    mark = "FAILED " + "; ".join(outcome.problems) if outcome.problems else outcome.status
-    return f"{outcome.index:3d} {outcome.kind:29s} {outcome.procedure:29s} {mark} {outcome.alarm}"
 
 
 def status_of(error: BaseException | None, alarms: Sequence[Alarm]) -> tuple[Status, str]:
