@@ -50,9 +50,7 @@ _LONG = (
     "test_panel_calibration.py",
     "test_panel_actions.py",
     "test_documentation_bench.py",
-    "test_networked_bench.py",
     "test_reevaluation_postgresql.py",
-    "test_installation.py",
 )
 """With a test of twenty seconds or more: begun last, it would leave the other processor idle."""
 

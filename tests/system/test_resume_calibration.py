@@ -147,7 +147,7 @@ def test_torn_files_are_cut_where_they_tear_and_nothing_is_invented(
     source = next(killed["events-16"][0].glob("runs/*"))
     whole = [d for _, d in RunFolder.open(source).documents()]
     draw = random.Random(7)
-    for number in range(25):
+    for number in range(12):
         data = tmp_path / str(number)
         shutil.copytree(killed["events-16"][0], data)
         folder = next(data.glob("runs/*"))
