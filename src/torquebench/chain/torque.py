@@ -10,15 +10,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from torquebench.chain.readings import FloatArray
+from torquebench.errors import InputError
 from torquebench.html_table import html_table
+from torquebench.message import Message
 from torquebench.uncertainty import (
     Budget,
+    BudgetLine,
     Distribution,
-    Quantity,
     Shared,
     Validation,
     check_by_monte_carlo,
-    propagate,
 )
 
 __all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined", "not_corrected"]
@@ -30,7 +31,7 @@ freedom, so that ±2u covers 95.45 %.
 
 
 class Component(NamedTuple):
-    """Contribution of one source to torques, and its uncertainty.
+    """BudgetLine of one source to torques, and its uncertainty.
 
     Parameters
     ----------
@@ -256,40 +257,27 @@ class Torque:
 
     def budget(self, row: int = 0) -> Budget:
         """Return the uncertainty budget of one torque (GUM): every sensitivity is 1."""
-        quantities = self._quantities(row)
-        return propagate(_total, quantities, derivatives=np.ones(len(quantities)), unit="N·m")
+        value = float(self.value_nm[row])
+        if not np.isfinite(value):
+            raise InputError(Message("a torque of {value} N·m", value), "a finite value")
+        lines = [
+            BudgetLine(
+                each.name,
+                abs(float(np.broadcast_to(each.uncertainty_nm, self.value_nm.shape)[row])),
+                distribution=each.distribution,
+                value=0.0 if place else value,
+            )
+            for place, each in enumerate(self.components)
+        ]
+        return Budget.of(value, "N·m", lines)
 
     def check(
         self, row: int = 0, *, generator: np.random.Generator, significant_digits: int = 1
     ) -> Validation:
         """Compare the budget with Monte Carlo, by the criterion of JCGM 101:2008, clause 8."""
         return check_by_monte_carlo(
-            _total,
-            self._quantities(row),
-            generator=generator,
-            significant_digits=significant_digits,
-            unit="N·m",
+            self.budget(row), generator=generator, significant_digits=significant_digits
         )
-
-    def _quantities(self, row: int) -> list[Quantity]:
-        value = float(self.value_nm[row])
-        found: list[Quantity] = []
-        for each in self.components:
-            uncertainty = np.broadcast_to(each.uncertainty_nm, self.value_nm.shape)[row]
-            found.append(
-                Quantity(
-                    each.name,
-                    0.0 if found else value,
-                    abs(float(uncertainty)),
-                    distribution=each.distribution,
-                    unit="N·m",
-                )
-            )
-        return found
-
-
-def _total(*values: float) -> float:
-    return sum(values)
 
 
 def _spread(weighted: FloatArray, group: NDArray[np.generic], place: FloatArray | None) -> float:

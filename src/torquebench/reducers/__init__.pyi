@@ -65,7 +65,6 @@ from .running.no_load import (
 from .quantities import (
     LimitedQuantity as LimitedQuantity,
     ReducerResult as ReducerResult,
-    Contribution as Contribution,
     Finding as Finding,
     ResultQuantity as ResultQuantity,
     budget as budget,

@@ -20,7 +20,6 @@ from torquebench.reducers.preparation import (
     step_of,
 )
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -29,7 +28,7 @@ from torquebench.reducers.quantities import (
     refuse,
 )
 from torquebench.reducers.torque_uncertainty import TorqueUncertainty
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -672,20 +671,20 @@ def _median(runs: Sequence[BreakawayRun], known: TorqueUncertainty) -> Budget:
     own = float(np.sqrt(np.mean([each.standard_uncertainty_nm**2 for each in runs])))
     sign = float(np.sign(runs[0].torque_nm)) or 1.0
     parts = [
-        Contribution("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),
-        Contribution("torque scale", known.relative * middle, shared=Shared.CALIBRATION),
-        Contribution("compensation model", known.model_nm, shared=Shared.CALIBRATION),
-        Contribution("mounting and drag", known.mounting_nm, shared=Shared.MOUNTING),
-        Contribution("loading effects", known.loading_nm, shared=Shared.LOADING),
+        BudgetLine("torque zero", known.zero_nm, inf, sign, Shared.ZEROING),
+        BudgetLine("torque scale", known.relative * middle, shared=Shared.CALIBRATION),
+        BudgetLine("compensation model", known.model_nm, shared=Shared.CALIBRATION),
+        BudgetLine("mounting and drag", known.mounting_nm, shared=Shared.MOUNTING),
+        BudgetLine("loading effects", known.loading_nm, shared=Shared.LOADING),
     ]
     if values.size > 1:
         efficiency = MEDIAN_EFFICIENCY if values.size > 2 else 1.0
         error = efficiency * float(np.std(values, ddof=1)) / values.size**0.5
-        parts.append(Contribution("spread over runs", error, values.size - 1))
+        parts.append(BudgetLine("spread over runs", error, values.size - 1))
     else:
-        parts.append(Contribution("chain repeatability", known.repeatability_nm))
+        parts.append(BudgetLine("chain repeatability", known.repeatability_nm))
     # One rule detects the motion in all runs: its error doesn't average out.
-    parts.append(Contribution("first motion", own, shared=Shared.LOADING))
+    parts.append(BudgetLine("first motion", own, shared=Shared.LOADING))
     return budget(middle, "N·m", parts)
 
 
@@ -694,7 +693,7 @@ def _mean_of_both(first: Budget, second: Budget) -> Budget:
     parts = common_of_both(first, second)
     for name, side in (("clockwise", first), ("counter-clockwise", second)):
         parts += [
-            Contribution(f"{line.name}, {name}", 0.5 * line.contribution, line.degrees_of_freedom)
+            BudgetLine(f"{line.name}, {name}", 0.5 * line.contribution, line.degrees_of_freedom)
             for line in side.lines
             if not line.common
         ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reducers.quantities import Contribution, budget, together
+from torquebench.reducers.quantities import budget, together
 from torquebench.uncertainty import Budget, BudgetLine, Shared
 
 
@@ -84,8 +84,8 @@ def change_between(
 
     Examples
     --------
-    >>> scale = Contribution("torque scale", 0.5, shared=Shared.CALIBRATION)
-    >>> noise = Contribution("loops", 0.1)
+    >>> scale = BudgetLine("torque scale", 0.5, shared=Shared.CALIBRATION)
+    >>> noise = BudgetLine("loops", 0.1)
     >>> found = change_between(
     ...     "stiffness", budget(100.0, "N·m/arcmin", [scale, noise]),
     ...     budget(97.0, "N·m/arcmin", [scale, noise]),
@@ -99,7 +99,7 @@ def change_between(
         raise InputError(
             Message("{key} in {unit} and in {after_unit}", key, before.unit, after.unit), "one unit"
         )
-    parts: list[Contribution] = []
+    parts: list[BudgetLine] = []
     for name in sorted({line.name for line in (*before.lines, *after.lines)}):
         cancels: list[tuple[float, BudgetLine]] = []
         for when, sign, value in (("before", -1.0, before), ("after", 1.0, after)):
@@ -107,7 +107,7 @@ def change_between(
                 if same_calibration and line.shared is Shared.CALIBRATION:
                     cancels.append((sign, line))
                 else:
-                    parts.append(replace(Contribution.of(line), name=f"{name}, {when}"))
+                    parts.append(replace(line.times(1.0), name=f"{name}, {when}"))
         if cancels:
             parts.append(together(cancels))
     change = budget(after.value - before.value, before.unit, parts)
@@ -141,7 +141,7 @@ def compare_specimens(
     Examples
     --------
     >>> found = compare_specimens("backlash", {
-    ...     serial: budget(value, "arcmin", [Contribution("loops", 0.01)])
+    ...     serial: budget(value, "arcmin", [BudgetLine("loops", 0.01)])
     ...     for serial, value in (("A", 0.50), ("B", 0.52), ("C", 0.51), ("D", 0.95))
     ... })
     >>> found.outliers
@@ -156,7 +156,7 @@ def compare_specimens(
         )
     values = np.array([each.value for each in specimens.values()])
     spread = float(np.std(values, ddof=1))
-    parts = [Contribution("specimens", spread / values.size**0.5, values.size - 1.0)]
+    parts = [BudgetLine("specimens", spread / values.size**0.5, values.size - 1.0)]
     every = [line for each in specimens.values() for line in each.lines]
     systematic = [line for line in every if line.shared is Shared.CALIBRATION]
     for name in sorted({line.name for line in systematic}):

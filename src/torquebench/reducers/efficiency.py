@@ -24,7 +24,6 @@ from torquebench.reducers.preparation import (
     windows_of,
 )
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -35,7 +34,7 @@ from torquebench.reducers.quantities import (
     unsteady_temperature,
 )
 from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty, over
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 from torquebench.units import RAD_S_PER_RPM
 
 if TYPE_CHECKING:
@@ -196,7 +195,7 @@ class EfficiencyMap:
             return Budget(100.0 * share, inf, inf, (), "%")
         # Relative contributions of the input torques are those of the share.
         pull = weight * drive / between
-        parts: list[Contribution] = []
+        parts: list[BudgetLine] = []
         for name in sorted({line.name for each in mine for line in each.efficiency.lines}):
             relative = np.zeros(len(mine))
             freedom, shared = np.inf, Shared.NOTHING
@@ -208,7 +207,7 @@ class EfficiencyMap:
             if shared is Shared.NOTHING:
                 size = float(np.linalg.norm(pull * relative))
             sign = float(np.sign(size)) or 1.0
-            parts.append(Contribution(name, 100.0 * share * abs(size), freedom, sign, shared))
+            parts.append(BudgetLine(name, 100.0 * share * abs(size), freedom, sign, shared))
         return budget(100.0 * share, "%", parts)
 
     def quantities(self) -> tuple[ResultQuantity, ...]:
@@ -565,7 +564,7 @@ class _Steady:
         drive, load = (float(samples[each].mean()) for each in ("input_nm", "output_nm"))
         speed = float(samples["speed_rpm"].mean())
         turn = 1.0 if self.driving[rows[0]] == 1 else -1.0
-        parts: list[Contribution] = []
+        parts: list[BudgetLine] = []
         for side, torque, of, pull, rpm, step in (
             ("input", drive, over(known[0], here), -turn, speed, self.resolution[0]),
             ("output", load, over(known[1], here), turn, speed / self.ratio, self.resolution[1]),
@@ -574,34 +573,32 @@ class _Steady:
             signed = pull * float(np.sign(torque))
             by_speed = size * of.speed_nm_per_rpm * abs(rpm)
             parts += [
-                Contribution(
+                BudgetLine(
                     f"{side} torque scale", value * of.relative, inf, pull, Shared.CALIBRATION
                 ),
-                Contribution(f"{side} torque zero", size * of.zero_nm, inf, signed, Shared.ZEROING),
-                Contribution(
+                BudgetLine(f"{side} torque zero", size * of.zero_nm, inf, signed, Shared.ZEROING),
+                BudgetLine(
                     f"{side} torque model", size * of.model_nm, inf, pull, Shared.CALIBRATION
                 ),
-                Contribution(f"{side} zero by speed", by_speed, inf, signed, Shared.CALIBRATION),
-                Contribution(
+                BudgetLine(f"{side} zero by speed", by_speed, inf, signed, Shared.CALIBRATION),
+                BudgetLine(
                     f"{side} mounting and drag", size * of.mounting_nm, inf, pull, Shared.MOUNTING
                 ),
-                Contribution(
+                BudgetLine(
                     f"{side} loading effects", size * of.loading_nm, inf, pull, Shared.LOADING
                 ),
             ]
             own = samples.columns.get(f"own_{side}_nm")
             if own is not None:
                 noise = size * float(np.linalg.norm(own)) / rows.size
-                parts.append(Contribution(f"{side} noise", noise, (BLOCKS - 1.0) * rows.size))
+                parts.append(BudgetLine(f"{side} noise", noise, (BLOCKS - 1.0) * rows.size))
             if scatter is not None or own is not None:
-                parts.append(Contribution(f"{side} resolution", size * step / 12.0**0.5))
+                parts.append(BudgetLine(f"{side} resolution", size * step / 12.0**0.5))
             if scatter is None:
-                parts.append(
-                    Contribution(f"{side} chain repeatability", size * of.repeatability_nm)
-                )
+                parts.append(BudgetLine(f"{side} chain repeatability", size * of.repeatability_nm))
         if scatter is not None:
             error = value * scatter[0] / rows.size**0.5
-            parts.append(Contribution("repeatability", error, scatter[1]))
+            parts.append(BudgetLine("repeatability", error, scatter[1]))
         omega = RAD_S_PER_RPM * float(np.abs(samples["speed_rpm"]).mean())
         driven: Side = "input" if turn > 0 else "output"
         return EfficiencyPoint(
@@ -671,7 +668,7 @@ def _mean(forward: EfficiencyPoint, other: EfficiencyPoint) -> EfficiencyPoint:
         size = float(np.linalg.norm([line.contribution for line in both]))
         # scatter and degrees of freedom are pooled over both directions
         freedom = min(line.degrees_of_freedom for line in both)
-        parts.append(Contribution(name, 0.5 * size, freedom))
+        parts.append(BudgetLine(name, 0.5 * size, freedom))
     return EfficiencyPoint(
         key=forward.key.replace("_nm_+", "_nm_"),
         driving=forward.driving,

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from math import inf, sqrt
-from typing import TYPE_CHECKING, Protocol, Self
+from math import inf
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,9 +15,7 @@ from torquebench.message import Message
 from torquebench.uncertainty import (
     Budget,
     BudgetLine,
-    Distribution,
     Shared,
-    welch_satterthwaite,
 )
 
 if TYPE_CHECKING:
@@ -25,45 +23,6 @@ if TYPE_CHECKING:
 
 LARGEST_TEMPERATURE_RANGE_K = 2.0
 """Change of temperature during a test above which it is treated as unsteady."""
-
-
-@dataclass(frozen=True)
-class Contribution:
-    """One contribution to the uncertainty of a result, already in the result's unit.
-
-    Parameters
-    ----------
-    name : str
-        Where it comes from.
-    standard_uncertainty : float
-        Its standard uncertainty in the unit of the result, not negative.
-    degrees_of_freedom : float
-        Of that; ``inf`` where it is taken as exactly known.
-    sensitivity : float
-        +1 or -1: which way a positive error of the source shifts the result, so that two results
-        that share the source can be compared.
-    shared : Shared
-        What another result must have in common with this one to have the same error: the
-        calibration (of a chain or of the bench's encoders), the mounting, the zero, the test as one
-        loading, or nothing.
-    """
-
-    name: str
-    standard_uncertainty: float
-    degrees_of_freedom: float = inf
-    sensitivity: float = 1.0
-    shared: Shared = Shared.NOTHING
-
-    @classmethod
-    def of(cls, line: BudgetLine, factor: float = 1.0) -> Self:
-        """Return the contribution of a budget's line, times a factor."""
-        return cls(
-            line.name,
-            abs(factor) * line.contribution,
-            line.degrees_of_freedom,
-            float(np.copysign(1.0, factor)) * line.sensitivity,
-            line.shared,
-        )
 
 
 @dataclass(frozen=True)
@@ -171,54 +130,31 @@ NOTHING = 1e-12
 """Standard uncertainty, as a share of the value, that only rounding shows."""
 
 
-def budget(value: float, unit: str, contributions: Iterable[Contribution]) -> Budget:
-    """Combine independent contributions into a budget; without any, U is unknown: infinite.
+def budget(value: float, unit: str, lines: Iterable[BudgetLine]) -> Budget:
+    """Combine independent lines into a budget; without any, U is unknown: infinite.
 
     Examples
     --------
-    >>> found = budget(1.2, "arcmin", [Contribution("scale", 0.03), Contribution("noise", 0.04)])
+    >>> found = budget(1.2, "arcmin", [BudgetLine("scale", 0.03), BudgetLine("noise", 0.04)])
     >>> round(found.standard_uncertainty, 6), found.unit
     (0.05, 'arcmin')
     """
-    parts = [part for part in contributions if part.standard_uncertainty > 0.0]
-    variance = sum(part.standard_uncertainty**2 for part in parts)
-    if not variance**0.5 > NOTHING * abs(value):
+    shown = [line for line in lines if line.standard_uncertainty > 0.0]
+    found = Budget.of(value, unit, shown)
+    if not found.standard_uncertainty > NOTHING * abs(value):
         return Budget(float(value), inf, inf, (), unit)
-    freedom = inf
-    if parts:
-        freedom = float(
-            welch_satterthwaite(
-                [part.standard_uncertainty for part in parts],
-                [part.degrees_of_freedom for part in parts],
-            )
-        )
-    lines = tuple(
-        BudgetLine(
-            name=part.name,
-            unit=unit,
-            value=0.0,
-            standard_uncertainty=part.standard_uncertainty,
-            degrees_of_freedom=part.degrees_of_freedom,
-            distribution=Distribution.NORMAL,
-            sensitivity=part.sensitivity,
-            contribution=part.standard_uncertainty,
-            share=part.standard_uncertainty**2 / variance,
-            shared=part.shared,
-        )
-        for part in parts
-    )
-    return Budget(float(value), sqrt(variance), freedom, lines, unit)
+    return found
 
 
-def common_of_both(first: Budget, second: Budget) -> list[Contribution]:
+def common_of_both(first: Budget, second: Budget) -> list[BudgetLine]:
     """Return what two values share, as contributions to their mean.
 
     Errors of one source add with their signs: of equal sizes and opposite signs they cancel.
 
     Examples
     --------
-    >>> scale = Contribution("scale", 0.2, shared=Shared.CALIBRATION)
-    >>> zeros = [Contribution("zero", 0.3, sensitivity=s, shared=Shared.ZEROING) for s in (1, -1)]
+    >>> scale = BudgetLine("scale", 0.2, shared=Shared.CALIBRATION)
+    >>> zeros = [BudgetLine("zero", 0.3, sensitivity=s, shared=Shared.ZEROING) for s in (1, -1)]
     >>> forward, backward = (budget(5.0, "N·m", [scale, zero]) for zero in zeros)
     >>> [(each.name, each.standard_uncertainty) for each in common_of_both(forward, backward)]
     [('scale', 0.2), ('zero', 0.0)]
@@ -230,12 +166,12 @@ def common_of_both(first: Budget, second: Budget) -> list[Contribution]:
     return [together([(0.5, line) for line in each]) for each in lines.values()]
 
 
-def together(weighted: Sequence[tuple[float, BudgetLine]]) -> Contribution:
+def together(weighted: Sequence[tuple[float, BudgetLine]]) -> BudgetLine:
     """Return the contribution of one source to a weighted sum of results that share its error."""
     signed = sum(weight * line.sensitivity * line.contribution for weight, line in weighted)
     freedom = min(line.degrees_of_freedom for _, line in weighted)
     line = weighted[0][1]
-    return Contribution(line.name, abs(signed), freedom, float(np.sign(signed)) or 1.0, line.shared)
+    return BudgetLine(line.name, abs(signed), freedom, float(np.sign(signed)) or 1.0, line.shared)
 
 
 def unsteady_temperature(
@@ -272,7 +208,7 @@ def refuse(estimate: Budget, share: float, what: str) -> None:
 
     Examples
     --------
-    >>> refuse(budget(29.0, "mN·m", [Contribution("zero", 10.0)]), 0.3, "starting torque")
+    >>> refuse(budget(29.0, "mN·m", [BudgetLine("zero", 10.0)]), 0.3, "starting torque")
     Traceback (most recent call last):
     torquebench.errors.InputError: starting torque of 29 mN·m with U = 20 mN·m (69 %); ...
     """

@@ -3,12 +3,12 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from torquebench.reducers.quantities import Contribution
+from torquebench.uncertainty import BudgetLine
 
 
 def over_positions(
     values: NDArray[np.float64], position: NDArray[np.float64], *, noise: float = 0.0
-) -> tuple[float, list[Contribution]]:
+) -> tuple[float, list[BudgetLine]]:
     """Return the mean over positions, and the contributions of loops and positions.
 
     The scatter of loops at one position and the scatter between positions beyond it are separate
@@ -31,14 +31,14 @@ def over_positions(
     parts = []
     mean_of = float(np.sum(1.0 / count)) ** 0.5 / names.size
     if within > noise**2:
-        parts.append(Contribution("loops", within**0.5 * mean_of, freedom))
+        parts.append(BudgetLine("loops", within**0.5 * mean_of, freedom))
     else:
         within = noise**2
-        parts.append(Contribution("noise", noise * mean_of))
+        parts.append(BudgetLine("noise", noise * mean_of))
     if names.size > 1:
         between = float(np.var(means, ddof=1)) - within * float(np.mean(1.0 / count))
         error = (max(between, 0.0) / names.size) ** 0.5
-        parts.append(Contribution("positions", error, names.size - 1.0))
+        parts.append(BudgetLine("positions", error, names.size - 1.0))
     return value, parts
 
 

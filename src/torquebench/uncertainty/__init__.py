@@ -1,6 +1,6 @@
-"""Measurement uncertainty: GUM and Monte Carlo propagation, budgets, decision rules.
+"""Measurement uncertainty: budgets of sums, their check by Monte Carlo, decision rules.
 
-Pure: quantities and functions in, frozen results out. Sources: JCGM 100:2008 (GUM),
+Pure: frozen results. Sources: JCGM 100:2008 (GUM),
 JCGM 101:2008 (Monte Carlo), JCGM 106:2012 (conformity), ILAC-G8:09/2019 (guard bands).
 """
 
@@ -8,6 +8,7 @@ from torquebench.uncertainty.budget import (
     COVERAGE_PROBABILITY,
     Budget,
     BudgetLine,
+    Shared,
     coverage_factor,
     welch_satterthwaite,
 )
@@ -20,7 +21,6 @@ from torquebench.uncertainty.decision import (
     decide,
 )
 from torquebench.uncertainty.distributions import Distribution, sample
-from torquebench.uncertainty.line import LineFit, fit_line
 from torquebench.uncertainty.monte_carlo import (
     MonteCarloResult,
     Validation,
@@ -28,12 +28,7 @@ from torquebench.uncertainty.monte_carlo import (
     coverage_interval,
     monte_carlo,
     numerical_tolerance,
-    validate,
 )
-from torquebench.uncertainty.propagation import propagate
-from torquebench.uncertainty.quantity import Quantity
-from torquebench.uncertainty.sensitivity import sensitivities
-from torquebench.uncertainty.shared import Shared
 from torquebench.uncertainty.stating import rounded, stated
 
 __all__ = [
@@ -43,9 +38,7 @@ __all__ = [
     "CertifiedUncertainty",
     "Decision",
     "Distribution",
-    "LineFit",
     "MonteCarloResult",
-    "Quantity",
     "Shared",
     "Tolerance",
     "Validation",
@@ -55,14 +48,10 @@ __all__ = [
     "coverage_factor",
     "coverage_interval",
     "decide",
-    "fit_line",
     "monte_carlo",
     "numerical_tolerance",
-    "propagate",
     "rounded",
     "sample",
-    "sensitivities",
     "stated",
-    "validate",
     "welch_satterthwaite",
 ]

@@ -1,7 +1,10 @@
 """The uncertainty budget: contributions, degrees of freedom, coverage."""
 
-from dataclasses import dataclass
-from math import erf, isinf, sqrt
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import StrEnum
+from math import erf, inf, isinf, sqrt
+from typing import Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -9,19 +12,29 @@ from scipy import special
 
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.uncertainty.distributions import Distribution
-from torquebench.uncertainty.shared import Shared
+from torquebench.uncertainty.distributions import HALF_WIDTH_FACTOR, Distribution
 
 __all__ = [
     "COVERAGE_PROBABILITY",
     "Budget",
     "BudgetLine",
+    "Shared",
     "coverage_factor",
     "welch_satterthwaite",
 ]
 
 COVERAGE_PROBABILITY = erf(sqrt(2.0))
 """95.45 %: the coverage that k = 2 gives for a normal distribution."""
+
+
+class Shared(StrEnum):
+    """Conditions under which two torques, or two results by torques, share an error."""
+
+    CALIBRATION = "calibration"
+    MOUNTING = "mounting"
+    ZEROING = "zeroing"
+    LOADING = "loading"
+    NOTHING = "nothing"
 
 
 def coverage_factor(
@@ -106,35 +119,69 @@ def welch_satterthwaite(
 
 @dataclass(frozen=True)
 class BudgetLine:
-    """Contribution of one quantity to the result.
+    """One source of a result's uncertainty: a summand of the result.
 
     Attributes
     ----------
-    name, unit : str
-        The quantity and its unit.
-    value, standard_uncertainty, degrees_of_freedom, distribution
-        As of the quantity.
+    name : str
+        Where it comes from.
+    standard_uncertainty : float
+        In the result's unit, not negative.
+    degrees_of_freedom : float
+        Of that; ``inf`` where it is taken as exactly known.
     sensitivity : float
-        Partial derivative of the result by the quantity, result's unit per quantity's unit.
-    contribution : float
-        |sensitivity| · standard uncertainty, in the result's unit.
-    share : float
-        The quantity's part of the result's variance, correlations counted half to each partner;
-        all shares add up to 1 (one can be negative where correlations are).
+        +1 or -1: which way a positive error of the source shifts the result, so that two results
+        that share the source can be compared.
     shared : Shared
-        What another result must have in common with this one to have the same error.
+        What another result must have in common with this one to have the same error: the
+        calibration (of a chain or of the bench's encoders), the mounting, the zero, the test as one
+        loading, or nothing.
+    distribution : Distribution
+        Shape that Monte Carlo draws from.
+    value : float
+        Best estimate of the summand, in `unit`.
+    unit : str
+        The result's unit.
+    contribution : float
+        The standard uncertainty: it is in the result's unit.
+    share : float
+        Part of the result's variance; all shares add up to 1. Set by `Budget.of`.
     """
 
     name: str
-    unit: str
-    value: float
     standard_uncertainty: float
-    degrees_of_freedom: float
-    distribution: Distribution
-    sensitivity: float
-    contribution: float
-    share: float
+    degrees_of_freedom: float = inf
+    sensitivity: float = 1.0
     shared: Shared = Shared.NOTHING
+    distribution: Distribution = Distribution.NORMAL
+    value: float = 0.0
+    unit: str = ""
+    contribution: float = field(init=False)
+    share: float = 0.0
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "contribution", self.standard_uncertainty)
+
+    @classmethod
+    def rectangular(cls, name: str, half_width: float) -> Self:
+        """Return a line of which anything within ±`half_width` is equally likely.
+
+        Examples
+        --------
+        >>> BudgetLine.rectangular("resolution", half_width=0.5).standard_uncertainty
+        0.288675134594812...
+        """
+        shape = Distribution.RECTANGULAR
+        return cls(name, half_width / HALF_WIDTH_FACTOR[shape], distribution=shape)
+
+    def times(self, factor: float) -> Self:
+        """Return the line of a multiple of the result, without the estimate."""
+        return replace(
+            self,
+            standard_uncertainty=abs(factor) * self.standard_uncertainty,
+            sensitivity=float(np.copysign(1.0, factor)) * self.sensitivity,
+            value=0.0,
+        )
 
     @property
     def common(self) -> bool:
@@ -153,11 +200,9 @@ class Budget:
     degrees_of_freedom : float
         Effective (Welch-Satterthwaite).
     lines : tuple of BudgetLine
-        One a quantity, in the order given.
+        One a source, in the order given.
     unit : str
         Unit of the result.
-    cautions : tuple of str
-        Assumptions of the numbers that don't hold strictly.
     """
 
     value: float
@@ -165,7 +210,29 @@ class Budget:
     degrees_of_freedom: float
     lines: tuple[BudgetLine, ...]
     unit: str = ""
-    cautions: tuple[str, ...] = ()
+
+    @classmethod
+    def of(cls, value: float, unit: str, lines: Sequence[BudgetLine]) -> Self:
+        """Return the budget of a sum of independent parts (GUM, 5.1.2, with sensitivities ±1).
+
+        Examples
+        --------
+        >>> found = Budget.of(1.2, "arcmin", [BudgetLine("scale", 0.03), BudgetLine("noise", 0.04)])
+        >>> round(found.standard_uncertainty, 6), [round(line.share, 2) for line in found.lines]
+        (0.05, [0.36, 0.64])
+        """
+        variance = sum(line.standard_uncertainty**2 for line in lines)
+        freedom = inf
+        if lines:
+            sizes = [line.standard_uncertainty for line in lines]
+            freedom = float(welch_satterthwaite(sizes, [line.degrees_of_freedom for line in lines]))
+        stated = tuple(
+            replace(
+                line, unit=unit, share=line.standard_uncertainty**2 / variance if variance else 0.0
+            )
+            for line in lines
+        )
+        return cls(float(value), sqrt(variance), freedom, stated, unit)
 
     def coverage_factor(self, coverage_probability: float = COVERAGE_PROBABILITY) -> float:
         """Return k for the effective degrees of freedom."""
@@ -185,7 +252,7 @@ class Budget:
         return max(self.lines, key=lambda line: line.contribution)
 
     def text(self, coverage_probability: float = COVERAGE_PROBABILITY) -> str:
-        """Write the budget as aligned plain text, one line a quantity, the result below."""
+        """Write the budget as aligned plain text, one line a source, the result below."""
         rows = [("quantity", "value", "u", "ν", "distribution", "c", "|c|·u", "share")]
         rows.extend(
             (
@@ -213,7 +280,7 @@ class Budget:
             f"U = {factor * self.standard_uncertainty:.3g}{unit} "
             f"({100 * coverage_probability:.4g} %)"
         )
-        return "\n".join([*table, *(f"caution: {caution}" for caution in self.cautions)])
+        return "\n".join(table)
 
 
 def _freedom(value: float) -> str:

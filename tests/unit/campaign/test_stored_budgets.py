@@ -5,13 +5,13 @@ import json
 import pytest
 
 from torquebench.campaign.reducers.results import budget_from_plain, plain_budget
-from torquebench.reducers import Contribution, budget, change_between
-from torquebench.uncertainty import Shared
+from torquebench.reducers import budget, change_between
+from torquebench.uncertainty import BudgetLine, Shared
 
 
 @pytest.mark.parametrize("shared", Shared)
 def test_what_a_contribution_is_shared_by_is_stored(shared: Shared) -> None:
-    parts = [Contribution("an effect", 0.2, 7.0, -1.0, shared), Contribution("loops", 0.1)]
+    parts = [BudgetLine("an effect", 0.2, 7.0, -1.0, shared), BudgetLine("loops", 0.1)]
     known = budget(3.0, "arcmin", parts)
     stored = budget_from_plain(json.loads(json.dumps(plain_budget(known))))
     assert stored == known

@@ -5,7 +5,6 @@ import pytest
 
 from torquebench.errors import InputError
 from torquebench.reducers import (
-    Contribution,
     TorqueUncertainty,
     budget,
     change_between,
@@ -14,7 +13,7 @@ from torquebench.reducers import (
     evaluate_efficiency,
     evaluate_no_load,
 )
-from torquebench.uncertainty import Shared
+from torquebench.uncertainty import BudgetLine, Shared
 
 
 def test_no_load_torque_of_repeats_and_its_refusal():
@@ -67,8 +66,8 @@ def test_efficiency_by_the_definition_and_swapped_columns():
 
 
 def test_what_both_measurements_share_cancels_in_a_change():
-    scale = Contribution("any name", 0.5, shared=Shared.CALIBRATION)
-    parts = [scale, Contribution("loops", 0.1)]
+    scale = BudgetLine("any name", 0.5, shared=Shared.CALIBRATION)
+    parts = [scale, BudgetLine("loops", 0.1)]
     change = change_between("stiffness", budget(100, "N·m", parts), budget(99, "N·m", parts))
     assert change.change.standard_uncertainty == pytest.approx(0.02**0.5)
     assert change.significant
@@ -85,7 +84,7 @@ def test_what_both_measurements_share_cancels_in_a_change():
 
 @pytest.mark.parametrize("shared", [Shared.MOUNTING, Shared.ZEROING, Shared.LOADING])
 def test_a_specimen_is_mounted_and_zeroed_anew_between_two_tests(shared):
-    parts = [Contribution("torque scale", 0.5, shared=shared)]
+    parts = [BudgetLine("torque scale", 0.5, shared=shared)]
     first, second = (budget(value, "N·m", parts) for value in (100.0, 99.0))
     change = change_between("stiffness", first, second)
     assert change.change.standard_uncertainty == pytest.approx(0.5**0.5)
@@ -94,10 +93,10 @@ def test_a_specimen_is_mounted_and_zeroed_anew_between_two_tests(shared):
 
 
 def test_the_mean_of_specimens_has_the_errors_of_the_calibration():
-    parts = [Contribution("any name", 0.5, shared=Shared.CALIBRATION)]
+    parts = [BudgetLine("any name", 0.5, shared=Shared.CALIBRATION)]
     values = {name: budget(value, "N·m", parts) for name, value in (("A", 100.0), ("B", 100.0))}
     assert compare_specimens("x", values).mean.standard_uncertainty == pytest.approx(0.5)
-    parts.append(Contribution("loops", 0.01))
+    parts.append(BudgetLine("loops", 0.01))
     far = {"A": 1.0, "B": 1.01, "C": 1.02, "D": 1.5}
     every = {name: budget(value, "N·m", parts) for name, value in far.items()}
     assert compare_specimens("x", every).outliers == ("D",)

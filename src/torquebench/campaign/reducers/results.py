@@ -12,7 +12,7 @@ from torquebench.campaign.reducers.catalogue import TestName
 from torquebench.campaign.reducers.quantities import ReducerTestQuantity
 from torquebench.reducers import Finding
 from torquebench.station import RunRecord
-from torquebench.uncertainty import Budget, BudgetLine, Distribution, Shared, Verdict
+from torquebench.uncertainty import Budget, BudgetLine, Shared, Verdict
 
 __all__ = [
     "SHORT_TEST",
@@ -225,13 +225,10 @@ def budget_from_plain(plain: Mapping[str, Any]) -> Budget:
     lines = tuple(
         BudgetLine(
             name=str(line["name"]),
-            unit=unit,
-            value=0.0,
             standard_uncertainty=float(line["standard_uncertainty"]),
             degrees_of_freedom=freedom(line["degrees_of_freedom"]),
-            distribution=Distribution.NORMAL,
             sensitivity=float(line["sensitivity"]),
-            contribution=float(line["standard_uncertainty"]),
+            unit=unit,
             share=float(line["share"]),
             shared=Shared(line["shared"]),
         )

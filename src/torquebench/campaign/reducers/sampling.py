@@ -13,8 +13,8 @@ from math import sqrt
 from typing import TYPE_CHECKING
 
 from torquebench.message import Message
-from torquebench.reducers import Contribution, Finding, ReducerResult, budget
-from torquebench.uncertainty import Budget
+from torquebench.reducers import Finding, ReducerResult, budget
+from torquebench.uncertainty import Budget, BudgetLine
 
 if TYPE_CHECKING:
     from torquebench.reducers import DataSheetLimits, LimitedQuantity, ResultQuantity
@@ -136,9 +136,9 @@ class PartlySampled:
     def _widened(self, estimate: Budget) -> Budget:
         if not self.unsampled:
             return estimate
-        sampled = [Contribution.of(line) for line in estimate.lines]
+        sampled = [line.times(1.0) for line in estimate.lines]
         added = [
-            Contribution(each.name, each.standard_uncertainty(estimate.value))
+            BudgetLine(each.name, each.standard_uncertainty(estimate.value))
             for each in self.unsampled
         ]
         return budget(estimate.value, estimate.unit, [*sampled, *added])

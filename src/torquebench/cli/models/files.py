@@ -188,5 +188,3 @@ def _print_budget(found: Budget) -> None:
         f"k = {found.coverage_factor():.2f}, "
         f"[bold]U = {found.expanded_uncertainty():.2g} N·m[/bold]"
     )
-    for caution in found.cautions:
-        warn(caution)

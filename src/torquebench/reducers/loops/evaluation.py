@@ -36,10 +36,10 @@ from torquebench.reducers.loops.results import (
 )
 from torquebench.reducers.loops.ripple import NOTHING_LEFT, RippleLeft, what_it_hid, without_ripple
 from torquebench.reducers.preparation import Samples, count_step
-from torquebench.reducers.quantities import Contribution, Finding, budget
+from torquebench.reducers.quantities import Finding, budget
 from torquebench.reducers.repeatability import over_positions
 from torquebench.reducers.saturation import torque_saturation
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 from torquebench.units import ARCMIN, NM_PER_RAD_OF_NM_PER_ARCMIN
 
 Floats = NDArray[np.float64]
@@ -278,7 +278,7 @@ def _drift_finding(drift: Drift, loops: int, width_rad: float) -> Finding:
 # -- budgets ----------------------------------------------------------------------------------
 
 
-def _scaled(parts: list[Contribution], factor: float) -> list[Contribution]:
+def _scaled(parts: list[BudgetLine], factor: float) -> list[BudgetLine]:
     return [
         replace(part, standard_uncertainty=factor * part.standard_uncertainty) for part in parts
     ]
@@ -295,7 +295,7 @@ class _Quantities:
 
     def _over(
         self, choose: Callable[[LoopFeatures], Feature], position: float | None = None
-    ) -> tuple[float, list[Contribution]]:
+    ) -> tuple[float, list[BudgetLine]]:
         """Return the mean of a feature over loops and positions, and what the loops show of it."""
         pairs = [
             (each, other)
@@ -319,7 +319,7 @@ class _Quantities:
             ("between samples", float(np.mean([each.between for each in features]))),
             ("drift", abs(float(drift))),
         )
-        return value, [*parts, *(Contribution(name, size) for name, size in common)]
+        return value, [*parts, *(BudgetLine(name, size) for name, size in common)]
 
     def _mean(self, value: Callable[[LoopFeatures], float]) -> float:
         return float(np.mean([value(each) for each in self.evaluated.loops]))
@@ -328,39 +328,33 @@ class _Quantities:
     def _positions(self) -> list[float]:
         return list(dict.fromkeys(each.position for each in self.evaluated.loops))
 
-    def _scale(self, factor: float) -> list[Contribution]:
+    def _scale(self, factor: float) -> list[BudgetLine]:
         """Return contributions of errors in proportion to the torque."""
         known = self.known
         return [
-            Contribution("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
-            Contribution("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
+            BudgetLine("torque scale", known.torque_relative * factor, shared=Shared.CALIBRATION),
+            BudgetLine("mounting", known.torque_mounting * factor, shared=Shared.MOUNTING),
         ]
 
-    def _branch(self, factor: float) -> list[Contribution]:
+    def _branch(self, factor: float) -> list[BudgetLine]:
         """Return contributions of errors of one branch of a loop against the other."""
         known = self.known
         return [
-            Contribution(
-                "torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION
-            ),
-            Contribution(
-                "loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING
-            ),
+            BudgetLine("torque branch", known.torque_branch_nm * factor, shared=Shared.CALIBRATION),
+            BudgetLine("loading effects", known.torque_loading_nm * factor, shared=Shared.LOADING),
         ]
 
-    def _angle(self, value: float, factor: float) -> list[Contribution]:
+    def _angle(self, value: float, factor: float) -> list[BudgetLine]:
         """Return contributions of the encoder's errors at single angles, and of its scale."""
         known = self.known
         return [
-            Contribution("angle", known.angle_rad * factor, shared=Shared.MOUNTING),
-            Contribution(
-                "angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION
-            ),
+            BudgetLine("angle", known.angle_rad * factor, shared=Shared.MOUNTING),
+            BudgetLine("angle scale", known.angle_relative * abs(value), shared=Shared.CALIBRATION),
         ]
 
-    def _zero(self, slope: float, positions: int) -> Contribution:
+    def _zero(self, slope: float, positions: int) -> BudgetLine:
         size = self.known.torque_zero_nm * slope / positions**0.5
-        return Contribution("torque zero", size, shared=Shared.ZEROING)
+        return BudgetLine("torque zero", size, shared=Shared.ZEROING)
 
     def backlash(self) -> Budget:
         """Loop width at zero torque, arcmin."""
@@ -370,7 +364,7 @@ class _Quantities:
             *self._branch(2.0**0.5 * self._mean(lambda each: each.slope_at_zero)),
             self._zero(tilt, len(self._positions)),
             *self._angle(value, 2.0**0.5),
-            Contribution("torque ripple", self.left.backlash_rad),
+            BudgetLine("torque ripple", self.left.backlash_rad),
         ]
         return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
 
@@ -391,8 +385,8 @@ class _Quantities:
             self._zero(slope, len(positions) if worst is None else 1),
             *self._scale(reach * slope),
             *self._angle(value, 1.0),
-            Contribution("bench compliance", twist, inf, -1.0, Shared.CALIBRATION),
-            Contribution("torque ripple", self.left.lost_motion_rad),
+            BudgetLine("bench compliance", twist, inf, -1.0, Shared.CALIBRATION),
+            BudgetLine("torque ripple", self.left.lost_motion_rad),
         ]
         return budget(value / ARCMIN, "arcmin", _scaled(parts, 1.0 / ARCMIN))
 
@@ -404,7 +398,7 @@ class _Quantities:
             *self._scale(abs(value)),
             *self._branch(2.0**0.5 * self._mean(lambda each: each.width_rad)),
             *self._angle(value, 2.0**0.5 * load),
-            Contribution("torque ripple", self.left.energy_j),
+            BudgetLine("torque ripple", self.left.energy_j),
         ]
         return budget(value, "J", parts)
 
@@ -424,17 +418,17 @@ class _Quantities:
             *_scaled(shown, value**2),
             *self._scale(abs(value)),
             *self._branch(2.0**0.5 / reach_nm * abs(value)),
-            Contribution(
+            BudgetLine(
                 "angle",
                 2.0**0.5 * known.angle_rad / angle_range * abs(value),
                 inf,
                 -1.0,
                 Shared.MOUNTING,
             ),
-            Contribution(
+            BudgetLine(
                 "angle scale", known.angle_relative * abs(value), inf, -1.0, Shared.CALIBRATION
             ),
-            Contribution(
+            BudgetLine(
                 "bench compliance",
                 known.bench_compliance_rad_per_nm * value**2,
                 shared=Shared.CALIBRATION,

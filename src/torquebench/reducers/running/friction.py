@@ -22,7 +22,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.preparation import BLOCKS, Samples, finite_columns, labels
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -32,7 +31,7 @@ from torquebench.reducers.quantities import (
 from torquebench.reducers.running.friction_fit import FORMS, Form, FrictionFit, fit_friction
 from torquebench.reducers.running.points import SpeedPoints, same_speeds, speed_points
 from torquebench.reducers.saturation import missed_speed
-from torquebench.uncertainty import Shared
+from torquebench.uncertainty import BudgetLine, Shared
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -114,12 +113,12 @@ class FrictionResult:
             for key, title, estimate, unit in parts:
                 if estimate.value == 0.0:
                     continue
-                scatter = Contribution(
+                scatter = BudgetLine(
                     "scatter about the fit", estimate.standard_uncertainty, fit.degrees_of_freedom
                 )
                 # An error of the zero is an error of the Coulomb torque at all speeds.
                 size = self.systematic_uncertainty_nm if key == "coulomb" else 0.0
-                common = Contribution("torque zero", size, shared=Shared.ZEROING)
+                common = BudgetLine("torque zero", size, shared=Shared.ZEROING)
                 rows.append(
                     ResultQuantity(
                         f"{key}_{name.replace('-', '_')}",

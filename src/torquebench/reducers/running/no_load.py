@@ -14,7 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.preparation import BLOCKS, Samples
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -29,7 +28,7 @@ from torquebench.reducers.running.points import SpeedPoints, speed_points
 from torquebench.reducers.running.tare import Tare
 from torquebench.reducers.saturation import missed_speed
 from torquebench.reducers.torque_uncertainty import KnownTorque, TorqueUncertainty, over
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 
 if TYPE_CHECKING:
     from torquebench.reducers.description import DataSheetLimits
@@ -81,7 +80,7 @@ class NoLoadPoint:
         """Return the torque that opposes the motion: positive where friction is."""
         torque = self.torque
         sign = -1.0 if self.speed_rpm < 0 else 1.0
-        lines = (Contribution.of(line, sign) for line in torque.lines)
+        lines = (line.times(sign) for line in torque.lines)
         return budget(sign * torque.value, torque.unit, lines)
 
 
@@ -352,7 +351,7 @@ def _coefficient(points: SpeedPoints, warmth: Floats) -> Budget | None:
     slope = float(np.sum(deviation * relative)) / squares
     rest = relative - slope * deviation
     error = float(np.sqrt(np.sum(rest**2) / freedom / squares))
-    return budget(100.0 * slope, "%/K", [Contribution("scatter", 100.0 * error, freedom)])
+    return budget(100.0 * slope, "%/K", [BudgetLine("scatter", 100.0 * error, freedom)])
 
 
 # -- scatter ----------------------------------------------------------------------------------
@@ -370,17 +369,17 @@ class _Scatter:
     own: bool = False
     resolution_nm: float = 0.0
 
-    def parts(self, points: int, series: int) -> list[Contribution]:
+    def parts(self, points: int, series: int) -> list[BudgetLine]:
         """Return the standard error of a mean of points from several series."""
         parts = []
         if self.within_freedom:
             error = self.within_nm / sqrt(points)
-            parts.append(Contribution("repeatability", error, self.within_freedom))
+            parts.append(BudgetLine("repeatability", error, self.within_freedom))
             if self.within_nm < self.resolution_nm:  # repeats are rounded alike
-                parts.append(Contribution("resolution", self.resolution_nm / sqrt(12.0)))
+                parts.append(BudgetLine("resolution", self.resolution_nm / sqrt(12.0)))
         if self.between_freedom:
             error = self.between_nm / sqrt(series)
-            parts.append(Contribution("between series", error, self.between_freedom))
+            parts.append(BudgetLine("between series", error, self.between_freedom))
         return parts
 
     def findings(self) -> list[Finding]:
@@ -472,28 +471,26 @@ def _points(
         known = over(uncertainty, here)
         sign, turn = float(np.sign(mean)) or 1.0, float(np.sign(speed)) or 1.0
         parts = [
-            Contribution("torque zero", known.zero_nm, shared=Shared.ZEROING),
-            Contribution("torque offset", points.offset_u_nm, shared=Shared.ZEROING),
-            Contribution("compensation model", known.model_nm, inf, sign, Shared.CALIBRATION),
-            Contribution("torque scale", known.relative * abs(mean), inf, sign, Shared.CALIBRATION),
-            Contribution(
+            BudgetLine("torque zero", known.zero_nm, shared=Shared.ZEROING),
+            BudgetLine("torque offset", points.offset_u_nm, shared=Shared.ZEROING),
+            BudgetLine("compensation model", known.model_nm, inf, sign, Shared.CALIBRATION),
+            BudgetLine("torque scale", known.relative * abs(mean), inf, sign, Shared.CALIBRATION),
+            BudgetLine(
                 "zero by speed", known.speed_nm_per_rpm * abs(speed), shared=Shared.CALIBRATION
             ),
-            Contribution("mounting and drag", known.mounting_nm, inf, turn, Shared.MOUNTING),
-            Contribution("loading effects", known.loading_nm, inf, sign, Shared.LOADING),
-            Contribution(
-                "temperature correction", correction * abs(mean), inf, sign, Shared.LOADING
-            ),
+            BudgetLine("mounting and drag", known.mounting_nm, inf, turn, Shared.MOUNTING),
+            BudgetLine("loading effects", known.loading_nm, inf, sign, Shared.LOADING),
+            BudgetLine("temperature correction", correction * abs(mean), inf, sign, Shared.LOADING),
             *scatter.parts(int(np.count_nonzero(here)), int(np.unique(series[here]).size)),
         ]
         if not scatter.between_freedom:
-            parts.append(Contribution("chain repeatability", known.repeatability_nm))
+            parts.append(BudgetLine("chain repeatability", known.repeatability_nm))
         if tare is not None:
             taken = tare.at(speed)
             parts += [
-                Contribution("tare", taken.scatter_nm, taken.degrees_of_freedom),
-                Contribution("tare zero", tare.zero_nm, shared=Shared.ZEROING),
-                Contribution("tare transfer", taken.transfer_nm, inf, turn, Shared.MOUNTING),
+                BudgetLine("tare", taken.scatter_nm, taken.degrees_of_freedom),
+                BudgetLine("tare zero", tare.zero_nm, shared=Shared.ZEROING),
+                BudgetLine("tare transfer", taken.transfer_nm, inf, turn, Shared.MOUNTING),
             ]
         rows.append(
             NoLoadPoint(
@@ -534,7 +531,7 @@ def _both_directions(points: tuple[NoLoadPoint, ...], tolerance: float) -> tuple
             size = sqrt(sum(line.contribution**2 for line in both))
             # Scatter and degrees of freedom are pooled over both directions.
             freedom = min(line.degrees_of_freedom for line in both)
-            parts.append(Contribution(name, 0.5 * size, freedom))
+            parts.append(BudgetLine(name, 0.5 * size, freedom))
         value = 0.5 * (first.value + second.value)
         means.append(
             NoLoadPoint(

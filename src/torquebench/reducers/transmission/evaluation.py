@@ -13,7 +13,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.preparation import Samples, count_step, outliers
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -28,7 +27,7 @@ from torquebench.reducers.transmission.runs import (
     one_way,
     runs_of,
 )
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 from torquebench.units import ARCSEC, MINUTE, TURN
 
 if TYPE_CHECKING:
@@ -353,12 +352,10 @@ def _direction(
         found.peak_to_peak_arcsec,
         "arcsec",
         [
-            Contribution(
-                "encoders", _between_peaks(found, known, ratio), shared=Shared.CALIBRATION
-            ),
-            Contribution("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
-            Contribution("noise at the peaks", found.peak_noise_arcsec),
-            Contribution("resolution", 2.0**0.5 * resolution),
+            BudgetLine("encoders", _between_peaks(found, known, ratio), shared=Shared.CALIBRATION),
+            BudgetLine("noise", 2.0**0.5 * found.noise_arcsec, found.noise_freedom),
+            BudgetLine("noise at the peaks", found.peak_noise_arcsec),
+            BudgetLine("resolution", 2.0**0.5 * resolution),
         ],
     )
     largest = np.argsort(-found.amplitude_arcsec, kind="stable")[:LARGEST_ORDERS]
@@ -370,11 +367,11 @@ def _direction(
                 float(found.amplitude_arcsec[index]),
                 "arcsec",
                 [
-                    Contribution("encoders", encoders, shared=Shared.CALIBRATION),
-                    Contribution(
+                    BudgetLine("encoders", encoders, shared=Shared.CALIBRATION),
+                    BudgetLine(
                         "noise", float(found.amplitude_error_arcsec[index]), found.noise_freedom
                     ),
-                    Contribution("resolution", resolution / max(found.order.size, 1) ** 0.5),
+                    BudgetLine("resolution", resolution / max(found.order.size, 1) ** 0.5),
                 ],
             ),
             phase_rad=float(found.phase_rad[index]),
@@ -433,11 +430,11 @@ def _reversal(means: list[Revolution], known: AngleUncertainty, ratio: float) ->
     if len(means) < 2:
         return None
     noise = [
-        Contribution("noise", each.noise_arcsec / (2.0 * each.order.size) ** 0.5) for each in means
+        BudgetLine("noise", each.noise_arcsec / (2.0 * each.order.size) ** 0.5) for each in means
     ]
     encoders = float(np.hypot(known.output_rad, known.input_rad / ratio)) / ARCSEC
     value = abs(means[0].mean_rad - means[1].mean_rad) / ARCSEC
-    common = Contribution("encoders", 2.0**0.5 * encoders, shared=Shared.CALIBRATION)
+    common = BudgetLine("encoders", 2.0**0.5 * encoders, shared=Shared.CALIBRATION)
     return budget(value, "arcsec", [*noise, common])
 
 

@@ -14,7 +14,6 @@ from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.reducers.preparation import Samples, count_step, noise_of
 from torquebench.reducers.quantities import (
-    Contribution,
     Finding,
     LimitedQuantity,
     ResultQuantity,
@@ -22,7 +21,7 @@ from torquebench.reducers.quantities import (
 )
 from torquebench.reducers.transmission.evaluation import AngleUncertainty, angles_screened
 from torquebench.reducers.transmission.runs import COARSE, RATIO_TOLERANCE, one_way
-from torquebench.uncertainty import Budget, Shared
+from torquebench.uncertainty import Budget, BudgetLine, Shared
 from torquebench.units import ARCMIN, DEG_PER_RAD, TURN
 
 if TYPE_CHECKING:
@@ -202,12 +201,12 @@ def evaluate_swings(
     known = uncertainty or AngleUncertainty()
     encoders = 2.0**0.5 * float(np.hypot(known.output_rad, known.input_rad / ratio))
     common = [
-        Contribution("along the strokes", along / ARCMIN, PARTS - 1.0),
-        Contribution("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
+        BudgetLine("along the strokes", along / ARCMIN, PARTS - 1.0),
+        BudgetLine("encoders", encoders / ARCMIN, shared=Shared.CALIBRATION),
     ]
-    counts = Contribution("resolution", step / 6.0**0.5 / ARCMIN)
+    counts = BudgetLine("resolution", step / 6.0**0.5 / ARCMIN)
     # An error of the output's own angle differs between both directions by the gap.
-    shifted = Contribution("gap at equal output angle", abs(apart) / 3.0**0.5 / ARCMIN)
+    shifted = BudgetLine("gap at equal output angle", abs(apart) / 3.0**0.5 / ARCMIN)
     lost = _over_strokes(gaps, noise, [*common, counts, shifted])
     if gap < -lost.expanded_uncertainty() * ARCMIN:
         findings.append(
@@ -239,8 +238,8 @@ def evaluate_swings(
     dead, spacing = (np.array(column) for column in zip(*bands, strict=True))
     dead = np.minimum(dead, 1.2 * max(gap, 0.0))  # without a gap the output doesn't stand
     sampled = float(np.hypot(step / 6.0**0.5, float(np.mean(spacing)) / 12.0**0.5))
-    counts = Contribution("resolution", sampled / ARCMIN)
-    scale = Contribution("ratio", abs(slope - 1.0) * float(dead.mean()) / 3.0**0.5 / ARCMIN)
+    counts = BudgetLine("resolution", sampled / ARCMIN)
+    scale = BudgetLine("ratio", abs(slope - 1.0) * float(dead.mean()) / 3.0**0.5 / ARCMIN)
     backlash = _over_strokes(dead, noise, [*common, counts, scale])
     return SwingsResult(
         float(ratio), lost, backlash, longest, swings, (*samples.findings, *findings)
@@ -292,7 +291,7 @@ def _mean_slope(swings: tuple[Swing, ...], low: float, high: float) -> float:
     return float(np.mean(rise)) / (high - low - width)
 
 
-def _over_strokes(values: Floats, noise: float, common: Sequence[Contribution]) -> Budget:
+def _over_strokes(values: Floats, noise: float, common: Sequence[BudgetLine]) -> Budget:
     # Neighbouring differences share a stroke: correlations of a half beside the diagonal.
     count = values.size
     centred = np.eye(count) - 1.0 / count
@@ -301,9 +300,9 @@ def _over_strokes(values: Floats, noise: float, common: Sequence[Contribution]) 
     freedom = float(np.trace(shown) ** 2 / np.trace(shown @ shown))
     squares = float(np.sum((values - values.mean()) ** 2)) / float(np.trace(shown))
     scatter = (squares * float(alike.sum())) ** 0.5 / count
-    parts = [Contribution("strokes", scatter / ARCMIN, freedom), *common]
+    parts = [BudgetLine("strokes", scatter / ARCMIN, freedom), *common]
     if scatter == 0.0:
-        parts.append(Contribution("noise", noise / ARCMIN))
+        parts.append(BudgetLine("noise", noise / ARCMIN))
     return budget(float(values.mean()) / ARCMIN, "arcmin", parts)
 
 

@@ -30,13 +30,12 @@ from torquebench.reports.certificate.record import (
 )
 from torquebench.uncertainty import (
     Budget,
+    BudgetLine,
     Decision,
     Distribution,
-    Quantity,
     Tolerance,
     Verdict,
     decide,
-    propagate,
 )
 from torquebench.units import RPM_PER_RAD_S
 
@@ -335,38 +334,27 @@ class _Raw:
 
     def budget(self, place: int, reference_nm: float) -> Budget:
         """Return the budget of the error at one step: a sum, every sensitivity is 1."""
-        quantities = [
-            Quantity(
+        error_nm, count = float(self.error_nm[place]), float(self.count[place])
+        lines = [
+            BudgetLine(
                 "repeatability and noise",
-                float(self.error_nm[place]),
-                self.scatter_nm / sqrt(float(self.count[place])),
+                self.scatter_nm / sqrt(count),
                 self.freedom,
-                unit="N·m",
+                value=error_nm,
             ),
-            Quantity.from_certificate("reference standard", 0.0, reference_nm, unit="N·m"),
+            BudgetLine("reference standard", reference_nm / 2.0),
         ]
         if self.zero_nm is not None:
-            quantities.append(
-                Quantity.rectangular("zero return", 0.0, self.zero_nm / 2.0, unit="N·m")
-            )
+            lines.append(BudgetLine.rectangular("zero return", self.zero_nm / 2.0))
         if self.resolution_nm > 0.0:  # of the indication and of the zero, together
             half_width = self.resolution_nm / sqrt(2.0)
-            quantities.append(
-                Quantity.rectangular(
-                    "resolution of indication and zero", 0.0, half_width, unit="N·m"
-                )
-            )
+            lines.append(BudgetLine.rectangular("resolution of indication and zero", half_width))
         if self.drift_k is not None:
             share = TEMPERATURE_PERCENT_PER_10K / 100.0 * self.drift_k / 10.0
             half_width = share * self.range_nm / 2.0
             name = "temperature drift during the calibration"
-            quantities.append(Quantity.rectangular(name, 0.0, half_width, unit="N·m"))
-        return propagate(
-            lambda *values: sum(values),
-            quantities,
-            derivatives=np.ones(len(quantities)),
-            unit="N·m",
-        )
+            lines.append(BudgetLine.rectangular(name, half_width))
+        return Budget.of(error_nm, "N·m", lines)
 
 
 def _budget_rows(budget: Budget) -> tuple[BudgetRow, ...]:
