@@ -4,9 +4,15 @@ from pathlib import Path
 
 import pytest
 
-from torquebench.tables import read_calibration, read_readings
+from torquebench.tables import read_calibration, read_readings, read_table
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+READERS = {
+    "calibration": read_calibration,
+    "verification": read_calibration,
+    "readings": read_readings,
+    "loops": read_table,
+}
 SCRIPTS = sorted(EXAMPLES.glob("[!_]*.py"))
 
 
@@ -28,6 +34,6 @@ def test_example_tables_are_simulated_and_say_so():
     tables = sorted(EXAMPLES.glob("*.csv"))
     assert tables
     for path in tables:
-        reader = read_readings if path.name.startswith("readings") else read_calibration
+        reader = READERS[path.stem.split("-")[0]]
         assert reader(path).simulated
         assert "simulated" in path.read_text(encoding="utf-8")

@@ -66,6 +66,7 @@ FEWEST_POINTS = 5
 """Fewest points from which a curve's discrepancy is estimated."""
 _Result = TypeVar("_Result")
 _ROWS_AT_ONCE = 2048  # bounds a prediction's memory, within the cache
+_NOT_STORED = ("feature_names_in_", "tables_")  # follow from what is stored
 
 
 class CompensationModel(Estimator, ABC):
@@ -191,7 +192,7 @@ class CompensationModel(Estimator, ABC):
     def fit_curve(self, X: ArrayLike, y: ArrayLike, progress: Progress = NO_PROGRESS) -> Self:
         """Fit the curve as `fit` does, without its discrepancy: for errors at points left out."""
         self.check_parameters()
-        self.uncertainty_, self.tables = None, {}
+        self.uncertainty_, self.tables_ = None, {}
         X_checked, y_checked = self._validated(by_names(X), y)
         self.points_ = int(y_checked.size)
         points = CalibrationPoints(X_checked, y_checked, np.arange(y_checked.size)).sorted()
@@ -410,7 +411,7 @@ class CompensationModel(Estimator, ABC):
         fitted = {
             name: encode_value(value)
             for name, value in sorted(vars(self).items())
-            if name.endswith("_") and not name.startswith("_") and name != "feature_names_in_"
+            if name.endswith("_") and not name.startswith("_") and name not in _NOT_STORED
         }
         parameters = {name: encode_value(value) for name, value in self.get_params().items()}
         return {"kind": self.kind, "parameters": parameters, "fitted": fitted}
@@ -427,7 +428,7 @@ class CompensationModel(Estimator, ABC):
         model = cls(**{name: decode_value(value) for name, value in state["parameters"].items()})
         for name, value in state["fitted"].items():
             setattr(model, name, decode_value(value))
-        model.tables = {}
+        model.tables_ = {}
         return model
 
     # ---- checks ---------------------------------------------------------------------------

@@ -118,7 +118,7 @@ class Estimator:
     degrees_of_freedom_: float
     points_: int
     uncertainty_: CurveUncertainty | None
-    tables: dict[bool, Any]
+    tables_: dict[bool, Any]
     """Tables of the fitted model, with and without branches, kept by who compiles them."""
     maximum_points: int | None = 2000
     """More points than this are averaged with their neighbours, with a `PointsReducedWarning`."""

@@ -344,9 +344,9 @@ def compare(
     >>> reading = np.tile(np.linspace(-2000.0, 2000.0, 21), 2)
     >>> standard = reading + 1e-3 * reading + 1e-6 * reading**2
     >>> standard += generator.normal(0.0, 0.2, reading.size)
-    >>> comparison = compare(reading[:, None], standard, ["polynomial-2", "hybrid"])
+    >>> comparison = compare(reading[:, None], standard, ["polynomial-1", "polynomial-2"])
     >>> [score.name for score in comparison.scores if "worse" not in score.reason]
-    ['polynomial-2', 'hybrid']
+    ['polynomial-2']
     """
     features, torque = _checked(X, y)
     full_scale = float(np.max(np.abs(features[:, 0]))) if range_nm is None else float(range_nm)

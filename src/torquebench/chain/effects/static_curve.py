@@ -68,7 +68,7 @@ class StaticCurve(Effect):
         It compensates every reading, and is kept with the model, which several chains share. None
         if the model uses speed or temperature, or has jumps: it is then evaluated itself.
         """
-        tables = self.model.tables
+        tables = self.model.tables_
         if self.branch_aware not in tables:
             tables[self.branch_aware] = self._compiled()
         table: CompensationTable | None = tables[self.branch_aware]
