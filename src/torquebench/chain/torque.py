@@ -31,7 +31,7 @@ freedom, so that ±2u covers 95.45 %.
 
 
 class Component(NamedTuple):
-    """BudgetLine of one source to torques, and its uncertainty.
+    """Contribution of one source to torques, and its uncertainty.
 
     Parameters
     ----------
