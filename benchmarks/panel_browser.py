@@ -293,7 +293,7 @@ def _acknowledge(server: Server) -> None:
 
 def _load(server: Server) -> None:
     """Begin a calibration and wait until it has taken points under torque."""
-    server.call("POST", "/start/calibrate", {"side": "output", "models": ["polynomial-2"]})
+    server.call("POST", "/operations/calibrate", {"side": "output", "models": ["polynomial-2"]})
     for _ in range(600):
         if server.call("GET", "/jobs")[0]["points"] > 4:
             return
@@ -448,11 +448,11 @@ def _work(server: Server, ended: threading.Event, troubles: list[str]) -> None:
 
 def _record_and_calibrate(server: Server, ended: threading.Event, number: int) -> None:
     started = time.perf_counter()
-    job = server.call("POST", "/start/record", {"name": f"soak {number}"})
+    job = server.call("POST", "/operations/record", {"name": f"soak {number}"})
     ended.wait(5.0)
     server.call("POST", f"/jobs/{job['job_id']}/finish")
     _until_ended(server, job)
-    job = server.call("POST", "/start/calibrate", QUICK_CALIBRATION)
+    job = server.call("POST", "/operations/calibrate", QUICK_CALIBRATION)
     patience = 15.0 if number % 2 else 600.0
     while job["finished"] is None and time.perf_counter() < started + patience:
         ended.wait(1.0)
@@ -519,7 +519,9 @@ def _calibrate(server: Server) -> None:
     """Calibrate once and wait for the end."""
     job = _until_ended(
         server,
-        server.call("POST", "/start/calibrate", {"side": "output", "models": ["polynomial-2"]}),
+        server.call(
+            "POST", "/operations/calibrate", {"side": "output", "models": ["polynomial-2"]}
+        ),
     )
     if job["state"] != "done":
         raise SystemExit(f"a calibration ended {job['state']}: {job['problem']}")

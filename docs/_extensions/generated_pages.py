@@ -4,14 +4,14 @@ import importlib
 import inspect
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import is_dataclass
+from dataclasses import fields, is_dataclass
 from datetime import date
 from pathlib import Path
 from types import NoneType, UnionType
-from typing import Any, Literal, Union, get_args, get_origin
+from typing import Annotated, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 import numpy as np
-from pydantic import BaseModel
+from pydantic import BaseModel, WithJsonSchema
 from sphinx.util import logging
 
 from torquebench.cli.answers import ANSWERS, WITHOUT_ANSWER, Record, dataclass_of
@@ -56,11 +56,9 @@ def _cell(text: str) -> str:
 
 
 def _commands() -> str:
-    import typer
+    from torquebench.cli import whole_command
 
-    from torquebench.cli import app
-
-    root = typer.main.get_command(app)
+    root = whole_command()
     lines = [
         "# All commands and options",
         "",
@@ -96,6 +94,64 @@ def _commands() -> str:
     return "\n".join(lines)
 
 
+def _operations() -> str:
+    from torquebench.operations import OPERATIONS, Result, parameters
+
+    lines = [
+        "# Operations",
+        "",
+        "Generated from the program. The command line, the [HTTP API](../reference/http-api.md)",
+        "and the panel have the same operations with the same fields and defaults. Results have,",
+        "beside what is listed, " + ", ".join(f"`{each.name}`" for each in fields(Result)) + ".",
+        "",
+    ]
+    for operation in OPERATIONS.values():
+        lines += [f"## `{operation.name}`", "", operation.description, ""]
+        needs = {"bench": "an open bench", "records": "records", "files": "files"}
+        lines += [f"Needs {needs[operation.where]} and the role {operation.role}.", ""]
+        lines += [f"Result: {_shape(operation.result)}.", ""]
+        if fields_of_request := parameters(operation.request):
+            lines += ["| field | default | unit, limits | description |"]
+            lines += ["| --- | --- | --- | --- |"]
+        for each in fields_of_request:
+            limits = ", ".join(part for part in (each.unit, each.limits) if part)
+            default = "" if each.default in (None, "", (), {}) or each.record else each.default
+            if isinstance(default, tuple):
+                default = ", ".join(map(str, default))
+            if isinstance(default, bool):
+                default = str(default).lower()
+            stated = "required" if each.required else f"`{default}`" if default != "" else ""
+            lines.append(f"| `{each.name}` | {stated} | {limits} | {_cell(each.help)} |")
+        lines.append("")
+    for result, kinds in _results().items():
+        lines += ["", f"({_anchor(result)})=", f"## {result.__name__}", ""]
+        lines += [(inspect.getdoc(result) or "").split("\n")[0], ""]
+        lines += ["| key | value |", "| --- | --- |"] if kinds else []
+        lines += [f"| `{key}` | {_shape(kind)} |" for key, kind in kinds.items()]
+    return "\n".join(lines) + "\n"
+
+
+def _results() -> dict[Any, dict[str, Any]]:
+    """Return the results of operations and the dataclasses in them, with their keys' kinds."""
+    from torquebench.operations import OPERATIONS, Result
+
+    common = {each.name for each in fields(Result)}
+    waiting: list[Any] = [each.result for each in OPERATIONS.values()]
+    results: dict[Any, dict[str, Any]] = {}
+    for result in waiting:  # grows by the dataclasses inside
+        if result in results:
+            continue
+        hints = get_type_hints(result, include_extras=True)
+        results[result] = {
+            each.name: hints[each.name]
+            for each in fields(result)
+            if not each.metadata.get("hidden")
+            and not (issubclass(result, Result) and each.name in common)
+        }
+        waiting += [each for kind in results[result].values() for each in _inside(kind)]
+    return results
+
+
 def _answers() -> str:
     lines = [
         "# Answers in JSON",
@@ -120,10 +176,10 @@ def _answers() -> str:
     for command, records in ANSWERS.items():
         for record in records:
             names.setdefault(record, []).append(f"`{command}`")
-    parts = list(names)
+    parts, elsewhere = list(names), _results()
     for part in parts:  # grows by the parts of its parts
         for kind in _inside(list(_kinds(part).values())):
-            if kind not in parts:
+            if kind not in parts and kind not in elsewhere:
                 parts.append(kind)
     for part in parts:
         about = part.about if isinstance(part, Record) else inspect.getdoc(part).split("\n")[0]
@@ -156,6 +212,8 @@ def _inside(kind: Any) -> Iterator[Any]:
     if get_origin(kind) is Literal:
         return
     below = kind if isinstance(kind, list) else get_args(kind)
+    if get_origin(kind) is Annotated:
+        below = below[:1]
     for each in kind.values() if isinstance(kind, dict) else below:
         yield from _inside(each)
 
@@ -167,6 +225,11 @@ def _shape(kind: Any) -> str:
         about = kind.about if isinstance(kind, Record) else kind.__name__
         return f"[{about.rstrip('.')}](#{_anchor(kind)})"
     origin, parts = get_origin(kind), get_args(kind)
+    if origin is Annotated:  # numbers of any kind of sequence, by their schema
+        schemas = (each.json_schema for each in parts[1:] if isinstance(each, WithJsonSchema))
+        return next(
+            (f"list of {each['items'].get('type', 'number')}" for each in schemas), _shape(parts[0])
+        )
     if isinstance(kind, list):
         return f"list of {_shape(kind[0])}"
     if isinstance(kind, dict):
@@ -328,7 +391,8 @@ def _pages_of_plugins() -> dict[str, str]:
 
 def write_pages(folder: Path) -> list[Path]:
     """Write every generated page; one that hasn't changed keeps its date."""
-    pages = {"commands": _commands(), "answers": _answers(), "alarms": _alarms()}
+    pages = {"commands": _commands(), "operations": _operations()}
+    pages |= {"answers": _answers(), "alarms": _alarms()}
     pages |= {f"{key}-file": _settings(*value) for key, value in SETTINGS.items()}
     pages |= {f"python/{module}": _python(module, title) for module, title in PYTHON.items()}
     pages |= _pages_of_plugins()

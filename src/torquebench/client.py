@@ -18,6 +18,7 @@ from __future__ import annotations
 import json
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator, Mapping
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, Self
 
@@ -161,6 +162,7 @@ class _Requests:
     """Operations of one request each; those of `AsyncClient` are awaited."""
 
     request: Callable[..., Any]
+    run: Callable[..., Any]
 
     def get(self, path: str, **query: Any) -> Any:
         """Read a resource."""
@@ -170,22 +172,29 @@ class _Requests:
         """Call an operation that changes something."""
         return self.request("POST", path, body=body)
 
-    def start(self, kind: str, **request: Any) -> Any:
-        """Start a job and return its first state; an impossible job is refused."""
-        return self.post(f"/start/{kind}", **request)
+    def start(self, operation: str, **request: Any) -> Any:
+        """Start an operation and return its job's first state; the result of one that is no job.
+
+        An impossible operation is refused. ``get("/operations")`` lists all of them.
+        """
+        return self.post(f"/operations/{operation.replace('_', '-')}", **request)
+
+    def preview(self, operation: str, **request: Any) -> Any:
+        """Return what an operation would load and turn; nothing moves."""
+        return self.post(f"/operations/{operation.replace('_', '-')}/preview", **request)
+
+    def __getattr__(self, operation: str) -> Callable[..., Any]:
+        """Return an operation as a method: ``client.calibrate(side="output")`` returns its result.
+
+        See `run`; the names are those of the API's description, such as ``records_review``.
+        """
+        if operation.startswith("_"):
+            raise AttributeError(operation)
+        return partial(self.run, operation)
 
     def answer(self, number: int, *, done: bool = True) -> Any:
         """Answer a request to the person at the bench."""
         return self.post(f"/prompt/{number}", done=done)
-
-    def activate(self, model_id: int, reason: str = "") -> Any:
-        """Put a model into use."""
-        return self.post(f"/models/{model_id}/activate", reason=reason)
-
-    def sign_off(self, calibration_id: int, password: str, remark: str = "") -> Any:
-        """Sign that a calibration was reviewed; a person's session only."""
-        path = f"/calibrations/{calibration_id}/sign-off"
-        return self.post(path, password=password, remark=remark)
 
     def stop(self, reason: str = "") -> Any:
         """Bring the bench to its safe state at once; this is no emergency stop."""
@@ -277,9 +286,12 @@ class Client(_Requests):
                 raise httpx.RemoteProtocolError(f"no end of job {job_id} in {RECONNECTS} streams")
 
     def run(
-        self, kind: str, on_event: Callable[[Event], object] = lambda _event: None, **request: Any
+        self,
+        operation: str,
+        on_event: Callable[[Event], object] = lambda _event: None,
+        **request: Any,
     ) -> dict[str, Any]:
-        """Start a job, wait for it and return its result.
+        """Start an operation, wait for it and return its result.
 
         Raises
         ------
@@ -288,12 +300,10 @@ class Client(_Requests):
         JobError
             It failed or was aborted.
         """
-        return _result(self.wait(self.start(kind, **request)["job_id"], on_event))
-
-    def certificate(self, calibration_id: int, password: str, **request: Any) -> dict[str, Any]:
-        """Issue a certificate and return the job's result; a person's session only."""
-        path = f"/calibrations/{calibration_id}/certificate"
-        return _result(self.wait(self.post(path, password=password, **request)["job_id"]))
+        started: dict[str, Any] = self.start(operation, **request)
+        if "job_id" not in started:
+            return started
+        return _result(self.wait(started["job_id"], on_event))
 
     def reading(self, signal: str) -> float | None:
         """Return the newest value of a signal; None if there is none or it is stale."""
@@ -377,21 +387,15 @@ class AsyncClient(_Requests):
 
     async def run(
         self,
-        kind: str,
+        operation: str,
         on_event: Callable[[Event], Awaitable[object] | object] = lambda _event: None,
         **request: Any,
     ) -> dict[str, Any]:
-        """Start a job, wait for it and return its result; see `Client.run`."""
-        started = await self.start(kind, **request)
+        """Start an operation, wait for it and return its result; see `Client.run`."""
+        started: dict[str, Any] = await self.start(operation, **request)
+        if "job_id" not in started:
+            return started
         return _result(await self.wait(started["job_id"], on_event))
-
-    async def certificate(
-        self, calibration_id: int, password: str, **request: Any
-    ) -> dict[str, Any]:
-        """Issue a certificate and return the job's result; a person's session only."""
-        path = f"/calibrations/{calibration_id}/certificate"
-        started = await self.post(path, password=password, **request)
-        return _result(await self.wait(started["job_id"]))
 
     async def reading(self, signal: str) -> float | None:
         """Return the newest value of a signal; None if there is none or it is stale."""

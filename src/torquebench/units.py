@@ -32,7 +32,9 @@ __all__ = [
     "UNITS",
     "UNIT_OF_ENDING",
     "minus_signs",
+    "name_without_unit",
     "plain_unit",
+    "title_of_name",
     "unit_of_name",
 ]
 
@@ -85,6 +87,7 @@ UNIT_OF_ENDING: Mapping[str, str] = {
     "_percent_per_year": "%/a",
     "_percent_reading": "% of reading",
     "_percent_per_h": "%/h",
+    "_arcmin_per_nm": "arcmin/(N·m)",
     "_nm_per_arcmin": "N·m/arcmin",
     "_percent_fs": "% of full scale",
     "_nm_per_s": "N·m/s",
@@ -102,6 +105,7 @@ UNIT_OF_ENDING: Mapping[str, str] = {
     "_rad": "rad",
     "_deg": "°",
     "_khz": "kHz",
+    "_ppm": "ppm",
     "_mm": "mm",
     "_kw": "kW",
     "_hz": "Hz",
@@ -128,6 +132,30 @@ def unit_of_name(name: str) -> str:
     ('N·m', 'N·m/s', '')
     """
     return next((unit for end, unit in UNIT_OF_ENDING.items() if name.endswith(end)), "")
+
+
+def name_without_unit(name: str) -> str:
+    """Return a name without the unit that it ends in.
+
+    Examples
+    --------
+    >>> name_without_unit("step_percent"), name_without_unit("clock")
+    ('step', 'clock')
+    """
+    ending = next((end for end in UNIT_OF_ENDING if name.endswith(end)), "")
+    return name.removesuffix(ending) or name
+
+
+def title_of_name(name: str) -> str:
+    """Return a name as words, without its unit.
+
+    Examples
+    --------
+    >>> title_of_name("step_percent"), title_of_name("run_id")
+    ('Step', 'Run id')
+    """
+    words = re.sub(r"_+", " ", name_without_unit(name))
+    return words[:1].upper() + words[1:]
 
 
 def minus_signs(text: str) -> str:

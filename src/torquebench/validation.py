@@ -273,7 +273,7 @@ def _without_none(annotation: Any) -> Any:
 
 def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
     metadata = list(field.metadata)
-    unit = field.description or ""
+    unit = _unit(field)
     annotation = _without_none(field.annotation)
     if get_origin(annotation) is Annotated:
         inner = get_args(annotation)
@@ -281,10 +281,18 @@ def _constraints(field: FieldInfo) -> tuple[Any, list[Any], str]:
         for item in inner[1:]:
             if isinstance(item, FieldInfo):
                 metadata += item.metadata
-                unit = unit or item.description or ""
+                unit = unit or _unit(item)
             else:
                 metadata.append(item)
     return annotation, metadata, unit
+
+
+def _unit(field: FieldInfo) -> str:
+    """Return the unit of a field: stated beside its description, or in the place of one."""
+    extra = field.json_schema_extra
+    if isinstance(extra, dict) and "unit" in extra:
+        return str(extra["unit"])
+    return field.description or ""
 
 
 def refuse_future(performed: date) -> None:

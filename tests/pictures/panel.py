@@ -60,7 +60,7 @@ def make(images: Path, scratch: Path) -> Iterator[Path]:
 def live(folder: Path, scratch: Path) -> Iterator[Path]:
     """Photograph the live page under load, the alarms after a stop, and the settings."""
     scratch.mkdir()
-    command = [COMMAND, "calibrate", "output", "--step-percent", "10", "--data", "data"]
+    command = [COMMAND, "calibrate", "output", "--step", "10", "--data", "data"]
     subprocess.run(command, cwd=scratch, env=environment(), check=True, capture_output=True)
     with (
         running_panel(scratch) as panel,

@@ -23,7 +23,7 @@ def test_an_interrupted_calibration(
     sent: signal.Signals, code: int, reason: str, tmp_path: Path
 ) -> None:
     bench = patient_bench(tmp_path)
-    options = ("--real-time", "--step-percent", 10, "--data", "data", "--bench", bench)
+    options = ("--real-time", "--step", 10, "--data", "data", "--bench", bench)
     with started("calibrate", "output", *options, cwd=tmp_path) as process:
         wait_until(lambda: points_of(tmp_path) >= 2, "the first point")
         process.send_signal(sent)

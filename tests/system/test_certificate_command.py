@@ -17,7 +17,7 @@ NOT_SECRET = {"laboratory.toml", "bench.lock"}
 def calibration(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("bench")
     done = run(
-        *("calibrate", "output", "--step-percent", "25", "--model", "polynomial"),
+        *("calibrate", "output", "--step", "25", "--model", "polynomial"),
         *("--data", "data"),
         cwd=folder,
     )

@@ -40,7 +40,7 @@ ELSEWHERE = {
     ("plant",): "test_plant_commands.py",
     ("teds",): "test_teds_commands.py",
     ("certificate", "calibration-1"): "test_certificate_command.py",
-    ("test", "compare"): "test_reducer_test_command.py",
+    ("records", "compare-tests"): "test_reducer_test_command.py",
 }
 """Commands that end by Ctrl-C only, take minutes or need a server: run there."""
 WITHOUT_END = {"measure": ("--count", "1")}
@@ -72,8 +72,8 @@ def worked(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with pytest.MonkeyPatch.context() as patch:
         patch.setenv("TORQUEBENCH_DATA", str(data))
         for words in (
-            ["calibrate", "output", "--step-percent", "20", "--yes"],
-            ["calibrate", "output", "--step-percent", "20", "--yes"],
+            ["calibrate", "output", "--step", "20", "--yes"],
+            ["calibrate", "output", "--step", "20", "--yes"],
             ["verification", "output", "--groups", "2", "--points", "6"],
         ):
             code, told = run(words, patch)

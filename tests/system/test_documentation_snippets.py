@@ -12,10 +12,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import typer.main
 from typer.core import TyperGroup
 
-from torquebench.cli import app, main
+from torquebench.cli import main, whole_command
 from torquebench.records import Registry
 
 ROOT = Path(__file__).parents[2]
@@ -124,7 +123,7 @@ def test_python_of_a_page_runs(page: str, reader: Path, capsys: pytest.CaptureFi
 
 @pytest.mark.parametrize("page", WITH_COMMANDS)
 def test_commands_of_a_page_are_understood(page: str) -> None:
-    root = typer.main.get_command(app)
+    root = whole_command()
     for words in commands(page):
         command, context, rest = root, None, words
         while isinstance(command, TyperGroup):

@@ -30,7 +30,7 @@ def expired(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     bench = folder / "bench.toml"
     bench.write_text("\n".join(lines) + "\n", encoding="utf-8")
     done = run(
-        *("calibrate", "output", "--bench", bench, "--step-percent", 25),
+        *("calibrate", "output", "--bench", bench, "--step", 25),
         *("--model", "polynomial", "--data", folder / "data"),
         cwd=folder,
     )
@@ -110,7 +110,7 @@ def test_a_clock_behind_the_records_is_named_before_it_is_used(tmp_path: Path) -
     assert "3.0 days before the newest record" in said
     assert "set this computer's clock" in said
     calibrated = run(
-        *("calibrate", "output", "--step-percent", 50, "--model", "polynomial", "--data", data),
+        *("calibrate", "output", "--step", 50, "--model", "polynomial", "--data", data),
         cwd=tmp_path,
     )
     assert calibrated.returncode == 0, calibrated.stderr

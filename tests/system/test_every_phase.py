@@ -69,14 +69,15 @@ def test_every_command_names_a_stranded_run_and_resume_finishes_it(killed: Path)
         assert f"torquebench records finish {folder.name}" in words
     events = (folder / "events.jsonl").read_bytes()
     for number in range(2):
-        resumed = run("calibrate", "--resume", "latest", "--data", "data", cwd=killed)
+        resumed = run("resume", "latest", "--data", "data", cwd=killed)
         if number:  # there is nothing to go on with, and nothing is measured again
             assert resumed.returncode == 2
             assert "'latest' names no run" in resumed.stderr
             continue
         assert resumed.returncode == 0, resumed.stderr
-        assert "Nothing was measured" in " ".join(resumed.stdout.split())
-        assert "In use: model-1 of calibration-1" in resumed.stdout
+        said = " ".join(resumed.stderr.split())
+        assert f"every point of {folder.name} was measured before" in said
+        assert "In use model-1" in " ".join(resumed.stdout.split())
     assert [path.name for path in (killed / "data" / "runs").iterdir()] == [folder.name]
     assert (folder / "events.jsonl").read_bytes() == events
     with Registry.open(killed / "data") as registry:
@@ -121,7 +122,7 @@ def test_a_calibration_that_ended_before_its_first_point_is_named_and_discarded(
     for command in (("records", "list", "runs"), ("doctor",)):
         said = run(*command, "--data", "data", cwd=tmp_path)
         words = " ".join((said.stdout + said.stderr).split())
-        assert f"resume it with `torquebench calibrate --resume {folder.name}`" in words, command
+        assert f"resume it with `torquebench resume {folder.name}`" in words, command
         assert f"`records discard {folder.name}`" in words
     done = run(
         *("records", "discard", "latest", "--reason", "the disk was full", "--by", "Ana"),
@@ -135,7 +136,7 @@ def test_a_calibration_that_ended_before_its_first_point_is_named_and_discarded(
 
 
 def test_finishing_puts_no_older_model_into_use_than_there_is(killed: Path) -> None:
-    run("calibrate", "output", "--step-percent", 50, "--data", "data", cwd=killed)
+    run("calibrate", "output", "--step", 50, "--data", "data", cwd=killed)
     with Registry.open(killed / "data") as registry:
         (left,) = unfinished_runs(registry)
         assert left.state is RunState.MEASURED

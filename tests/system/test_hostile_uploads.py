@@ -38,7 +38,7 @@ def api(panel: Panel) -> Iterator[httpx.Client]:
 def job(api: httpx.Client) -> str:
     def begun() -> httpx.Response | None:
         asked = {"side": "output", "step_percent": 0.5, "repeats": 5}
-        answer = api.post("/start/calibrate", json=asked)
+        answer = api.post("/operations/calibrate", json=asked)
         if answer.status_code == 503:
             api.post("/alarms/acknowledge")
         return answer if answer.status_code == 202 else None

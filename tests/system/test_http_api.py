@@ -123,19 +123,19 @@ def test_a_stream_without_a_token_ends_at_once(server: Server, message: str) -> 
 
 def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) -> None:
     olga, plant, chief = people["Olga"], people["plant"], people["Max"]
-    started = olga.post("/start/calibrate", json={"side": "output", "step_percent": 2})
+    started = olga.post("/operations/calibrate", json={"side": "output", "step_percent": 2})
     assert started.status_code == 202
     job = started.json()["job_id"]
     assert plant.get("/command").json()["holder"] == "Olga"
     for refused in (
-        plant.post("/start/zero", json={}),
+        plant.post("/operations/zero", json={}),
         plant.post(f"/jobs/{job}/pause"),
         plant.post(f"/jobs/{job}/abort", json={}),
         plant.post("/command", json={"force": True}),
     ):
         assert refused.status_code == 409, refused.text
         assert refused.json()["type"] == "torquebench:LeaseError"
-    assert olga.post("/start/zero", json={}).json()["type"] == "torquebench:BusyError"
+    assert olga.post("/operations/zero", json={}).json()["type"] == "torquebench:BusyError"
     stopped = plant.post("/stop", json={"reason": "smoke"})
     assert stopped.status_code == 200
     view = _wait(lambda: (found := chief.get(f"/jobs/{job}").json())["finished"] and found)
@@ -143,7 +143,7 @@ def test_one_session_commands_and_any_may_stop(people: dict[str, httpx.Client]) 
     assert "smoke, by plant (client)" in view["problem"]["found"]
     (alarm,) = chief.get("/alarms", params={"active": True}).json()
     assert alarm["level"] == "critical"
-    refused = olga.post("/start/zero", json={})
+    refused = olga.post("/operations/zero", json={})
     assert refused.status_code == 503
     cleared = _wait(
         lambda: (found := olga.post("/alarms/acknowledge")).status_code == 200 and found
@@ -174,7 +174,9 @@ def test_a_stop_waits_for_no_other_request(
 
 def test_a_job_is_paused_resumed_and_aborted(people: dict[str, httpx.Client]) -> None:
     olga = people["Olga"]
-    job = olga.post("/start/calibrate", json={"side": "output", "step_percent": 2}).json()["job_id"]
+    job = olga.post("/operations/calibrate", json={"side": "output", "step_percent": 2}).json()[
+        "job_id"
+    ]
     _wait(lambda: olga.get(f"/jobs/{job}/points").json())
     assert olga.post(f"/jobs/{job}/pause").status_code == 200
     _wait(lambda: olga.get(f"/jobs/{job}").json()["state"] == "paused")
@@ -192,33 +194,40 @@ def test_from_calibration_to_certificate(
     people: dict[str, httpx.Client], admin: httpx.Client
 ) -> None:
     olga, chief = people["Olga"], people["Max"]
-    shown = olga.post("/preview/calibrate", json={"side": "output", "step_percent": 20}).json()
+    shown = olga.post(
+        "/operations/calibrate/preview", json={"side": "output", "step_percent": 20}
+    ).json()
     assert shown["points"] == 20
     assert shown["largest_torque_nm"] == {"output": 2000.0}
     assert shown["mounts"] in ([], ["calibrator"])  # another test may have mounted it
-    done = _done(olga, olga.post("/start/calibrate", json={"side": "output", "step_percent": 20}))
+    done = _done(
+        olga, olga.post("/operations/calibrate", json={"side": "output", "step_percent": 20})
+    )
     result = done["result"]
     assert result["simulated"]
-    number, model = result["calibration_id"], result["model_ids"]["hybrid"]
+    (module,) = result["modules"]
+    number, model = module["calibration_id"], module["models"][0]["model_id"]
     assert olga.get("/bench").json()["sides"][1]["compensation"] is None
-    body = {"calibration_id": number, "groups": 2, "points": 6, "tolerance_percent_fs": 0.5}
-    verified = _done(olga, olga.post("/start/verify", json=body))
+    body = {"side": "output", "calibration": number, "groups": 2, "points": 6}
+    body["tolerance_percent_fs"] = 0.5
+    verified = _done(olga, olga.post("/operations/verification", json=body))
     assert verified["result"]["verdict"] == "pass", verified
-    assert olga.post(f"/models/{model}/activate", json={}).status_code == 403
-    signed = f"/calibrations/{number}/sign-off"
-    assert chief.post(signed, json={"password": "wrong password"}).status_code == 401
+    use, review = {"model": model, "reason": "checked"}, {"record": f"calibration-{number}"}
+    assert olga.post("/operations/records-use", json=use).status_code == 403
+    wrong = review | {"password": "wrong password"}
+    assert chief.post("/operations/records-review", json=wrong).status_code == 401
     assert admin.get(f"/calibrations/{number}").json()["reviews"] == []
     assert olga.delete("/command").status_code == 204
-    asked = {"password": PASSWORD, "tolerance_percent_fs": 0.5}
-    refused = _done(chief, chief.post(f"/calibrations/{number}/certificate", json=asked))
+    asked = {"password": PASSWORD, "tolerance_percent_fs": 0.5, "calibration": number}
+    refused = _done(chief, chief.post("/operations/certificate", json=asked))
     assert "no second person checked it before it was put into use" in refused["problem"]["found"]
-    assert chief.post(signed, json={"password": PASSWORD}).status_code == 204
-    assert chief.post(f"/models/{model}/activate", json={}).status_code == 204
+    signed = review | {"password": PASSWORD}
+    assert chief.post("/operations/records-review", json=signed).status_code == 200
+    assert chief.post("/operations/records-use", json=use).status_code == 200
     assert chief.get("/bench").json()["sides"][1]["compensation"]["model_id"] == model
-    issued = chief.post(f"/calibrations/{number}/certificate", json=asked)
-    issued = _done(chief, issued)["result"]
-    certificate = issued["certificate"]
-    assert issued["details"]["unreviewed"] == []
+    issued = _done(chief, chief.post("/operations/certificate", json=asked))["result"]
+    certificate = issued["number"]
+    assert issued["unreviewed"] == []
     assert issued["verdict"] == verified["result"]["verdict"]
     detail = olga.get(f"/calibrations/{number}").json()
     assert [each["checked_by"] for each in detail["reviews"]] == ["Max"]

@@ -21,6 +21,7 @@ from tests.system.panel_api import PASSWORD, SLOW, Server, administrator, person
 
 from torquebench.chain import load_chain
 from torquebench.client import AsyncClient, Client, Event, JobError, RefusedError
+from torquebench.operations import OPERATIONS
 
 pytestmark = SLOW
 MOST_REQUESTS = 15
@@ -77,20 +78,20 @@ def calibrated(server: Server, admin: httpx.Client) -> dict[str, Any]:
                 points.extend(event.data["points"])
 
         found = bench.run("calibrate", watch, side="output", step_percent=20.0)
-        number = found["calibration_id"]
-        fitted = bench.run("fit", calibration_id=number, model="polynomial-3")
-        verified = bench.run(
-            "verify", calibration_id=number, groups=2, points=6, tolerance_percent_fs=0.5
-        )
-        bench.activate(found["model_ids"]["hybrid"], "best of all")
+        (module,) = found["modules"]
+        number = module["calibration_id"]
+        fitted = bench.records_fit_model(calibration=number, model="polynomial-3")
+        fresh = {"groups": 2, "points": 6, "tolerance_percent_fs": 0.5}
+        verified = bench.verification(side="output", calibration=number, **fresh)
+        bench.records_use(model=module["models"][0]["model_id"], reason="best of all")
         reading = bench.reading("output_torque_nm")
     return {
         "requests": asked,
         "points": points,
         "reading": reading,
         "calibrate": found,
-        "fit": fitted,
-        "verify": verified,
+        "records-fit-model": fitted,
+        "verification": verified,
     }
 
 
@@ -103,30 +104,25 @@ def test_from_calibration_to_reading_in_few_requests(calibrated: dict[str, Any])
     assert sum(each["stream"] == "points" for each in calibrated["points"]) == 20
 
 
-def test_details_are_as_the_description_says(
+def test_results_are_as_the_description_says(
     calibrated: dict[str, Any], admin: httpx.Client
 ) -> None:
     schemas = admin.get("/openapi.json").json()["components"]["schemas"]
-    for kind, name in (
-        ("calibrate", "CalibrationDetails"),
-        ("fit", "CalibrationDetails"),
-        ("verify", "VerificationDetails"),
-    ):
-        whole = {"components": {"schemas": schemas}, "$ref": f"#/components/schemas/{name}"}
-        details = calibrated[kind]["details"]
-        jsonschema.Draft202012Validator(whole).validate(details)
-        assert set(details) <= set(schemas[name]["properties"]), kind
-    models = calibrated["calibrate"]["details"]["models"]
-    numbers = {name: model["model_id"] for name, model in models.items()}
-    assert numbers == calibrated["calibrate"]["model_ids"]
-    verified = calibrated["verify"]["details"]["models"]
-    assert {each["model_id"] for each in verified.values()} >= set(numbers.values()) | {None}
+    for name in ("calibrate", "records-fit-model", "verification"):
+        schema = OPERATIONS[name.replace("records-", "records ")].result.__name__
+        whole = {"components": {"schemas": schemas}, "$ref": f"#/components/schemas/{schema}"}
+        jsonschema.Draft202012Validator(whole).validate(calibrated[name])
+        assert set(calibrated[name]) == set(schemas[schema]["properties"]), name
+    (module,) = calibrated["calibrate"]["modules"]
+    numbers = {each["model_id"] for each in module["models"]}
+    verified = calibrated["verification"]["models"]
+    assert {each["model_id"] for each in verified} >= numbers | {None}
 
 
 def test_models_and_data_are_downloaded(
     calibrated: dict[str, Any], max_: Client, tmp_path: Path
 ) -> None:
-    number = calibrated["fit"]["model_ids"]["polynomial-3"]
+    number = calibrated["records-fit-model"]["modules"][0]["models"][-1]["model_id"]
     model = max_.download(f"/models/{number}/file", tmp_path / "model.json")
     assert load_chain(model).model.range_nm == 2000.0
     run_id = calibrated["calibrate"]["run_ids"][0]
@@ -169,15 +165,15 @@ def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_:
 
 
 def test_what_is_wrong_is_refused_at_the_request(calibrated: dict[str, Any], max_: Client) -> None:
-    number = calibrated["calibrate"]["calibration_id"]
+    number = calibrated["calibrate"]["modules"][0]["calibration_id"]
     jobs = max_.get("/jobs")
     for kind, request, status in (
         ("calibrate", {"side": "output", "models": ["guess"]}, 422),
-        ("calibrate", {"side": "output", "profile": "nobodys"}, 404),
-        ("fit", {"calibration_id": 999, "model": "hybrid"}, 409),
-        ("fit", {"calibration_id": number, "model": "polynomial-31"}, 422),
-        ("verify", {"calibration_id": 999}, 409),
-        ("reducer-test", {"test": "hysteresis", "reducer": "nobodys"}, 404),
+        ("calibrate", {"side": "output", "profile": "nobodys"}, 422),
+        ("records-fit-model", {"calibration": 999, "model": "hybrid"}, 409),
+        ("records-fit-model", {"calibration": number, "model": "polynomial-31"}, 422),
+        ("verification", {"side": "output", "calibration": 999}, 409),
+        ("test", {"test": "hysteresis", "reducer": "nobodys"}, 422),
     ):
         with pytest.raises(RefusedError) as refused:
             max_.start(kind, **request)

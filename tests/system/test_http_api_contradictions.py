@@ -19,26 +19,27 @@ def test_a_person_may_decide_for_it_with_a_reason_on_the_record(tmp_path: Path) 
         data, registered = calibrate(station, "input", broken)
     model = registered.models[KIND]
     assert model.contradictions
-    path = f"/models/{model.model_id}/activate"
+    path = "/operations/records-use"
+    chosen = {"model": model.model_id}
     with serving(tmp_path, "--fast") as server, administrator(server) as admin:
         chief = person(server, admin, "Max", "metrologist")
         olga = person(server, admin, "Olga", "operator")
         plant = program(server, admin, "plant", "metrologist")
-        despite = {"reason": REASON, "despite_contradictions": True}
+        despite = chosen | {"reason": REASON, "despite_contradictions": True}
         with chief, olga, plant:
             assert olga.post(path, json=despite).status_code == 403
             denied = plant.post(path, json=despite)
             assert denied.status_code == 403
             assert "a person's decision" in denied.text
             assert chief.post("/command", json={}).is_success
-            refused = chief.post(path, json={"reason": REASON})
+            refused = chief.post(path, json=chosen | {"reason": REASON})
             assert refused.is_client_error
             assert "contradicts itself" in refused.text
-            unreasoned = chief.post(path, json={"despite_contradictions": True})
+            unreasoned = chief.post(path, json=chosen | {"despite_contradictions": True})
             assert unreasoned.is_client_error
             assert "without a reason" in unreasoned.text
             assert chief.get("/bench").json()["sides"][0]["compensation"] is None
-            assert chief.post(path, json=despite).status_code == 204
+            assert chief.post(path, json=despite).status_code == 200
             used = chief.get("/bench").json()["sides"][0]["compensation"]
             assert used["model_id"] == model.model_id
     with Registry.open(folder) as registry:

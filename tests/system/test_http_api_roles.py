@@ -25,8 +25,12 @@ PATHS = {
 SIGNED = {"password": PASSWORD}
 BODIES: dict[str, dict[str, Any]] = {
     "add_user": {"name": "X", "role": "operator", "password": PASSWORD},  # X is too short a name
-    "sign_off": SIGNED,
-    "certificate": SIGNED,
+    "records_review": {"record": "calibration-999", **SIGNED},
+    "records_fit_model": {"calibration": 999},
+    "records_use": {"model": 999},
+    "records_deactivate": {"side": "output"},
+    "records_discard": {"run_id": "none", "reason": "none"},
+    "certificate": {"calibration": 999, **SIGNED},
     "change_password": {"old": "wrong password", "new": PASSWORD},
     "take_command": {"force": False},
     "answer": {"done": True},
@@ -35,7 +39,7 @@ BODIES: dict[str, dict[str, Any]] = {
 }
 OPEN = {"set_up", "sign_in"}
 DISTURBING = {
-    "stop", "sign_out", "reopen", "events", "start_zero", "start_calibrate", "start_check",
+    "stop", "sign_out", "reopen", "events", "zero", "standard_reducer",
 }  # fmt: skip
 """Let in, these would end the session or the bench of the others, or go on: tested elsewhere."""
 

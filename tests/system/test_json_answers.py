@@ -1,4 +1,4 @@
-"""Commands print the JSON that `cli.answers` and the documentation promise."""
+"""Commands print the JSON that operations, `cli.answers` and the documentation promise."""
 
 import inspect
 import json
@@ -11,10 +11,12 @@ from pathlib import Path
 from types import NoneType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin
 
+import jsonschema  # type: ignore[import-untyped]
 import pytest
 from tests.system.command_line import run
 
 from torquebench.cli.answers import ANSWERS, MEASURED_LINE, Record, dataclass_of
+from torquebench.operations import OPERATIONS, Preview, json_schemas
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 CALIBRATION = EXAMPLES / "calibration-output.csv"
@@ -24,7 +26,8 @@ READINGS = EXAMPLES / "readings-output.csv"
 
 def named(arguments: tuple[object, ...]) -> str:
     words = [str(each) for each in arguments]
-    return next(" ".join(words[:k]) for k in (1, 2) if " ".join(words[:k]) in ANSWERS)
+    known = {*ANSWERS, *OPERATIONS}
+    return next(" ".join(words[:k]) for k in (1, 2) if " ".join(words[:k]) in known)
 
 
 def misfits(value: Any, kind: Any, where: str) -> list[str]:
@@ -69,7 +72,14 @@ def checked(arguments: tuple[object, ...], text: str) -> dict[str, Any]:
     name = named(arguments)
     assert written["command"] == name
     assert written["error"] is None
-    assert misfits(written["answer"], ANSWERS[name], "answer") == []
+    if name in ANSWERS:
+        assert misfits(written["answer"], ANSWERS[name], "answer") == []
+        return written["answer"]
+    kind = Preview if "--dry-run" in arguments else OPERATIONS[name].result
+    schema, parts = json_schemas([kind])
+    whole = {**schema[kind], "components": {"schemas": parts}}
+    jsonschema.Draft202012Validator(whole).validate(written["answer"])
+    assert not written["answer"].keys() - parts[kind.__name__]["properties"].keys()
     return written["answer"]
 
 
@@ -83,8 +93,8 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Two calibrations of the output module, a check, and a fitted table."""
     folder = tmp_path_factory.mktemp("answers")
     for arguments in (
-        ("calibrate", "output", "--step-percent", "25", "--json"),
-        ("calibrate", "output", "--step-percent", "25", "--json"),
+        ("calibrate", "output", "--step", "25", "--json"),
+        ("calibrate", "output", "--step", "25", "--json"),
         ("check", "output", "--json"),
         ("fit", CALIBRATION, "--range", "2000", "--json"),
         ("test", "no-load", "--short", "--json"),

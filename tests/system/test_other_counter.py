@@ -69,7 +69,7 @@ def test_measure_takes_the_option(tmp_path: Path) -> None:
         calibrated(opened, serial="SIM-T2000", counter=OTHER)
     refused = run("measure", "--count", 1, "--data", "data", cwd=tmp_path)
     assert "output: not compensated" in refused.stderr
-    options = ("--accept-counter", OTHER, "--clock-tolerance-ppm", 50)
+    options = ("--accept-counter", OTHER, "--clock-tolerance", 50)
     taken = run("measure", "--count", 1, "--data", "data", *options, cwd=tmp_path)
     assert taken.returncode == 0, taken.stderr
     said = " ".join(taken.stderr.split())

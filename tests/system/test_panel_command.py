@@ -100,7 +100,7 @@ def test_half_or_broken_tls_is_refused(tmp_path: Path) -> None:
 def test_a_request_to_terminate_ends_it_with_the_bench_unloaded(tmp_path: Path) -> None:
     with serving(tmp_path, fresh=True) as server:
         with administrator(server) as admin:
-            started = admin.post("/start/calibrate", json={"side": "output"})
+            started = admin.post("/operations/calibrate", json={"side": "output"})
             assert started.status_code == 202
             run_id = ""
             while not run_id:

@@ -209,7 +209,7 @@ def test_signals_are_recorded_on_demand(person: Visitor) -> None:
     )
     person.wait(lambda: "s recorded" in person.text, "a recording under way")
     person.press("Finish")
-    person.sees("Recording: done")
+    person.sees("Recording run-down: done")
     person.sees("run-down")
     person.open("/records")
     person.sees("Recording")

@@ -22,7 +22,7 @@ def server() -> Iterator[str]:
 def calibrated(server: str, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("postgresql")
     done = run(
-        *("--registry", server, "calibrate", "output", "--step-percent", 25),
+        *("--registry", server, "calibrate", "output", "--step", 25),
         *("--model", "polynomial", "--data", "data"),
         cwd=folder,
     )

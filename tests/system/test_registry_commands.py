@@ -25,7 +25,7 @@ def calibrated(tmp_path_factory):
     """A data directory after a coarse calibration and a check of the simulated output module."""
     folder = tmp_path_factory.mktemp("calibrated")
     done = run(
-        *("calibrate", "output", "--step-percent", 25, "--model", "polynomial"),
+        *("calibrate", "output", "--step", 25, "--model", "polynomial"),
         *("--data", folder / "data"),
         cwd=folder,
         TORQUEBENCH_OPERATOR="Ana",

@@ -176,11 +176,12 @@ def test_the_command_says_what_it_found_and_goes_on(
     killed: dict[str, tuple[Path, int]], tmp_path: Path
 ) -> None:
     data = copied(killed, "events-16", tmp_path)
-    done = run("calibrate", "--resume", "latest", "--data", data, cwd=tmp_path)
+    done = run("resume", "latest", "--data", data, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stderr.split())
-    assert "at series 2: 10 points are kept" in said
-    assert "20 points that it was fitted to" in done.stdout
+    assert "warning 10 points of" in said
+    assert "from series 2 on" in said
+    assert "20 points that the models were fitted to" in " ".join(done.stdout.split())
     with Registry.open(data) as registry:
         (entry,) = registry.calibrations()
         (newest, oldest) = registry.runs()
@@ -258,11 +259,12 @@ def test_the_command_names_damaged_points(
 ) -> None:
     data = copied(killed, "events-16", tmp_path)
     damage_points(data, (4,), "digit")
-    done = run("calibrate", "--resume", "latest", "--data", data, cwd=tmp_path)
+    done = run("resume", "latest", "--data", data, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     said = " ".join(done.stderr.split())
     assert (
-        "the record of these points is damaged, they are measured again: series 1, point 5" in said
+        "the record of these points was damaged, they were measured again: series 1, point 5"
+        in said
     )
     with Registry.open(data) as registry:
         (entry,) = registry.calibrations()

@@ -59,7 +59,7 @@ CHOICES: list[list[tuple[str, ...]]] = [
     MODELS,
     [(), ("--rising-only",)],
     [(), ("--repeats", "2")],
-    [("--step-percent", "25"), ("--step-percent", "20"), ("--up-to", "1000")],
+    [("--step", "25"), ("--step", "20"), ("--up-to", "1000")],
     [(), ("--mounting", "coaxiality_mm=0.012", "--mounting", "lubricant=grease 2")],
 ]
 
@@ -110,7 +110,7 @@ def test_a_killed_calibration_ends_as_the_uninterrupted_one(stage: str, tmp_path
     assert child.returncode == -signal.SIGKILL, child.stderr
     for arguments in (
         [*command, "--data", str(whole)],
-        ["calibrate", "--resume", "latest", "--yes", "--data", str(killed)],
+        ["resume", "latest", "--yes", "--data", str(killed)],
     ):
         result = run(*arguments, cwd=tmp_path)
         assert result.returncode == 0, result.stdout + result.stderr

@@ -20,14 +20,16 @@ def test_a_certificate_that_the_bench_contradicts_fails(tmp_path: Path) -> None:
     points = POINT.format(100, 0.9) + POINT.format(200, 0.9)
     (tmp_path / "standard.toml").write_text(REDUCER + points)
     result = run(
-        *("test", "standard-reducer", "--reducer", "standard.toml", "--repeats", "2"),
+        *("standard-reducer", "--reducer", "standard.toml", "--repeats", "2"),
         *("--report", "r.html", "--data", "data"),
         cwd=tmp_path,
     )
     assert result.returncode == 1, result.stderr
     assert widest_line(result.stdout) <= 80
-    assert "standard 7 - simulated" in result.stdout
-    assert "out of the tolerance of 0.1 % FS" in " ".join(result.stdout.split())
+    assert "standard 7, failed" in result.stdout
+    assert " - simulated" in result.stdout
+    assert "tolerance 0.1 % FS." in " ".join(result.stdout.split())
+    assert "fail: Standard reducer: error" in result.stdout
     assert "not compensated" in result.stdout
     report = (tmp_path / "r.html").read_text()
     assert "F-7" in report
@@ -35,6 +37,6 @@ def test_a_certificate_that_the_bench_contradicts_fails(tmp_path: Path) -> None:
 
 
 def test_a_reducer_without_certificate_is_refused(tmp_path: Path) -> None:
-    result = run("test", "standard-reducer", "--reducer", "rv-40e", cwd=tmp_path)
+    result = run("standard-reducer", "--reducer", "rv-40e", cwd=tmp_path)
     assert result.returncode == 2
     assert "certified_friction" in result.stderr

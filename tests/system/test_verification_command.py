@@ -6,7 +6,7 @@ from tests.system.command_line import run, widest_line
 
 
 def test_two_models_on_the_same_points(tmp_path: Path) -> None:
-    quick = ("--step-percent", 20, "--data", "data")
+    quick = ("--step", 20, "--data", "data")
     for model in ("polynomial-2", "hybrid"):
         calibrated = run("calibrate", "output", "--model", model, *quick, cwd=tmp_path)
         assert calibrated.returncode == 0, calibrated.stderr
@@ -27,18 +27,18 @@ def test_two_models_on_the_same_points(tmp_path: Path) -> None:
     ):
         assert text in result.stdout, text
     page = (tmp_path / "v.html").read_text()
-    assert "the same torques" in page
+    assert "the same in every group" in page
     assert page.count("<svg") == 2
     shown = run("records", "show", "model-1", "--data", "data", cwd=tmp_path)
     assert "Verified" in shown.stdout
 
     unknown = run(*command, "--model", "model-7", "--data", "data", cwd=tmp_path)
     assert unknown.returncode == 2
-    assert "model-7" in unknown.stderr
+    assert "model 7" in unknown.stderr
 
 
 def test_without_records_nothing_is_verified(tmp_path: Path) -> None:
     result = run("verification", "output", "--data", "none", cwd=tmp_path)
     assert result.returncode == 2
-    assert "no records in none" in result.stderr
-    assert not (tmp_path / "none").exists()
+    assert "no model in use" in result.stderr
+    assert not [*(tmp_path / "none").glob("runs/*")]

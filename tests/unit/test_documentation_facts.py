@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-import typer
 
 from torquebench import __version__
 from torquebench.bench import channels
@@ -16,7 +15,7 @@ from torquebench.bench.drivers import base as drivers
 from torquebench.bench.safety import following, priority, supervisor
 from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
-from torquebench.cli import app
+from torquebench.cli import whole_command
 from torquebench.dynamics.design import GAIN_OF_BANDWIDTH
 from torquebench.panel import connections, turns
 from torquebench.panel.api import security, stream
@@ -53,7 +52,7 @@ def command_options() -> dict[str, set[str]]:
         if not hasattr(command, "commands"):
             found[path] = {o for p in command.params for o in (*p.opts, *p.secondary_opts)}
 
-    walk(typer.main.get_command(app), "")
+    walk(whole_command(), "")
     return found
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from torquebench.errors import InputError, LimitError, TorquebenchError
 from torquebench.message import Message
-from torquebench.panel.service.jobs.values import Problem
+from torquebench.panel.service.jobs.job import Problem
 from torquebench.panel.service.store import PanelStore
 from torquebench.records import RunFolder
 from torquebench.records.files import json_text, read_json, revived, with_messages

@@ -71,7 +71,7 @@ def demonstrate(server: postgresql_server.Server, place: Path) -> int:
         described[-1].write_text(text.replace("seed = 1", f"seed = {number}"), encoding="utf-8")
 
     print("\n== Three benches calibrate, and send ==")
-    settings = ("--step-percent", 25, "--model", "polynomial")
+    settings = ("--step", 25, "--model", "polynomial")
     for folder, bench, link in zip(data, described, links, strict=True):
         torquebench("calibrate", "output", *settings, "--bench", bench, "--data", folder)
         push(folder, link)

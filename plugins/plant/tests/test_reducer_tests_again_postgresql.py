@@ -65,7 +65,7 @@ def tested(
     place = tmp_path_factory.mktemp("tested")
     (place / "share").mkdir()
     for side in SIDES:
-        options = ("--step-percent", 25, "--model", "polynomial", "--data", place / "data")
+        options = ("--step", 25, "--model", "polynomial", "--data", place / "data")
         done = run("calibrate", side, *options, cwd=place)
         assert done.returncode == 0, done.stderr
     described = default_bench()

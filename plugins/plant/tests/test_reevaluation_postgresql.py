@@ -40,7 +40,7 @@ def recorded(tmp_path_factory: pytest.TempPathFactory, plant_socket: Path) -> It
     place = tmp_path_factory.mktemp("recorded")
     (place / "share").mkdir()
     steps: tuple[tuple[object, ...], ...] = (
-        ("calibrate", "output", "--step-percent", 25, "--model", "polynomial"),
+        ("calibrate", "output", "--step", 25, "--model", "polynomial"),
         ("check", "output", "--tolerance", 0.5),
         ("verification", "output", "--groups", 2, "--points", 8, "--tolerance", 1),
     )

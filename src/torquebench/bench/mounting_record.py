@@ -11,6 +11,8 @@ from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, field_validator
 
+from torquebench.message import Message
+
 __all__ = [
     "COAXIALITY_LIMIT_MM",
     "MOUNTED",
@@ -52,13 +54,23 @@ class MountingRecord(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
-    coaxiality_mm: Annotated[float, Field(ge=0, le=10, description="mm")] | None = None
-    clamp_pressure_bar: Annotated[float, Field(gt=0, le=1000, description="bar")] | None = None
-    duration_min: Annotated[float, Field(ge=0, le=10_000, description="min")] | None = None
+    coaxiality_mm: Annotated[
+        float | None, Field(ge=0, le=10, title="Coaxiality found", description="mm")
+    ] = None
+    clamp_pressure_bar: Annotated[
+        float | None, Field(gt=0, le=1000, title="Clamp pressure", description="bar")
+    ] = None
+    duration_min: Annotated[
+        float | None, Field(ge=0, le=10_000, title="Time to mount", description="min")
+    ] = None
     lubricant: Annotated[str, Field(max_length=100)] = ""
-    lubricant_amount_g: Annotated[float, Field(gt=0, le=1e5, description="g")] | None = None
-    lubricant_hours: Annotated[float, Field(ge=0, le=1e6, description="h")] | None = None
-    by: Annotated[str, Field(max_length=100)] = ""
+    lubricant_amount_g: Annotated[
+        float | None, Field(gt=0, le=1e5, title="Amount of lubricant", description="g")
+    ] = None
+    lubricant_hours: Annotated[
+        float | None, Field(ge=0, le=1e6, title="Lubricant in use for", description="h")
+    ] = None
+    by: Annotated[str, Field(title="Mounted by", max_length=100)] = ""
 
     # Pydantic reports a ValueError as a message about the field, and raises a TypeError.
     @field_validator("*", mode="before")
@@ -74,6 +86,18 @@ class MountingRecord(BaseModel):
         if self.coaxiality_mm is None:
             return None
         return self.coaxiality_mm <= COAXIALITY_LIMIT_MM
+
+    @property
+    def doubt(self) -> str:
+        """A warning where the coaxiality exceeds its limit; else empty."""
+        if self.within_limit is not False:
+            return ""
+        return Message(
+            "coaxiality of {found:g} mm, more than {limit:g} mm: align the modules; otherwise the "
+            "record states it",
+            self.coaxiality_mm,
+            COAXIALITY_LIMIT_MM,
+        )
 
     def entered(self) -> dict[str, Any]:
         """Return the entered values, by name."""

@@ -3,3 +3,7 @@
 A campaign runs plans, fits and verifies models and registers the results for command line, panel,
 API and reports. It prints nothing: progress goes to a listener.
 """
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.bench_chains import check_standard, used_chain
-from torquebench.campaign.measuring import Measured, RunOptions, measure_check, operator_name
+from torquebench.campaign.measuring import Measured, RunOptions, measure_check
 from torquebench.campaign.registering import registered_patiently
 from torquebench.chain import (
     Component,
@@ -264,7 +264,7 @@ def _register(
                 standard_serial=measured.result.standard_serial,
                 model_id=None if result.model is None else result.model.model_id,
                 run_id=result.run_id,
-                measured_by=str(measured.record.metadata.get("operator") or operator_name()),
+                measured_by=str(measured.record.metadata.get("operator", "")),
                 summary=summary,
             )
         )

@@ -19,12 +19,13 @@ CALIBRATOR = "calibrator"
 VERIFICATION_STANDARD = "verification standard"
 
 
-def doubts_before(station: Station, *standards: str) -> Iterator[str]:
+def doubts_before(station: Station, registry: Registry, *standards: str) -> Iterator[str]:
     """Yield that the clock is earlier than the newest record, and that standards have expired.
 
     Parameters
     ----------
     station : Station
+    registry : Registry
     *standards : str
         Those that are measured against.
     """
@@ -32,7 +33,7 @@ def doubts_before(station: Station, *standards: str) -> Iterator[str]:
         yield Message(
             "{behind}; set the clock, or every date of what follows is wrong", station.clock_behind
         )
-    yield from expired_standards(station.registry, station.description, *standards)
+    yield from expired_standards(registry, station.description, *standards)
 
 
 def expired_standards(

@@ -260,7 +260,7 @@ def finish_run(
         raise InputError(
             Message("run {run} was interrupted", run.run_id),
             "a run that is measured",
-            Message("resume it with `torquebench calibrate --resume {run}`", run.run_id),
+            Message("resume it with `torquebench resume {run}`", run.run_id),
         )
     folder.verify()
     kind = str(folder.metadata["kind"]).partition("-")[0]

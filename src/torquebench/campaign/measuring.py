@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import contextlib
 import getpass
 import os
-from collections.abc import Callable, Iterator, Mapping
-from contextvars import ContextVar
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
@@ -42,13 +40,11 @@ __all__ = [
     "OnPause",
     "RunAbortedError",
     "RunOptions",
-    "acting_as",
     "measure",
     "measure_calibration",
     "measure_check",
     "measure_friction",
     "measure_verification",
-    "mounted_as",
     "operator_name",
     "rehearse_calibration",
     "run_metadata",
@@ -66,6 +62,10 @@ class RunOptions(TypedDict, total=False):
 
     Attributes
     ----------
+    operator : str
+        Who measures; by default `operator_name`.
+    mounting : MountingRecord or None
+        What was entered about the mounting.
     metadata : mapping
         Further metadata of the run.
     progress : Progress
@@ -74,6 +74,8 @@ class RunOptions(TypedDict, total=False):
         Called on a pause, see `Station.run`.
     """
 
+    operator: str
+    mounting: MountingRecord | None
     metadata: Mapping[str, Any]
     progress: Progress
     on_pause: OnPause | None
@@ -202,6 +204,7 @@ def measure_verification(
     **options: Unpack[RunOptions],
 ) -> Measured[StaircaseResult]:
     """Verify one module against the verification standard at points drawn by `seed`."""
+    options["metadata"] = {"seed": seed, **options.get("metadata", {})}
     rng = np.random.default_rng(seed)
     steps = profile.staircase(station.description.module(side).range_nm, rng)
     return measure(
@@ -249,46 +252,18 @@ def run_metadata(side: Side, profile: Profile | TurningProfile) -> dict[str, str
         "side": side,
         "profile_name": profile.name,
         "profile_sha256": profile.sha256,
-        "operator": operator_name(),
     }
 
 
 def _stating(side: Side, profile: Profile, options: RunOptions) -> RunOptions:
-    """Return options of a run with side, profile and operator in its metadata."""
+    """Return options of a run with side and profile in its metadata."""
     metadata = {**run_metadata(side, profile), **options.get("metadata", {})}
     return {**options, "metadata": metadata}
 
 
-_acting: ContextVar[str] = ContextVar("torquebench_operator", default="")
-
-
-@contextlib.contextmanager
-def acting_as(name: str) -> Iterator[None]:
-    """Let a person be the operator of everything that this thread does until the block ends."""
-    before = _acting.set(name)
-    try:
-        yield
-    finally:
-        _acting.reset(before)
-
-
-_mounting: ContextVar[MountingRecord | None] = ContextVar("torquebench_mounting", default=None)
-
-
-@contextlib.contextmanager
-def mounted_as(record: MountingRecord | None) -> Iterator[None]:
-    """Add the record of the mounting to every run of this thread, until the block ends."""
-    before = _mounting.set(record)
-    try:
-        yield
-    finally:
-        _mounting.reset(before)
-
-
 def operator_name() -> str:
-    """Return the operator: from `acting_as`, `$TORQUEBENCH_OPERATOR`, or the account."""
-    named = _acting.get() or os.environ.get("TORQUEBENCH_OPERATOR")
-    if named:
+    """Return the person at this computer: by `$TORQUEBENCH_OPERATOR`, or the account."""
+    if named := os.environ.get("TORQUEBENCH_OPERATOR"):
         return named
     try:
         return getpass.getuser()
@@ -313,10 +288,21 @@ def measure(
     """
     progress = options.get("progress", NO_PROGRESS)
     progress.start(title, rehearse(station.devices, (rehearsed or plan)()).steps or None)
-    found = _mounting.get()
-    if found is not None and found.entered():
-        options["metadata"] = {**options.get("metadata", {}), **found.metadata()}
-    record = station.run(plan(), kind=kind, files=files, **options)
+    mounting = options.get("mounting")
+    metadata = {
+        "operator": options.get("operator") or operator_name(),
+        **options.get("metadata", {}),
+    }
+    if mounting is not None and mounting.entered():
+        metadata |= mounting.metadata()
+    record = station.run(
+        plan(),
+        kind=kind,
+        files=files,
+        metadata=metadata,
+        progress=progress,
+        on_pause=options.get("on_pause"),
+    )
     if record.exit_status != "success":
         raise RunAbortedError(record)
     progress.finish()

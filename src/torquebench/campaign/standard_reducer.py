@@ -21,8 +21,8 @@ from torquebench.station import Station
 __all__ = [
     "StandardReducer",
     "StandardReducerCheck",
+    "certified_reducer",
     "check_standard_reducer",
-    "standard_reducer",
     "within_certificate",
 ]
 
@@ -77,7 +77,7 @@ class StandardReducerCheck:
     simulated: bool
 
 
-def standard_reducer(
+def certified_reducer(
     kind: ReducerDescription | None,
     description: BenchDescription,
     brought_along: tuple[CertifiedFriction, ...] = (),

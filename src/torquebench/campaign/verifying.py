@@ -33,14 +33,12 @@ class VerifiedModels:
     chains : mapping of str to MeasuringChain
         By the name of the model; with the bench's limits.
     result : VerificationResult
-    seed : int
         By which the points were drawn.
     """
 
     measured: Measured[StaircaseResult]
     chains: Mapping[str, MeasuringChain]
     result: VerificationResult
-    seed: int
 
 
 def verify_on_bench(
@@ -82,4 +80,4 @@ def verify_on_bench(
         lambda: register_verification(registry, models, result, measured.record),
         options.get("progress", NO_PROGRESS),
     )
-    return VerifiedModels(measured, chains, result, seed)
+    return VerifiedModels(measured, chains, result)

@@ -1,4 +1,4 @@
-"""The command line: one file a group of commands, gathered by `main`; plugins add theirs.
+"""The command line: operations, and commands of its own; each is loaded by its name.
 
 Commands import what they need when they run, so that `torquebench --help` answers at once.
 """
@@ -6,11 +6,12 @@ Commands import what they need when they run, so that `torquebench --help` answe
 import gc
 import os
 import sys
-from functools import cache
-from pathlib import Path
+from collections.abc import Mapping
+from importlib import import_module
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand, TyperGroup
 
 from torquebench.cli.failure import guarded
 from torquebench.cli.options import HELP_MARKUP, REGISTRY_URL
@@ -19,109 +20,145 @@ from torquebench.cli.output_options import (
     add_output_options,
     leave_out_types_of_flags,
 )
-from torquebench.cli.records import commands as records
 from torquebench.cli.terminal.console import warn
 from torquebench.errors import TorquebenchError
-from torquebench.plugins import COMMANDS, SERVICES, entry_points, load
+from torquebench.plugins import COMMANDS as ADDED
+from torquebench.plugins import SERVICES, entry_points, load
 
-__all__ = ["app", "main"]
+__all__ = ["app", "main", "whole_command"]
 
-_WANTED = sys.argv[1] if Path(sys.argv[0]).stem == "torquebench" and sys.argv[1:] else ""
-"""The command that this process was started for; empty where it isn't known."""
+COMMANDS: Mapping[str, str] = {
+    "demo": "demo:demo",
+    "calibrate": "",
+    "resume": "",
+    "zero": "",
+    "check": "",
+    "certificate": "certificate:certificate",
+    "fit": "models.commands:fit",
+    "apply": "models.commands:apply",
+    "verify": "models.commands:verify",
+    "verification": "",
+    "export": "models.files:export",
+    "budget": "models.files:budget",
+    "measure": "measure:measure",
+    "record": "",
+    "turn": "turn:turn",
+    "panel": "panel:",
+    "papers": "papers:papers",
+    "in-place": "in_place:in_place",
+    "doctor": "doctor.command:doctor",
+    "simulate": "simulate:simulate",
+    "test": "",
+    "standard-reducer": "",
+    "mechanics": "mechanics:app",
+    "records": "records.commands:app",
+    "evaluate": "evaluate.commands:app",
+}
+"""Where each command or group is, by name, in the order of the help; empty for an operation."""
 
 
-def __getattr__(name: str) -> typer.Typer:
-    """Return `app`, built on first use: plugins' commands import this package themselves."""
-    if name == "app":
-        return _application()
-    raise AttributeError(name)
+class _Commands(TyperGroup):
+    """The commands; one is imported when it is wanted."""
+
+    def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
+        """Return the names of all commands."""
+        from torquebench.operations import OPERATIONS
+
+        own = (name.partition(" ")[0] for name in OPERATIONS)
+        return list(dict.fromkeys([*COMMANDS, *own, *_added()]))
+
+    def get_command(self, ctx: Any, name: str) -> Any:  # noqa: ARG002 - as the library calls it
+        """Return a command for lists of them, with its summary; whole if it was loaded."""
+        return self.commands.get(name) or _command(name, listed=True)
+
+    def resolve_command(self, ctx: Any, args: list[str]) -> Any:
+        """Return the command that a command line names."""
+        self.load(args[0])
+        return super().resolve_command(ctx, args)
+
+    def load(self, name: str) -> Any:
+        """Return a command whole, None if there is none of this name."""
+        if name not in self.commands and (found := _command(name)) is not None:
+            leave_out_types_of_flags(found)
+            self.commands[name] = found
+        return self.commands.get(name)
 
 
-@cache
-def _application() -> typer.Typer:
-    app = typer.Typer(
-        name="torquebench",
-        help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
-        "place, compensate, state the uncertainty. The simulated bench is the default.",
-        no_args_is_help=True,
-        rich_markup_mode=HELP_MARKUP,
-        pretty_exceptions_enable=False,
-        context_settings={"help_option_names": HELP_OPTIONS},
-    )
-    app.callback()(_options)
-    _add_commands(app, _WANTED)
-    add_output_options(app)
-    return app
+def _added() -> list[str]:
+    return [point.name for point in entry_points(ADDED)]
 
 
-def _add_commands(app: typer.Typer, wanted: str) -> None:
-    """Add every command; only those on records where one of them is wanted.
+def _command(name: str, *, listed: bool = False) -> Any:
+    """Return a command or a group with the operations that belong to it; None if there is none.
 
-    Commands on records are built alone, since building all others takes longer than listing
-    records.
+    For lists operations aren't imported, as far as their summaries are known without.
     """
-    if wanted == "records":
-        app.add_typer(records.app)
-        return
-    from torquebench.cli import demo, mechanics
-    from torquebench.cli.calibrate import calibrate
-    from torquebench.cli.certificate import certificate
-    from torquebench.cli.check_standard import check
-    from torquebench.cli.doctor.command import doctor
-    from torquebench.cli.evaluate import commands as evaluate
-    from torquebench.cli.in_place import in_place
-    from torquebench.cli.measure import measure
-    from torquebench.cli.models.commands import apply, fit, verify
-    from torquebench.cli.models.files import budget, export
-    from torquebench.cli.panel import panel_command
-    from torquebench.cli.papers import papers
-    from torquebench.cli.reducers import commands as reducer_test
-    from torquebench.cli.simulate import simulate
-    from torquebench.cli.turn import turn
-    from torquebench.cli.verification import verification
+    from torquebench.operations.catalogue import OPERATIONS, summary_of
 
-    demo.register(app)
-    commands = (
-        calibrate,
-        check,
-        certificate,
-        fit,
-        apply,
-        verify,
-        verification,
-        export,
-        budget,
-        measure,
-        turn,
-        papers,
-        in_place,
-        doctor,
-        simulate,
-    )
-    groups = tuple(each.app for each in (reducer_test, mechanics, records, evaluate))
-    for command in commands:
-        app.command()(command)
-    for group in groups:
-        app.add_typer(group)
-    known = {"demo", *(each.__name__ for each in commands), *(each.info.name for each in groups)}
-    plugins = wanted.replace("-", "_") not in known  # looking for them takes time
-    app.command("panel")(panel_command([*_installed(SERVICES).values()] if plugins else []))
-    for name, added in _installed(COMMANDS).items() if plugins else ():
-        if isinstance(added, typer.Typer):
-            app.add_typer(added, name=name)
-        else:
-            app.command(name)(added)
+    if listed and COMMANDS.get(name) == "":
+        return TyperCommand(name, help=summary_of(name))
+    app = typer.Typer(name=name, add_completion=False, rich_markup_mode=HELP_MARKUP)
+    found = _found(name)
+    if isinstance(found, typer.Typer):
+        app = found
+        add_output_options(app, f"{name} ")
+    elif found is not None:
+        app.command(name)(found)
+        add_output_options(app)
+    below = [each for each in OPERATIONS if each.startswith(f"{name} ")]
+    if found is None and name in OPERATIONS:
+        below.append(name)
+    if below and not (listed and found is not None):
+        from torquebench.cli.operations import operation_command
+
+        for each in below:
+            app.command(each.rpartition(" ")[2])(operation_command(OPERATIONS[each]))
+    return typer.main.get_command(app) if found is not None or below else None
 
 
-def _installed(group: str) -> dict[str, Any]:
+def _found(name: str) -> Any:
+    """Return what is behind a name that isn't an operation's: a function, a group or None."""
+    if name == "panel":
+        from torquebench.cli.panel import panel_command
+
+        return panel_command([*_installed(SERVICES).values()])
+    if module := COMMANDS.get(name):
+        module, _, attribute = module.partition(":")
+        return getattr(import_module(f"torquebench.cli.{module}"), attribute)
+    return None if name in COMMANDS else _installed(ADDED, name).get(name)
+
+
+def _installed(group: str, name: str = "") -> dict[str, Any]:
     """Return what installed packages add by name; a warning names a package that fails."""
     added = {}
     for point in entry_points(group):
-        try:
-            added[point.name] = load(point)
-        except TorquebenchError as error:
-            warn(f"{error.found}; {error.remedy}")
+        if name in ("", point.name):
+            try:
+                added[point.name] = load(point)
+            except TorquebenchError as error:
+                warn(f"{error.found}; {error.remedy}")
     return added
+
+
+app = typer.Typer(
+    cls=_Commands,
+    name="torquebench",
+    help="Torque measurement for test benches of industrial-robot reducers: calibrate in "
+    "place, compensate, state the uncertainty. The simulated bench is the default.",
+    no_args_is_help=True,
+    rich_markup_mode=HELP_MARKUP,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": HELP_OPTIONS},
+)
+
+
+def whole_command() -> Any:
+    """Return the root of all commands, each of them loaded; for their documentation."""
+    root: Any = typer.main.get_command(app)
+    for name in root.list_commands(None):
+        root.load(name)
+    leave_out_types_of_flags(root)
+    return root
 
 
 def _print_version(wanted: bool) -> None:
@@ -132,7 +169,8 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
-def _options(
+@app.callback()
+def options(
     version: Annotated[  # noqa: ARG001 - its callback prints it
         bool,
         typer.Option(
@@ -170,7 +208,7 @@ _debug = False
 
 def _run(arguments: list[str]) -> int:
     try:
-        command = typer.main.get_command(_application())
+        command = typer.main.get_command(app)
         leave_out_types_of_flags(command)
         command(args=arguments, prog_name="torquebench")
     except SystemExit as end:

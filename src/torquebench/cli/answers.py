@@ -15,7 +15,6 @@ from dataclasses import dataclass, field, fields
 from types import NoneType
 from typing import Any, get_args, get_origin, get_type_hints
 
-from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.campaign.reducers.evaluations import EVALUATIONS
 
 __all__ = ["ANSWERS", "WITHOUT_ANSWER", "Record", "dataclass_of"]
@@ -114,8 +113,6 @@ def _without_none(kind: Any) -> Any:
     return inside[0] if NoneType in get_args(kind) else kind
 
 
-_ERRORS = "torquebench.calibration:ErrorSummary"
-_CONTRADICTIONS = ["torquebench.calibration:Contradiction"]
 _FILES = {"files": [str]}
 
 DEMO_MODULE = Record(
@@ -129,47 +126,6 @@ DEMO = Record(
     "torquebench.campaign.results:DemoResult",
     "simulated bench_seconds",
     {"modules": [DEMO_MODULE], **_FILES},
-)
-CALIBRATED_MODULE = Record(
-    "One module after its calibration.",
-    "torquebench.calibration:CalibrationData",
-    "side range_nm transducer=transducer_serial simulated loading_accuracy_percent",
-    {
-        "points": int,
-        "kind": str,
-        "raw": _ERRORS,
-        "fitted": _ERRORS,
-        "model": str,
-        "calibration": str,
-        "in_use": bool,
-        "run": str,
-        "unsettled": int,
-        "contradictions": _CONTRADICTIONS,
-    },
-)
-CALIBRATED = Record("Calibrated modules.", facts={"modules": [CALIBRATED_MODULE]}, sometimes=_FILES)
-PLAN = Record(
-    "Loads of one module.",
-    "torquebench.procedures.rehearsal:Rehearsal",
-    "points duration_s",
-    {"side": str},
-)
-PLANNED = Record("Plans (`--dry-run`).", facts={"plans": [PLAN]})
-CHECKED_POINT = Record(
-    "One point against the check standard.",
-    facts={
-        "standard_nm": float,
-        "error_nm": float,
-        "expanded_uncertainty_nm": float,
-        "verdict": str,
-    },
-)
-CHECK = Record(
-    "A module against the check standard.",
-    "torquebench.campaign.checking:CheckResult",
-    "side=data.side range_nm=data.range_nm transducer=data.transducer_serial "
-    "simulated=data.simulated verdict worst_percent_fs run=run_id not_in_u=judged.missing",
-    {"model": str | None, "points": [CHECKED_POINT], "tolerance_percent_fs": float},
 )
 CERTIFICATE = Record(
     "A certificate that was issued.",
@@ -258,61 +214,6 @@ IN_PLACE = Record(
 DOCTOR = Record(
     "Everything that was examined.",
     facts={"findings": ["torquebench.cli.doctor.bench:Finding"], "problems": int},
-)
-TEST_PART = Record(
-    "One test of a reducer.",
-    "torquebench.campaign.reducers.results:ReducerTestOutcome",
-    "test=name title run=run.run_id quantities findings remarks",
-)
-REDUCER_TEST = Record(
-    "Tests of a mounted reducer against its data sheet.",
-    "torquebench.campaign.reducers.results:ReducerTestRecord",
-    "reducer=reducer_name serial simulated short failures verdict",
-    {"parts": [TEST_PART], "not_in_u": {str: [str]}},
-    _FILES,
-)
-TEST_PLAN = Record(
-    "Rehearsal of a test.",
-    "torquebench.campaign.reducers.results:ReducerTestRehearsal",
-    "name title duration_s longest_s longest_warm_up_s points largest_torque_nm largest_speed_rpm",
-)
-REDUCER_TEST_PLANNED = Record(
-    "Plans of tests of a reducer (`--dry-run`).",
-    facts={"reducer": str, "serial": str, "simulated": bool, "plans": [TEST_PLAN]},
-)
-FRICTION_POINT = Record(
-    "Known and measured friction at one speed.",
-    "torquebench.reducers.standard_reducer:FrictionCheckPoint",
-    "speed_rpm known_nm measured_nm error_percent_fs=error_percent "
-    "repeatability_percent_fs=spread_percent",
-)
-STANDARD_REDUCER = Record(
-    "A standard reducer's certified friction against measured friction.",
-    "torquebench.campaign.standard_reducer:StandardReducerCheck",
-    "reducer=reducer.name simulated compensation error_percent_fs=check.error_percent "
-    "repeatability_percent_fs=check.repeatability_percent "
-    "tolerance_percent_fs=check.tolerance_percent passed=check.kept run=run_id",
-    {"points": [FRICTION_POINT], "not_in_u": {str: [str]}},
-    _FILES,
-)
-COMPARED_QUANTITY = Record(
-    "One quantity of several specimens: the change of one, or the mean of many.",
-    "torquebench.uncertainty:Budget",
-    "unit value expanded_uncertainty",
-    {"key": str, "title": str, "specimens": [float]},
-    {"significant": bool, "spread": float, "outliers": [str]},
-)
-COMPARED_SPECIMENS = Record(
-    "Specimens of one type, or one specimen before and after.",
-    facts={
-        "reducer": str,
-        "test": str,
-        "simulated": bool,
-        "serials": [str],
-        "runs": [str],
-        "quantities": [COMPARED_QUANTITY],
-    },
-    sometimes=_FILES,
 )
 TABLE_OF_NUMBERS = Record(
     "A table as it is printed: the headers name quantity and unit.",
@@ -417,11 +318,6 @@ EQUIPMENT_SHOWN = Record(
     "Equipment of one serial number with everything that was entered about it.",
     facts={"equipment": [{str: Any}]},
 )
-FINISHED_RUNS = Record(
-    "Finished runs, and their calibrations.",
-    facts={"finished": [str]},
-    sometimes={"unfinished": [str], "modules": [CALIBRATED_MODULE]},
-)
 EVALUATED_STATIC = Record(
     "A calibration in steps; `results` as in the file of `--out`.",
     facts={
@@ -471,13 +367,10 @@ EVALUATED_REDUCER = Record(
 )
 ANSWERS: dict[str, tuple[Record, ...]] = {
     "demo": (DEMO,),
-    "calibrate": (CALIBRATED, PLANNED),
-    "check": (CHECK,),
     "certificate": (CERTIFICATE, CERTIFICATE_CHECKED),
     "fit": (FITTED,),
     "apply": (APPLIED,),
     "verify": (VERIFIED,),
-    "verification": (VERIFIED,),
     "export": (EXPORTED_MODEL,),
     "budget": (BUDGETS,),
     "measure": (MEASURED, MEASURED_LINE),
@@ -485,16 +378,11 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "papers": (PAPERS,),
     "in-place": (IN_PLACE,),
     "doctor": (DOCTOR,),
-    **{f"test {name}": (REDUCER_TEST, REDUCER_TEST_PLANNED) for name in TESTS},
-    "test standard-reducer": (STANDARD_REDUCER,),
-    "test compare": (COMPARED_SPECIMENS,),
     "mechanics additional-torque": (MECHANICS,),
     "mechanics sections": (MECHANICS,),
     "mechanics supports": (MECHANICS,),
     "records verify": (RECORDS_VERIFIED,),
-    "records review": (ENTERED,),
     "records amend": (ENTERED,),
-    "records use": (ENTERED,),
     "records backup": (BACKED_UP,),
     "records restore": (RESTORED,),
     "records rebuild": (REBUILT,),
@@ -508,8 +396,6 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "records add-certificate": (ENTERED,),
     "records fit-part": (ENTERED,),
     "records adjust": (ENTERED,),
-    "records finish": (FINISHED_RUNS,),
-    "records discard": (ENTERED,),
     "records list": (LISTED,),
     "records show": (SHOWN,),
     "evaluate static": (EVALUATED_STATIC,),

@@ -6,9 +6,9 @@ from typing import Annotated, Any
 
 import typer
 
-from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, data_directory
 from torquebench.cli.terminal.console import answer, narrow_table, out, say
+from torquebench.operations.records import find_run
 
 __all__ = ["audit"]
 

@@ -13,7 +13,6 @@ import typer
 from rich.markup import escape
 
 from torquebench.cli.answers import CERTIFICATE, CERTIFICATE_CHECKED
-from torquebench.cli.export import find_run
 from torquebench.cli.failure import CHECK_FAILED
 from torquebench.cli.options import (
     DEFAULT_DATA,
@@ -26,6 +25,7 @@ from torquebench.cli.options import (
 from torquebench.cli.terminal.console import answer, narrow_table, note, out, say, say_file, warn
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.records import find_run
 
 if TYPE_CHECKING:
     from torquebench.records import CalibrationEntry, Registry

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from torquebench.campaign.results import DemoResult, ModuleResult
     from torquebench.reports.page import Page, Section
 
-__all__ = ["register"]
+__all__ = ["demo"]
 
 FAST_BLOCK_S = 0.1
 """Length of blocks of simulated time: twice the usual one, as somebody waits who wants to see."""
@@ -41,11 +41,6 @@ class Preset(StrEnum):
 
     nominal = "nominal"
     worn = "worn"
-
-
-def register(app: typer.Typer) -> None:
-    """Add the command."""
-    app.command("demo")(demo)
 
 
 def demo(

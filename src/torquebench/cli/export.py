@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -15,13 +15,8 @@ from torquebench.cli.options import (
 )
 from torquebench.cli.terminal.console import answer, say, warn
 from torquebench.cli.terminal.console import out as results
-from torquebench.errors import InputError
-from torquebench.message import Message
 
-if TYPE_CHECKING:
-    from torquebench.records import Registry, RunSummary
-
-__all__ = ["export", "find_run"]
+__all__ = ["export"]
 
 
 def export(
@@ -30,6 +25,7 @@ def export(
     data: DataOption = DEFAULT_DATA,
 ) -> None:
     """Write all data of a run as CSV, JSON, PDF and XML, with a README."""
+    from torquebench.operations.records import find_run
     from torquebench.records import Registry
     from torquebench.reports.export import export_run
 
@@ -41,15 +37,3 @@ def export(
     say(f"{len(exported.files)} files")
     results().print(str(exported.folder), markup=False, soft_wrap=True)
     answer(folder=exported.folder, files=[exported.folder / name for name in exported.files])
-
-
-def find_run(registry: Registry, name: str) -> RunSummary:
-    """Return the run of this name, beginning of a name, or `latest`."""
-    found = registry.runs(limit=1) if name == "latest" else registry.runs_beginning(name, limit=2)
-    if len(found) == 1 or (found and found[0].run_id == name):
-        return found[0]
-    if found:
-        raise InputError(
-            Message("several runs begin with {name!r}", name), "one run", "give more of its id"
-        )
-    raise InputError(Message("no run {run!r}", name), "a name from `torquebench records list`")

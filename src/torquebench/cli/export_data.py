@@ -8,11 +8,11 @@ from typing import Annotated
 
 import typer
 
-from torquebench.cli.export import find_run
 from torquebench.cli.options import DEFAULT_DATA, DataOption, check_output, data_directory
 from torquebench.cli.terminal.console import answer, say, say_file
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.records import find_run
 
 __all__ = ["export_data"]
 

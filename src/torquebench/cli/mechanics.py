@@ -16,7 +16,7 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from torquebench.reports.page import Facts, Figure, Table
+    from torquebench.reports.page import Block
 
 __all__ = ["app"]
 
@@ -125,7 +125,7 @@ def supports(
 def _finish(
     title: str,
     subtitle: str,
-    blocks: Sequence[Facts | Table | Figure],
+    blocks: Sequence[Block],
     reports: list[Path] | None,
 ) -> None:
     """Print the tables and write the page."""

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -14,7 +12,7 @@ from torquebench.cli.terminal.console import warn
 if TYPE_CHECKING:
     from torquebench.bench.mounting_record import MountingRecord
 
-__all__ = ["MountingOption", "mounting_record", "recorded"]
+__all__ = ["MountingOption", "mounting_record"]
 
 MountingOption = Annotated[
     list[str] | None,
@@ -43,26 +41,11 @@ def mounting_record(given: list[str] | None) -> MountingRecord | None:
     """
     if not given:
         return None
-    from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM, MountingRecord
+    from torquebench.bench.mounting_record import MountingRecord
     from torquebench.validation import validated
 
     values = named_values(given, "--mounting", "coaxiality_mm=0.012")
     record: MountingRecord = validated(MountingRecord, values, "--mounting")
-    if record.within_limit is False:
-        warn(
-            f"coaxiality of {record.coaxiality_mm:g} mm, more than {COAXIALITY_LIMIT_MM:g} mm: "
-            "align the modules; otherwise the record states it"
-        )
+    if record.doubt:
+        warn(record.doubt)
     return record
-
-
-@contextlib.contextmanager
-def recorded(record: MountingRecord | None) -> Iterator[None]:
-    """Store the entered values with every run of the block."""
-    if record is None:
-        yield
-        return
-    from torquebench.campaign.measuring import mounted_as
-
-    with mounted_as(record):
-        yield

@@ -177,7 +177,12 @@ class CounterOptions:
     ] = None
     clock_tolerance_ppm: Annotated[
         float,
-        typer.Option(min=0.001, max=1000, help="Largest difference of the two counters' clocks."),
+        typer.Option(
+            "--clock-tolerance",
+            min=0.001,
+            max=1000,
+            help="Largest difference of the two counters' clocks, ppm.",
+        ),
     ] = 100.0
 
     def accepted(self) -> Timebase | None:

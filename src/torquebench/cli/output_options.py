@@ -30,7 +30,8 @@ def add_output_options(app: typer.Typer, path: str = "") -> None:
     for info in app.registered_commands:
         assert info.callback is not None
         name = info.name or info.callback.__name__.replace("_", "-")
-        info.callback = _with_options(info.callback, f"{path}{name}")
+        if "quiet" not in inspect.signature(info.callback).parameters:  # not twice
+            info.callback = _with_options(info.callback, f"{path}{name}")
     for group in app.registered_groups:
         assert group.typer_instance is not None
         below = group.name or group.typer_instance.info.name

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from torquebench.cli.mounting import MountingOption, mounting_record, recorded
+from torquebench.cli.mounting import MountingOption, mounting_record
 from torquebench.cli.options import (
     DEFAULT_DATA,
     RealTimeOption,
@@ -105,10 +105,7 @@ def papers(
         measure = partial(
             _on_bench, certified=certified, mounted=entered, real_time=real_time, yes=yes
         )
-        with recorded(entered):
-            tables = _measured(
-                description, bench, 1 if quick else seeds, quick, records, yes, measure
-            )
+        tables = _measured(description, bench, 1 if quick else seeds, quick, records, yes, measure)
     if save is not None:
         from torquebench.papers.tables import write_tables
 

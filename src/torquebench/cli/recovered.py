@@ -32,7 +32,7 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
     unfinished = {run.run_id: run for run in unfinished_runs(station.registry)}
     for run in station.recovered:
         named = unfinished.pop(run.run_id, None)
-        if run.run_id == but:
+        if but and run.run_id.startswith(but):
             continue
         if run.status != "interrupted":  # sealed, and not in the registry yet
             warn(f"run {run.run_id} ({run.status}) is entered now, from its folder")
@@ -43,7 +43,9 @@ def tell_recovered(station: Station, *, but: str = "") -> None:
         damaged = f", damaged and left out: {run.damaged}" if run.damaged else ""
         advice = named.remedy if named else run.advice
         warn(f"run {run.run_id} was interrupted; {kept} kept{torn}{damaged}: {advice}")
-    tell_unfinished([run for run in unfinished.values() if run.run_id != but])
+    tell_unfinished(
+        [run for run in unfinished.values() if not (but and run.run_id.startswith(but))]
+    )
 
 
 def tell_unfinished(runs: list[UnfinishedRun]) -> None:
@@ -56,7 +58,7 @@ def tell_doubts(station: Station, standard: str) -> None:
     """Warn of a clock that is behind, and of the expired standard that is measured against."""
     from torquebench.campaign.doubts import doubts_before
 
-    for doubt in doubts_before(station, standard):
+    for doubt in doubts_before(station, station.registry, standard):
         warn(doubt)
 
 

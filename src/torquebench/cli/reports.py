@@ -19,7 +19,9 @@ __all__ = ["ReportOption", "check_reports", "report_option", "write_reports"]
 
 def report_option(what: str) -> Any:
     """Return the option of a command whose report is something else than `ReportOption` says."""
-    return typer.Option("--report", help=f"Write {what} (.html or .pdf). May be repeated.")
+    return typer.Option(
+        "--report", metavar="<path>", help=f"Write {what} (.html or .pdf). May be repeated."
+    )
 
 
 ReportOption = Annotated[list[Path] | None, report_option("a report with figures")]

@@ -10,18 +10,15 @@ from typing import Any, TypeVar
 
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.message import Message
+from torquebench.operations import EndedError
 from torquebench.processes import end_with_parent
 from torquebench.progress import NO_PROGRESS, NoProgress, Progress
 
-__all__ = ["ProcessEndedError", "run_in_process"]
+__all__ = ["run_in_process"]
 
 Result = TypeVar("Result")
 POLL_INTERVAL_S = 0.2
 NICE = 5
-
-
-class ProcessEndedError(BenchError):
-    """The computation was ended on purpose."""
 
 
 def run_in_process(
@@ -45,7 +42,7 @@ def run_in_process(
 
     Raises
     ------
-    ProcessEndedError
+    EndedError
         It was cancelled.
     TorquebenchError
         The function's error.
@@ -62,7 +59,7 @@ def run_in_process(
     try:
         while True:
             if cancelled():
-                raise ProcessEndedError("the computation was ended")
+                raise EndedError("the computation was ended")
             if not here.poll(POLL_INTERVAL_S):
                 continue
             try:

@@ -162,7 +162,7 @@ _ITEMS = (
         "Standard reducer",
         "known, certified no-load friction, output disconnected, 0-1200 rpm in steps (0-15 rpm at "
         "the output, i = 80), three repeats [M fig 16, table 6]",
-        "torquebench test standard-reducer",
+        "torquebench standard-reducer",
     ),
     Item(
         18,

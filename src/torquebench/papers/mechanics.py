@@ -31,7 +31,7 @@ from torquebench.papers.items import Answer
 from torquebench.papers.study import Contender, errors_of, studied_chain
 from torquebench.reports.curve_figures import Panel, bodies_figure, panels_figure
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Table
+from torquebench.reports.page import Block, Facts, Figure, Table
 from torquebench.validation import parse_toml
 
 __all__ = [
@@ -48,7 +48,7 @@ __all__ = [
 
 COAXIALITY_LIMIT_M = 0.03e-3
 """Limit of the coaxiality error by [J]."""
-Blocks = list[Facts | Table | Figure]
+Blocks = list[Block]
 
 
 @dataclass(frozen=True)

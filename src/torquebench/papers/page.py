@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -38,8 +38,8 @@ from torquebench.reports.curve_figures import Panel, panels_figure
 from torquebench.reports.errors_table import number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table
 from torquebench.reports.reducers.standard import (
-    friction_check_figure,
     friction_check_table,
+    friction_diagram,
 )
 from torquebench.reports.verification_report import (
     Verified,
@@ -830,10 +830,10 @@ def friction_blocks(
         else f"compensated by {title}; against {LIMIT_PERCENT:g} % FS",
     )
     return answer, [
-        Figure(
-            friction_check_figure(compensated),
-            f"Known friction of the standard reducer and each repeat, by {title}; below, the "
-            f"difference. Dashed: ±{LIMIT_PERCENT:g} % FS.",
+        replace(
+            friction_diagram(compensated),
+            caption=f"Known friction of the standard reducer and each repeat, by {title}; below, "
+            f"the difference. Dashed: ±{LIMIT_PERCENT:g} % FS.",
         ),
         friction_check_table(compensated),
         Table(
@@ -928,10 +928,14 @@ def _interface_items(benches: Sequence[BenchResult]) -> Items:
 
 
 INTERFACE = (
-    ("loading", "Calibrate: steps, rising only, largest torque", "start/calibrate"),
+    ("loading", "Calibrate: steps, rising only, largest torque", "operations/calibrate"),
     ("acquisition", "Live", "readings, stream"),
-    ("training", "Calibrate, models: parameters, target error, curve", "start/fit"),
-    ("compensation", "Calibrate, sign off: the model in use", "activation of a model"),
+    (
+        "training",
+        "Calibrate, models: parameters, target error, curve",
+        "operations/records-fit-model",
+    ),
+    ("compensation", "Calibrate, sign off: the model in use", "operations/records-use"),
     ("display", "Live: torque with U, speed, angle, efficiency", "readings, stream"),
     ("parameters", "Settings: bench, profiles, reducers", "settings"),
     ("status", "every page: connection, who commands, job", "bench, jobs"),

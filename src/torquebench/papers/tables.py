@@ -19,6 +19,7 @@ from torquebench.calibration.profile import Profile
 from torquebench.campaign.bench_chains import referenced
 from torquebench.campaign.measuring import (
     Measured,
+    RunOptions,
     measure_calibration,
     measure_friction,
     measure_verification,
@@ -211,15 +212,15 @@ def measure_tables(
     LimitError, InterlockError, BenchError, SignalFault, RunAbortedError
         As every procedure.
     """
+    options: RunOptions = {"progress": progress, "mounting": mounted}
     calibrations = {
-        side: measure_calibration(station, side, settings.calibration, progress=progress)
-        for side in SIDES
+        side: measure_calibration(station, side, settings.calibration, **options) for side in SIDES
     }
     same = settings.verification.with_options(same_points=True)
     modules: dict[Side, ModuleTables] = {}
     for side in SIDES:
         parts = [
-            measure_verification(station, side, profile, settings.seed, progress=progress)
+            measure_verification(station, side, profile, settings.seed, **options)
             for profile in ((same, settings.verification) if settings.others else (same,))
         ]
         modules[side] = ModuleTables(
@@ -232,7 +233,7 @@ def measure_tables(
     certified = certified or station.drivers.reducer_certificate
     friction = None
     if settings.friction is not None and certified:
-        friction = _friction(station, settings.friction, certified, progress)
+        friction = _friction(station, settings.friction, certified, options)
     description = station.description
     name = description.name
     if description.simulated:
@@ -244,11 +245,11 @@ def measure_tables(
         modules,
         friction,
         bench_facts(station, mounted),
-        _reducer(station, settings.reducer_test, progress),
+        _reducer(station, settings.reducer_test, options),
     )
 
 
-def _reducer(station: Station, test: str, progress: Progress) -> tuple[ReducerValue, ...]:
+def _reducer(station: Station, test: str, options: RunOptions) -> tuple[ReducerValue, ...]:
     if not test or station.drivers.truth is None:
         return ()
     from torquebench.campaign.reducers.settings import ReducerTestSettings
@@ -256,7 +257,7 @@ def _reducer(station: Station, test: str, progress: Progress) -> tuple[ReducerVa
 
     held = str(station.description.simulation.get("reducer", "standard"))
     record = run_reducer_test(
-        station, test, load_reducer(held), ReducerTestSettings.short(), progress=progress
+        station, test, load_reducer(held), ReducerTestSettings.short(), **options
     )
     return tuple(
         ReducerValue(
@@ -313,11 +314,11 @@ def _friction(
     station: Station,
     settings: FrictionSettings,
     certified: tuple[CertifiedFriction, ...],
-    progress: Progress,
+    options: RunOptions,
 ) -> FrictionTable:
     speeds = [point.speed_rpm for point in certified]
     settings = within_certificate(settings, certified)
-    found = measure_friction(station, settings, progress=progress).result
+    found = measure_friction(station, settings, **options).result
     speed = np.abs(found.nominal_rpm)
     return FrictionTable(
         found.nominal_rpm,

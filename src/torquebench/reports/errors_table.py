@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from torquebench.message import Message
 from torquebench.reports.page import Table
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ def errors_table(
         for name, summary in rows
     ]
     if rows:
-        caption = f"{caption} % of reading: {rows[0][1].reading_rule}."
+        caption = Message("{caption} % of reading: {rule}.", caption, rows[0][1].reading_rule)
     return Table(_HEADER, cells, caption, emphasised)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from torquebench import __version__
 from torquebench.atomic_write import atomic_write
@@ -14,7 +14,21 @@ from torquebench.atomic_write import atomic_write
 if TYPE_CHECKING:
     from jinja2 import Template
 
-__all__ = ["Facts", "Figure", "Page", "Section", "Table", "render_page", "write_page"]
+    from torquebench.reports.curve_figures import Panel
+
+__all__ = [
+    "Block",
+    "Diagram",
+    "Drawings",
+    "Facts",
+    "Figure",
+    "Page",
+    "Section",
+    "Table",
+    "drawn",
+    "render_page",
+    "write_page",
+]
 
 
 WORDY = 24
@@ -85,6 +99,58 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Diagram:
+    """Curves with their caption, which each medium draws in its own way.
+
+    Attributes
+    ----------
+    panels : sequence of Panel
+        Diagrams below each other.
+    caption : str
+    height : float
+        Of one diagram on paper, inches at a width of 7.6.
+    """
+
+    panels: Sequence[Panel]
+    caption: str
+    height: float = 2.6
+    kind: str = field(default="figure", init=False)
+
+    @property
+    def svg(self) -> str:
+        """Text of an ``<svg>`` element."""
+        from torquebench.reports.curve_figures import panels_figure
+
+        return panels_figure(self.panels, height=self.height)
+
+
+@dataclass(frozen=True)
+class Drawings:
+    """Figures that are drawn when a medium shows them; the terminal never does.
+
+    Attributes
+    ----------
+    draw : callable
+        Returns the SVG text and the caption of each.
+    """
+
+    draw: Callable[[], Iterable[tuple[str, str]]]
+    kind: str = field(default="drawings", init=False)
+
+
+Block: TypeAlias = Facts | Table | Figure | Diagram | Drawings
+
+
+def drawn(blocks: Iterable[Block]) -> Iterator[Facts | Table | Figure | Diagram]:
+    """Yield blocks with their figures drawn."""
+    for block in blocks:
+        if isinstance(block, Drawings):
+            yield from (Figure(*each) for each in block.draw())
+        else:
+            yield block
+
+
+@dataclass(frozen=True)
 class Section:
     """A heading, a sentence or two, and the content below it.
 
@@ -92,13 +158,16 @@ class Section:
     ----------
     heading, text : str
         Heading and introduction.
-    blocks : sequence of Facts, Table or Figure
+    blocks : sequence of Block
         Content in reading order.
+    detail : bool
+        Whether it is left out in the terminal and folded on screens.
     """
 
     heading: str
     text: str = ""
-    blocks: Sequence[Facts | Table | Figure] = ()
+    blocks: Sequence[Block] = ()
+    detail: bool = False
 
 
 @dataclass(frozen=True)
@@ -133,7 +202,7 @@ def _template() -> Template:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters["svg"] = Markup
+    environment.filters |= {"svg": Markup, "drawn": drawn}
     return environment.get_template("page.html.j2")
 
 

@@ -12,7 +12,7 @@ from torquebench import __version__
 from torquebench.atomic_write import atomic_write, is_standard_output
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.reports.page import Facts, Figure, Page, Table, write_page
+from torquebench.reports.page import Diagram, Facts, Figure, Page, Table, drawn, write_page
 
 __all__ = ["check_suffix", "page_pdf", "write_report"]
 
@@ -54,7 +54,7 @@ def page_pdf(page: Page) -> bytes:
             {
                 "heading": section.heading,
                 "text": _unbroken(section.text),
-                "blocks": [_plain(block, figures) for block in section.blocks],
+                "blocks": [_plain(block, figures) for block in drawn(section.blocks)],
             }
             for section in page.sections
         ],
@@ -110,7 +110,7 @@ def _shares(table: Table) -> list[float]:
     ]
 
 
-def _plain(block: Facts | Table | Figure, figures: dict[str, str]) -> dict[str, Any]:
+def _plain(block: Facts | Table | Figure | Diagram, figures: dict[str, str]) -> dict[str, Any]:
     """Return a block for the template, with its figure as a separate file."""
     if isinstance(block, Facts):
         return {"kind": "facts", "rows": [[name, _unbroken(text)] for name, text in block.items]}

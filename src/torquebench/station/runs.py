@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-from torquebench.bench.safety import Alarm
+if TYPE_CHECKING:
+    from torquebench.bench.safety import Alarm
 
 __all__ = ["LONGEST_BEFORE_S", "ExitStatus", "RunRecord"]
 

@@ -3,7 +3,7 @@
 A child process runs `torquebench calibrate` (or `certificate`), and something happens to it in the
 middle of a phase: SIGKILL, a disk that is full from then on, a database that is locked for 2 s or
 for good; while it measures, also a transducer or a standard whose span changes. Then a person does
-what the next start says: `records finish`, `calibrate --resume latest`, `certificate`. In the end
+what the next start says: `records finish`, `resume latest`, `certificate`. In the end
 there has to be one calibration with all its points, and what is in use has to state the true
 torque.
 """
@@ -48,7 +48,7 @@ from torquebench.records.registry.database import REGISTRY_FILE
 __all__ = ["PHASE_FAULTS", "PHASE_KINDS", "PhaseKind", "numbered_phase", "one_phase_fault"]
 
 SIDE: Side = "output"
-CALIBRATE = ("calibrate", SIDE, "--step-percent", "25", "--yes")
+CALIBRATE = ("calibrate", SIDE, "--step", "25", "--yes")
 POINTS = 16
 """Of such a calibration."""
 WRONG_PERCENT = 0.1
@@ -299,9 +299,9 @@ def one_phase_fault(kind: PhaseKind, when: int, data: Path, *, real_time: bool =
         )  # fmt: skip
     finished = _command(data, ("records", "finish"))
     if _interrupted(data):
-        resumed = _command(data, ("calibrate", "--resume", "latest", "--yes"))
+        resumed = _command(data, ("resume", "latest", "--yes"))
         if resumed.code:
-            problems.append(f"stranded: calibrate --resume: {_last(resumed)}")
+            problems.append(f"stranded: resume: {_last(resumed)}")
     issued = _command(data, certificate)
     if issued.code:
         problems.append(f"stranded: certificate: {_last(issued)}; finish: {_last(finished)}")

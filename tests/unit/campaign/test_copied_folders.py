@@ -19,7 +19,7 @@ from torquebench.station.data_check import check_data_directory
 @pytest.fixture(scope="module")
 def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     data = tmp_path_factory.mktemp("calibrated")
-    arguments = ("--step-percent", "25", "--model", "polynomial", "--yes", "--data", str(data))
+    arguments = ("--step", "25", "--model", "polynomial", "--yes", "--data", str(data))
     result = run("calibrate", "output", *arguments, cwd=data)
     assert result.returncode == 0, result.stderr
     return data

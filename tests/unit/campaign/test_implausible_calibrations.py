@@ -90,7 +90,15 @@ def test_a_standard_whose_span_changes_after_some_points_spoils_nothing(
             )
         assert in_use(station, changed) == good.model_id
 
-    named = ["--by", "A. Kim", "--reason", "the standard was read wrongly", "--data", str(tmp_path)]
+    named = [
+        "--despite-contradictions",
+        "--by",
+        "A. Kim",
+        "--reason",
+        "the standard was read wrongly",
+        "--data",
+        str(tmp_path),
+    ]
     monkeypatch.setattr(
         "sys.argv",
         ["torquebench", "records", "use", f"model-{entry.model_id}", *named],

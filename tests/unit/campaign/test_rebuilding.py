@@ -24,7 +24,7 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("calibrated")
     data = folder / "data"
     done = run(
-        *("calibrate", "output", "--step-percent", 25, "--model", "polynomial"),
+        *("calibrate", "output", "--step", 25, "--model", "polynomial"),
         *("--data", data),
         cwd=folder,
         TORQUEBENCH_OPERATOR="Ana",

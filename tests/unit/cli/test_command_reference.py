@@ -4,13 +4,11 @@ import re
 from pathlib import Path
 from typing import Any
 
-import typer
-
 PAGE = Path(__file__).parents[3] / "docs" / "reference" / "commands.md"
 
 
 def test_every_command_is_in_the_reference() -> None:
-    from torquebench.cli import app
+    from torquebench.cli import whole_command
 
     rows = [line for line in PAGE.read_text(encoding="utf-8").splitlines() if line[:1] == "|"]
     named = {
@@ -24,7 +22,5 @@ def test_every_command_is_in_the_reference() -> None:
             return [path]
         return [leaf for name, child in children.items() for leaf in leaves(child, [*path, name])]
 
-    missing = [
-        " ".join(path) for path in leaves(typer.main.get_command(app), []) if not set(path) <= named
-    ]
+    missing = [" ".join(path) for path in leaves(whole_command(), []) if not set(path) <= named]
     assert missing == []

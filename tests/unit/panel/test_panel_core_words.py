@@ -19,9 +19,11 @@ from torquebench.campaign.reducers.tests import TESTS
 from torquebench.compensation import MODELS
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations import OPERATIONS, Parameter, parameters
 from torquebench.signals import SignalFaultKind
 from torquebench.translations import has_words, templates, translated
 from torquebench.uncertainty import Verdict
+from torquebench.units import unit_of_name
 
 ROOT = Path(torquebench.__file__).parent
 HOLE = re.compile(r"\{(\w+)\}")
@@ -121,9 +123,36 @@ def test_every_message_that_the_panel_can_show_has_a_translation() -> None:
         for path in trees()
         if not path.startswith(NOT_ON_THE_PANEL)
         for said in messages(path)
-        if has_words(said) and said not in known_ones
+        if has_words(said) and said not in known_ones and said not in OPERATIONS
     }
     assert lacking == {}
+
+
+def described(asked: Parameter) -> Iterator[str]:
+    """Yield the texts of a form's field, and of the fields of a record in it."""
+    yield from (asked.title, asked.help)
+    if unit_of_name(next(iter(asked.choices), "")) == "":
+        yield from asked.choices
+    for part in parameters(asked.record) if asked.record else ():
+        yield from described(part)
+
+
+def operation_texts() -> set[str]:
+    """Return what forms say: an operation's paragraphs, and its fields' titles and help."""
+    return {
+        text
+        for operation in OPERATIONS.values()
+        for texts in (
+            *operation.paragraphs,
+            *(tuple(described(each)) for each in parameters(operation.request)),
+        )
+        for text in ((texts,) if isinstance(texts, str) else texts)
+        if has_words(text)
+    }
+
+
+def test_every_form_of_an_operation_is_in_chinese() -> None:
+    assert {text for text in operation_texts() if not known(text)} == set()
 
 
 def test_every_deviation_has_its_german_sentence_for_certificates() -> None:
@@ -147,7 +176,7 @@ def test_every_translated_message_is_in_the_source() -> None:
         if isinstance(node, ast.Constant) and isinstance(node.value, str)
     }
     said |= {each for path in trees() for each in messages(path)}
-    said |= {verdict.label for verdict in Verdict}
+    said |= {verdict.label for verdict in Verdict} | operation_texts()
     described = "".join(
         file.read_text(encoding="utf-8")
         for file in ROOT.rglob("*.toml")

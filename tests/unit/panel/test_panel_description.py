@@ -10,6 +10,7 @@ import pytest
 
 from torquebench.bench.description import default_bench
 from torquebench.columns import column_of
+from torquebench.operations import OPERATIONS
 from torquebench.panel.api import create_api
 from torquebench.panel.api.describing import EXAMPLES, ROLES
 from torquebench.panel.service import BenchService
@@ -73,21 +74,22 @@ def test_models_profiles_and_reducers_are_enumerated(described: dict[str, Any]) 
     assert {"hybrid", "polynomial-2", "published-network"} <= set(
         calibrate["models"]["items"]["enum"]
     )
-    assert "hybrid" in schemas["FitRequest"]["properties"]["model"]["enum"]
+    assert "hybrid" in schemas["FitModelRequest"]["properties"]["model"]["enum"]
     assert "rapid-in-situ" in calibrate["profile"]["enum"]
     assert "verification" not in calibrate["profile"]["enum"]
-    assert schemas["VerifyRequest"]["properties"]["profile"]["enum"] == ["verification"]
-    assert "standard" in schemas["ReducerTestRequest"]["properties"]["reducer"]["enum"]
+    assert schemas["VerificationRequest"]["properties"]["profile"]["enum"] == ["verification"]
+    assert "standard" in schemas["ReducerTestRequest"]["properties"]["reducer"]["anyOf"][0]["enum"]
 
 
-def test_the_details_of_every_result_are_typed(described: dict[str, Any]) -> None:
+def test_the_result_of_every_operation_is_typed(described: dict[str, Any]) -> None:
     schemas = described["components"]["schemas"]
-    details = schemas["JobResult"]["properties"]["details"]["anyOf"]
-    assert len(details) == 9
-    for each in details:
-        schema = schemas[each["$ref"].rpartition("/")[2]]
-        assert schema["description"], each
-        assert all(value for value in schema["properties"].values()), each
+    results = schemas["JobView"]["properties"]["result"]["anyOf"]
+    named = {each["$ref"].rpartition("/")[2] for each in results if "$ref" in each}
+    assert named == {each.result.__name__ for each in OPERATIONS.values() if each.where != "files"}
+    for name in named:
+        schema = schemas[name]
+        assert schema["description"], name
+        assert all(value for value in schema["properties"].values()), name
 
 
 def test_no_record_states_a_path_of_the_server(described: dict[str, Any]) -> None:

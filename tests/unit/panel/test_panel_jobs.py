@@ -3,7 +3,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import date
 from itertools import pairwise
 from pathlib import Path
@@ -18,14 +18,15 @@ from torquebench.bench.prompts import QueuedOperator
 from torquebench.chain import Temperature, load_chain
 from torquebench.compensation import load_model
 from torquebench.errors import BenchError, InputError, RecordError
-from torquebench.panel.pages.calibrate.workflow import Dismissed, find_workflow
-from torquebench.panel.run_in_process import ProcessEndedError, run_in_process
+from torquebench.operations import EndedError
+from torquebench.panel.run_in_process import run_in_process
 from torquebench.panel.service import (
     Actor,
     BenchService,
     BusyError,
     JobView,
     LeaseError,
+    NameTakenError,
     NotFoundError,
     PendingPrompt,
     PermissionDeniedError,
@@ -42,7 +43,8 @@ BEN = Actor("ben", "operator", "client-2", "client")
 def opened(folder: Path) -> Iterator[BenchService]:
     with BenchService.open(None, folder, fast=True) as service:
         for each in (ANA, BEN):
-            service.clients.add(CHIEF, each.name, each.role)
+            with suppress(NameTakenError):  # of a folder that was opened before
+                service.clients.add(CHIEF, each.name, each.role)
         yield service
 
 
@@ -65,7 +67,7 @@ def test_zero_check_and_stop_in_one_sitting(service: BenchService) -> None:
     view = ended(service, service.jobs.start(BEN, "zero", {}))
     assert view.state == "done", view.problem
     assert view.result is not None
-    assert set(view.result.details) == {"input", "output"}
+    assert view.result.input.frequency_hz > 0.0 < view.result.output.frequency_hz
     assert service.records.run(view.result.run_ids[0]).run.operator == "ben (client)"
     view = service.jobs.start(BEN, "check", {"side": "input"})
     with pytest.raises(BusyError):
@@ -112,20 +114,21 @@ def test_wrong_requests_start_nothing(service: BenchService) -> None:
     with pytest.raises(NotFoundError):
         service.jobs.start(ANA, "dance", {})
     with pytest.raises(PermissionDeniedError):
-        service.jobs.start(BEN, "fit", {"calibration_id": 1, "model": "hybrid"})
+        service.jobs.start(BEN, "records fit-model", {"calibration": 1, "model": "hybrid"})
     with pytest.raises(InputError, match="steps"):
         service.jobs.preview("calibrate", {"side": "input", "step_percent": 0.1, "repeats": 50})
     for kind, request, refusal in (
         ("calibrate", {"side": "output", "models": ["guess"]}, InputError),
-        ("calibrate", {"side": "output", "profile": "nobodys"}, NotFoundError),
+        ("calibrate", {"side": "output", "profile": "nobodys"}, InputError),
         ("calibrate", {"side": "output", "profile": "verification"}, InputError),
-        ("fit", {"calibration_id": 9, "model": "radial-basis"}, RecordError),
-        ("compare-models", {"calibration_id": 9}, RecordError),
-        ("verify", {"calibration_id": 9}, RecordError),
-        ("check", {"side": "output", "profile": "nobodys"}, NotFoundError),
-        ("resume-calibration", {"run_id": "none"}, RecordError),
-        ("finish-run", {"run_id": "none"}, NotFoundError),
-        ("reducer-test", {"test": "hysteresis", "reducer": "nobodys"}, NotFoundError),
+        ("records-fit-model", {"calibration": 9, "model": "radial-basis"}, RecordError),
+        ("records-compare-models", {"calibration": 9}, RecordError),
+        ("verification", {"side": "output", "calibration": 9}, RecordError),
+        ("verification", {"side": "output"}, InputError),
+        ("check", {"side": "output", "profile": "nobodys"}, InputError),
+        ("resume", {"run_id": "none"}, InputError),
+        ("records-finish", {"run_id": "none"}, InputError),
+        ("test", {"test": "hysteresis", "reducer": "nobodys"}, InputError),
     ):
         with pytest.raises(refusal):  # at the request, not in the job
             service.jobs.start(ANA, kind, request)
@@ -141,69 +144,64 @@ def test_an_aborted_calibration_goes_on(service: BenchService) -> None:
     assert ended(service, view).state == "aborted"
     (run,) = service.records.runs(status="aborted").runs
     request = {"run_id": run.run_id, "models": ["polynomial-2"]}
-    view = ended(service, service.jobs.start(BEN, "resume-calibration", request))
+    view = ended(service, service.jobs.start(BEN, "resume", request))
     assert view.state == "done", view.problem
     assert view.result is not None
-    assert view.result.calibration_id == 1
-    assert len(view.result.details["points"]["reading_nm"]) == 80
+    (module,) = view.result.modules
+    assert (module.calibration_id, len(module.points.reading_nm)) == (1, 80)
 
 
 def test_the_network_is_fitted_with_its_parameters_and_shows_its_training(
     service: BenchService, tmp_path: Path
 ) -> None:
     for wrong, message in (
-        ({"model": "published-network", "network": {"hidden": 0}}, "hidden"),
-        ({"model": "published-network", "network": {"start": "at random"}}, "start"),
-        ({"model": "polynomial-2", "network": {"epochs": 5}}, "for another model"),
+        ({"model": "published-network", "parameters": {"hidden": 0}}, "hidden"),
+        ({"model": "published-network", "parameters": {"start": "at random"}}, "start"),
+        ({"model": "polynomial-2", "parameters": {"epochs": 5}}, "epochs"),
     ):
         with pytest.raises(InputError, match=message):
-            start(service, "fit", {"calibration_id": 1, **wrong})
-    network = {"epochs": 300, "start": "small-uniform", "target_error_nm": 0.001}
+            start(service, "records fit-model", {"calibration": 1, **wrong})
+    parameters = {"epochs": 300, "start": "small-uniform", "target_error_nm": 0.001}
+    request = {"side": "output", "step_percent": 20.0, "repeats": 1, "parameters": parameters}
+    with pytest.raises(InputError, match="several models"):
+        start(service, "calibrate", request)
+    view = start(service, "calibrate", {**request, "models": ["published-network"]})
+    (module,) = view.result.modules
+    (first,) = module.models
+    assert first.parameters == parameters
+    assert first.training_curve.epoch[-1] == 300
     request = {
-        "side": "output",
-        "step_percent": 20.0,
-        "repeats": 1,
-        "models": ["published-network"],
-        "network": network,
-    }
-    view = start(service, "calibrate", request)
-    number = view.result.calibration_id
-    points = view.result.details["points"]
-    first = view.result.details["models"]["published-network"]
-    assert first["parameters"] == network
-    assert first["training_curve"]["epoch"][-1] == 300
-    request = {
-        "calibration_id": number,
+        "calibration": module.calibration_id,
         "model": "published-network",
-        "network": {"epochs": 200, "hidden": 10},
+        "parameters": {"epochs": 200, "hidden": 10},
         "rising_only": True,
     }
-    view = start(service, "fit", request)
-    again = view.result.details["models"]["published-network"]
-    assert again["rising_only"]
-    assert again["training_curve"]["epoch"][-1] == 200
+    (again,) = start(service, "records fit-model", request).result.modules[0].models
+    assert again.rising_only
+    assert again.training_curve.epoch[-1] == 200
     (newest,) = (tmp_path / "models").glob("*-published-network-*.json")
     trained = load_model(newest).model
     assert trained.hidden == 10
-    assert trained.points_ == points["branch"].count(1) < len(points["branch"])
+    rising = int((module.points.branch == 1).sum())
+    assert trained.points_ == rising < module.points.branch.size
 
-    service.recall(ANA, number)
-    shown = find_workflow(service.jobs.recent(), Dismissed()).models
-    assert [model["parameters"] for model in shown.values()] == [
-        network,
+    stored = service.records.module(module.calibration_id)
+    assert [model.parameters for model in stored.models] == [
+        parameters,
         {"epochs": 200, "hidden": 10},
     ]
-    assert len({model["model_id"] for model in shown.values()}) == 2
+    assert len({model.model_id for model in stored.models}) == 2
 
 
 def test_another_fit_of_an_old_calibration_uses_the_bench_as_it_was_then(tmp_path: Path) -> None:
     request = {"side": "output", "step_percent": 50.0, "models": ["polynomial-1"]}
     with opened(tmp_path) as service:
-        number = start(service, "calibrate", request).result.calibration_id
+        number = start(service, "calibrate", request).result.modules[0].calibration_id
     today = default_bench().model_dump(mode="json")
     today["output"]["transducer"]["temperature_zero_percent_per_10k"] *= 50.0
     with BenchService.open(BenchDescription.model_validate(today), tmp_path, fast=True) as service:
-        start(service, "fit", {"calibration_id": number, "model": "polynomial-2"})
+        request = {"calibration": number, "model": "polynomial-2"}
+        start(service, "records fit-model", request)
     chains = [load_chain(file) for file in (tmp_path / "models").glob("*.json")]
     (before, after) = [
         [effect for effect in chain.stored if isinstance(effect, Temperature)] for chain in chains
@@ -240,9 +238,9 @@ def test_a_standard_reducer_checks_the_bench(service: BenchService) -> None:
     view = start(service, "standard-reducer", request)
     assert view.result.verdict == "fail"
     assert service.records.run(view.result.run_ids[0]).metadata["mounting_record"] == found
-    found = view.result.details
-    assert [point["speed_rpm"] for point in found["points"]] == [100.0, 200.0]
-    assert found["error_percent_fs"] > 0.1 > found["repeatability_percent_fs"]
+    check = view.result.check
+    assert [point.speed_rpm for point in check.points] == [100.0, 200.0]
+    assert check.error_percent > 0.1 > check.repeatability_percent
     run = service.records.run(view.result.run_ids[0])
     assert run.metadata["standard_reducer"]["certified_friction"] == points
 
@@ -257,13 +255,13 @@ def test_a_part_of_the_range_is_calibrated(service: BenchService) -> None:
     measured = {**request, "repeats": 1, "models": ["polynomial-2"]}
     view = ended(service, service.jobs.start(BEN, "calibrate", measured))
     assert view.state == "done", view.problem
-    fresh = {"calibration_id": view.result.calibration_id, "groups": 1, "points": 8}
-    shown = service.jobs.preview("verify", fresh)
-    assert shown.largest_torque_nm["output"] == pytest.approx(60.0, rel=0.02)
-    view = ended(service, service.jobs.start(BEN, "verify", fresh))
+    number = view.result.modules[0].calibration_id
+    fresh = {"side": "output", "calibration": number, "groups": 1, "points": 8}
+    shown = service.jobs.preview("verification", fresh)
+    assert shown.largest_torque_nm["output"] == pytest.approx(60.0, rel=0.1)
+    view = ended(service, service.jobs.start(BEN, "verification", fresh))
     assert view.state == "done", view.problem
-    verified = view.result.details
-    lacking = verified["models"][verified["best"]]["not_in_u"]
+    lacking = view.result.best.not_in_u
     assert "reproducibility of mounting" in lacking
     assert "creep under load" not in lacking
 
@@ -291,15 +289,15 @@ def test_an_expired_standard_and_a_wrong_clock_are_named_before_anything_begins(
 
 
 def test_a_reducer_is_tested_and_judged(service: BenchService) -> None:
-    request = {"test": "starting", "reducer": "standard", "serial": "S-1", "quick": True}
-    shown = service.jobs.preview("reducer-test", request)
+    request = {"test": "starting", "reducer": "standard", "serial": "S-1", "short": True}
+    shown = service.jobs.preview("test", request)
     assert 0 < shown.largest_torque_nm["input"] <= shown.limit_torque_nm["input"]
-    view = ended(service, service.jobs.start(BEN, "reducer-test", request))
+    view = ended(service, service.jobs.start(BEN, "test", request))
     assert view.state == "done", view.problem
     assert view.result is not None
-    (outcome,) = view.result.details["outcomes"]
-    assert outcome["name"] == "starting"
-    assert outcome["quantities"][0]["unit"] == "N·m"
+    (part,) = view.result.parts
+    assert part.name == "starting"
+    assert part.quantities[0].unit == "N·m"
     assert service.records.run(view.result.run_ids[0]).run.status == "completed"
 
 
@@ -309,14 +307,14 @@ def test_a_simulated_bench_mounts_the_type_that_is_tested(service: BenchService)
     document |= {"name": "Own strain wave, 50 : 1", "ratio": 50.0, "source": "own"}
     service.settings.change(ANA, "reducers", "own-50", document)
     for reducer in ("harmonic-20", "own-50"):
-        request = {"test": "starting", "reducer": reducer, "serial": "H-7", "quick": True}
-        view = ended(service, service.jobs.start(BEN, "reducer-test", request))
+        request = {"test": "starting", "reducer": reducer, "serial": "H-7", "short": True}
+        view = ended(service, service.jobs.start(BEN, "test", request))
         assert view.state == "done", view.problem
         assert view.result is not None
-        (outcome,) = view.result.details["outcomes"]
-        assert 0.005 < outcome["quantities"][0]["value"] < 0.1
-        assert (view.result.details["serial"], view.result.details["short"]) == ("H-7", True)
-        report = service.records.report_file(view.result.details["report"])
+        (part,) = view.result.parts
+        assert 0.005 < part.quantities[0].value < 0.1
+        assert (view.result.serial, view.result.short) == ("H-7", True)
+        report = service.records.report_file(view.result.run_ids[0])
         assert report.startswith(b"%PDF")
     assert not service.alarms(active=True)
     with pytest.raises(NotFoundError, match="no report"):
@@ -438,8 +436,8 @@ def test_an_abort_and_the_end_of_the_panel_take_a_question_back(tmp_path: Path) 
             service.clients.add(CHIEF, each.name, each.role)
 
         def start() -> JobView:
-            request = {"side": "output", "step_percent": 50.0, "bench_clear": True}
-            return service.jobs.start(BEN, "calibrate", request)
+            request = {"side": "output", "step_percent": 50.0}
+            return service.jobs.start(BEN, "calibrate", request, bench_clear=True)
 
         view, prompt = asked(service, start)
         assert "calibrator" in prompt.text
@@ -515,5 +513,5 @@ def test_a_computation_aside_returns_reports_refuses_and_ends() -> None:
     with pytest.raises(InputError, match="remedy") as refused:
         run_in_process(refusing)
     assert refused.value.found.template == "{what} found"
-    with pytest.raises(ProcessEndedError):
+    with pytest.raises(EndedError):
         run_in_process(endless, cancelled=lambda: True)

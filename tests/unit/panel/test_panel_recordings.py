@@ -11,8 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from torquebench.errors import InputError
+from torquebench.operations.recording import crossing
 from torquebench.panel.service import Actor, BenchService, BusyError, JobView
-from torquebench.panel.service.jobs.recordings import crossing
 
 CHIEF = Actor("Chief", "administrator", "chief")
 BEN = Actor("ben", "operator", "client-1", "client")
@@ -25,7 +25,7 @@ def service(tmp_path: Path) -> Iterator[BenchService]:
         yield found
 
 
-def until(service: BenchService, view: JobView, stage: str = "") -> JobView:
+def until(service: BenchService, view: JobView, stage: str | None = None) -> JobView:
     """Wait for a stage of a job, or for its end."""
     deadline = time.monotonic() + 200.0
     while view.open and view.stage != stage:

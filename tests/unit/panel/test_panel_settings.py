@@ -15,7 +15,6 @@ from torquebench.panel.pages.settings.names import group_title, setting_title
 from torquebench.panel.service import (
     Actor,
     BusyError,
-    NotFoundError,
     PermissionDeniedError,
     read_upload,
 )
@@ -141,7 +140,7 @@ def test_own_profiles_are_added_changed_and_deleted(settings: SettingsStore) -> 
     settings.change(BEN, "profiles", "slow-check", document)
     assert settings.profile("slow-check").name == "slow-check"
     made = settings.change(BEN, "profiles", "slow-check", None, reason="unused")
-    with pytest.raises(NotFoundError):
+    with pytest.raises(InputError):
         settings.profile("slow-check")
     settings.undo(BEN, made.number)
     assert settings.profile("slow-check") is not None
@@ -160,9 +159,9 @@ def test_a_shipped_reducer_is_taken_unchanged_under_an_own_name(settings: Settin
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", "/tmp/x.toml", "a/b", "", "x" * 65])
 def test_no_name_is_a_path(settings: SettingsStore, name: str) -> None:
-    with pytest.raises(NotFoundError):
+    with pytest.raises(InputError):
         settings.profile(name)
-    with pytest.raises(NotFoundError):
+    with pytest.raises(InputError):
         settings.reducer(name)
     with pytest.raises(InputError):
         settings.change(BEN, "profiles", name, dict(settings.get("profiles", "check").document))

@@ -16,6 +16,7 @@ from torquebench.translations import templates
 PANEL = Path(torquebench.panel.__file__).parent
 LABELS = PANEL.parent / "reports" / "certificate" / "labels.toml"
 HOMONYMS = {
+    "english",  # a language, the switch to the other one
     "name",  # of a person, of a thing
     "off",  # a switch of the page, a drive
     "on",

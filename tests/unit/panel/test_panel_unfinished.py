@@ -6,7 +6,8 @@ import pytest
 from tests.system.interrupted_phases import stopped
 from tests.unit.panel.test_panel_jobs import ANA, BEN, ended, opened
 
-from torquebench.panel.service import NotFoundError, PermissionDeniedError
+from torquebench.errors import InputError
+from torquebench.panel.service import PermissionDeniedError
 
 
 @pytest.mark.parametrize("discarded", [False, True])
@@ -22,18 +23,19 @@ def test_a_run_that_was_killed_before_its_registration_is_finished_or_discarded(
         if discarded:
             asked = {**request, "reason": "the clamp was loose"}
             with pytest.raises(PermissionDeniedError):
-                service.jobs.start(BEN, "discard-run", asked)
-            view = ended(service, service.jobs.start(ANA, "discard-run", asked))
+                service.jobs.start(BEN, "records-discard", asked)
+            view = ended(service, service.jobs.start(ANA, "records-discard", asked))
             assert view.state == "done", view.problem
             assert service.records.calibrations() == []
         else:
-            view = ended(service, service.jobs.start(BEN, "finish-run", request))
+            view = ended(service, service.jobs.start(BEN, "records-finish", request))
             assert view.state == "done", view.problem
             assert view.result is not None
-            assert view.result.calibration_id == 1
-            assert len(view.result.details["points"]["reading_nm"]) == 16
+            (module,) = view.result.modules
+            assert module.calibration_id == 1
+            assert len(module.points.reading_nm) == 16
         assert service.unfinished() == []
         assert service.records.runs().total == 1, "nothing was measured"
         who = ANA if discarded else BEN
-        with pytest.raises(NotFoundError, match="no unfinished run"):
-            service.jobs.start(who, "finish-run", request)
+        with pytest.raises(InputError, match="no unfinished run"):
+            service.jobs.start(who, "records-finish", request)

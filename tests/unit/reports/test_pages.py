@@ -19,7 +19,7 @@ from torquebench.reducers import CertifiedFriction, check_friction
 from torquebench.reports.errors_table import errors_table, number
 from torquebench.reports.page import Facts, Figure, Page, Section, Table, render_page, write_page
 from torquebench.reports.page_pdf import page_pdf
-from torquebench.reports.reducers.standard import friction_check_figure
+from torquebench.reports.reducers.standard import friction_diagram
 
 
 def _figures() -> dict[str, str]:
@@ -165,6 +165,6 @@ def test_the_friction_of_a_standard_reducer_is_drawn_with_its_error() -> None:
     )
     speed, repeat = np.tile([100.0, 600.0], 2), np.repeat([1, 2], 2)
     check = check_friction(speed, np.array([0.31, 0.3, 0.3, 0.29]), repeat, known, 50.0, 0.1)
-    svg = friction_check_figure(check)
+    svg = friction_diagram(check).svg
     assert svg.count('id="axes_') >= 2
     assert 'id="FillBetweenPolyCollection_1"' in svg

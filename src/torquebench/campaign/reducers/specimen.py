@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from torquebench import __version__
-from torquebench.campaign.measuring import OnPause, measure, operator_name
+from torquebench.campaign.measuring import RunOptions, measure
 from torquebench.campaign.reducers.catalogue import ReducerTest
 from torquebench.campaign.reducers.preparation import Known, Preparation
 from torquebench.campaign.reducers.recorded import EvaluatedTest, RecordedTest
@@ -15,7 +15,6 @@ from torquebench.campaign.reducers.results import ReducerTestOutcome, plain_budg
 from torquebench.campaign.reducers.settings import ReducerTestSettings, reducer_limits
 from torquebench.message import Message
 from torquebench.procedures import Plan
-from torquebench.progress import Progress
 from torquebench.records import RECORDING
 from torquebench.reducers import ReducerDescription
 from torquebench.station import SPECIMEN, RunRecord, Station
@@ -30,8 +29,7 @@ class Specimen:
     reducer: ReducerDescription
     settings: ReducerTestSettings
     serial: str
-    progress: Progress
-    on_pause: OnPause | None
+    options: RunOptions
     known: Known = field(init=False)
 
     def __post_init__(self) -> None:
@@ -97,23 +95,25 @@ class Specimen:
         rehearsed: Callable[[], Plan[Any]],
         files: Callable[[], Mapping[str, bytes]] = dict,
     ) -> RunRecord:
+        specimen = {
+            "side": "output",
+            "reducer_name": self.reducer.name,
+            "serial": self.serial,
+            "profile_name": self.reducer.name,
+            SPECIMEN: self._equipment(),
+        }
+        options: RunOptions = {
+            **self.options,
+            "metadata": {**specimen, **self.options.get("metadata", {})},
+        }
         return measure(
             self.station,
             plan,
             rehearsed=rehearsed,
             kind=kind,
             title=title,
-            metadata={
-                "side": "output",
-                "reducer_name": self.reducer.name,
-                "serial": self.serial,
-                "profile_name": self.reducer.name,
-                "operator": operator_name(),
-                SPECIMEN: self._equipment(),
-            },
-            progress=self.progress,
-            on_pause=self.on_pause,
             files=files,
+            **options,
         ).record
 
     def _equipment(self) -> dict[str, Any] | None:

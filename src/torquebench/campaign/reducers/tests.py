@@ -5,11 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from datetime import UTC, datetime
 from functools import partial
-from typing import Any
+from typing import Any, Unpack
 
 from torquebench import __version__
 from torquebench.bench.roles import SIDES, Side
-from torquebench.campaign.measuring import OnPause, RunAbortedError, operator_name
+from torquebench.campaign.measuring import RunAbortedError, RunOptions, operator_name
 from torquebench.campaign.reducers.catalogue import TESTS, ReducerTest, chosen_tests
 from torquebench.campaign.reducers.preparation import preparations
 from torquebench.campaign.reducers.results import (
@@ -23,7 +23,6 @@ from torquebench.campaign.reducers.specimen import Specimen
 from torquebench.errors import ModelMismatchError, TorquebenchError
 from torquebench.message import Message
 from torquebench.procedures import Rehearsal, rehearse
-from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.reducers import ReducerDescription
 from torquebench.station import Station
 from torquebench.units import RPM_PER_RAD_S
@@ -143,8 +142,7 @@ def run_reducer_test(
     settings: ReducerTestSettings | None = None,
     *,
     serial: str = "",
-    progress: Progress = NO_PROGRESS,
-    on_pause: OnPause | None = None,
+    **options: Unpack[RunOptions],
 ) -> ReducerTestRecord:
     """Test the reducer; every part is a separate run, named ``test-NAME``.
 
@@ -161,8 +159,8 @@ def run_reducer_test(
     settings : ReducerTestSettings, optional
     serial : str
         Of the specimen.
-    progress, on_pause
-        As in `measure_calibration`.
+    **options
+        See `RunOptions`.
 
     Raises
     ------
@@ -181,7 +179,7 @@ def run_reducer_test(
         station.clock.now(),
     )
     rehearse_reducer_test(station, name, reducer, settings)
-    specimen = Specimen(station, reducer, settings, serial, progress, on_pause)
+    specimen = Specimen(station, reducer, settings, serial, options)
     outcomes, failures = _all_parts(specimen, name)
     return ReducerTestRecord(
         name=TESTS[name].name,
@@ -193,7 +191,7 @@ def run_reducer_test(
         simulated=station.description.simulated,
         started=started,
         bench_name=station.description.name,
-        operator=operator_name(),
+        operator=options.get("operator") or operator_name(),
         software_version=__version__,
         bench_seconds=station.clock.now() - began_s,
     )

@@ -17,10 +17,9 @@ from torquebench.cli.audit import audit
 from torquebench.cli.calibration_compare import compare
 from torquebench.cli.drift import drift
 from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
-from torquebench.cli.export import export, find_run
+from torquebench.cli.export import export
 from torquebench.cli.export_data import export_data
 from torquebench.cli.failure import CHECK_FAILED
-from torquebench.cli.finish import discard, finish
 from torquebench.cli.options import (
     DEFAULT_DATA,
     HELP_MARKUP,
@@ -31,11 +30,12 @@ from torquebench.cli.options import (
     numbered,
 )
 from torquebench.cli.records.backup import backup, rebuild, restore
-from torquebench.cli.records.checks import amend, review, use, verify
+from torquebench.cli.records.checks import amend, verify
 from torquebench.cli.recovered import tell_unfinished
 from torquebench.cli.terminal.console import answer, narrow_table, out, print_facts, say, warn
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
+from torquebench.operations.records import find_run
 
 if TYPE_CHECKING:
     from torquebench.records import ModelEntry, Registry, RunSummary, VerificationEntry
@@ -52,9 +52,7 @@ app = typer.Typer(
 
 for command in (
     verify,
-    review,
     amend,
-    use,
     backup,
     restore,
     rebuild,
@@ -68,8 +66,6 @@ for command in (
     add_certificate,
     fit_part,
     adjust,
-    finish,
-    discard,
 ):
     app.command()(command)
 

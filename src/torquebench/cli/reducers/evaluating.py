@@ -6,76 +6,11 @@ from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from rich.markup import escape
-from rich.table import Table
 
-from torquebench.cli.answers import REDUCER_TEST, TEST_PART
-from torquebench.cli.terminal.console import answer, narrow_table, out, say
-from torquebench.units import MINUTE
+from torquebench.cli.terminal.console import narrow_table, out
 
 if TYPE_CHECKING:
     from torquebench.campaign.reducers.quantities import ReducerTestQuantity
-    from torquebench.campaign.reducers.results import (
-        ReducerTestOutcome,
-        ReducerTestRecord,
-        ReducerTestRehearsal,
-    )
-    from torquebench.reducers import ReducerDescription
-
-
-def rehearsal_table(
-    reducer: ReducerDescription, parts: Sequence[ReducerTestRehearsal], *, simulated: bool
-) -> Table:
-    """Return the rehearsal of a test: durations, and the largest torques and speeds."""
-    said = " - simulated" if simulated else ""
-    table = narrow_table(
-        f"Planned test of {escape(reducer.name)}{said}",
-        columns=("", ">time", ">warm-up", ">points", ">input", ">output"),
-        caption=f"allowed at the reducer: {reducer.acceleration_torque_nm:g} N·m, "
-        f"{reducer.max_input_speed_rpm:g} rpm",
-    )
-    for part in parts:
-        most = []
-        for side in ("input", "output"):
-            torque, speed = part.largest_torque_nm[side], part.largest_speed_rpm[side]
-            words = [f"{torque:.4g} N·m"] * (torque > 0) + [f"{speed:.4g} rpm"] * (speed > 0)
-            most.append("\n".join(words) or "–")
-        warm = f"≤ {part.longest_warm_up_s / MINUTE:.0f} min" if part.longest_warm_up_s else "–"
-        minutes = f"{part.duration_s / MINUTE:.1f} min"
-        if part.longest_s > part.duration_s:
-            minutes = f"{part.duration_s / MINUTE:.0f}–{part.longest_s / MINUTE:.0f} min"
-        table.add_row(part.title, minutes, warm, str(part.points), *most)
-    return table
-
-
-def print_record(record: ReducerTestRecord) -> None:
-    """Print the values with U, limits, verdicts and remarks of every part."""
-    said = " - simulated" if record.simulated else ""
-    specimen = f" {record.serial}" if record.serial else ""
-    said = f"{', short test' if record.short else ''}{said}"
-    say(f"[bold]{escape(record.reducer_name + specimen)}{said}[/bold]")
-    for outcome in record.outcomes:
-        _print_outcome(outcome)
-    parts = [TEST_PART.of(each) for each in record.outcomes]
-    answer(**REDUCER_TEST.of(record, parts=parts))
-    for failure in record.failures:
-        say(f"[red]{escape(failure.title)} has no result[/red]  {escape(failure.message)}")
-    if record.verdict:
-        style = "red" if record.failed else "green"
-        say(f"Against the data sheet: [{style}]{record.verdict.label}[/{style}]")
-    if record.short:
-        from torquebench.campaign.reducers.results import SHORT_TEST
-
-        say(f"[yellow]{SHORT_TEST}[/yellow]")
-
-
-def _print_outcome(outcome: ReducerTestOutcome) -> None:
-    print_quantities(outcome.title, outcome.result, outcome.quantities)
-    for finding in outcome.findings:
-        style = "red" if finding.severe else "yellow"
-        say(f"[{style}]{escape(finding.name)}[/{style}]  {escape(finding.sentence)}")
-    for remark in outcome.remarks:
-        say(f"[dim]{escape(remark)}[/dim]")
-    say(f"Run: {outcome.run.run_id}\n")
 
 
 def print_by_speed(

@@ -16,20 +16,14 @@ if TYPE_CHECKING:
     from torquebench.bench.roles import Side
     from torquebench.calibration import Profile
     from torquebench.procedures.turning.profile import TurningProfile
-    from torquebench.reducers import ReducerDescription
 
-__all__ = ["confirm_start", "confirm_test", "confirm_turn"]
+__all__ = ["confirm_start", "confirm_turn"]
 
 
 def confirm_start(description: BenchDescription, side: str, profile: Profile, yes: bool) -> None:
     """Ask before a profile loads a module."""
     what = f"{side} will be loaded to ±{profile.largest_percent:g} % of range by {profile.name}"
     _confirm(description, what, yes)
-
-
-def confirm_test(described: BenchDescription, reducer: ReducerDescription, yes: bool) -> None:
-    """Ask before a reducer is tested."""
-    _confirm(described, f"{reducer.name} up to {reducer.rated_torque_nm:g} N·m", yes)
 
 
 def confirm_turn(

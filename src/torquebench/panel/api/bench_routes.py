@@ -8,7 +8,7 @@ from dataclasses import dataclass, fields
 from typing import Annotated, Any
 
 import numpy as np
-from fastapi import APIRouter, Path, Query
+from fastapi import APIRouter, Query
 from numpy.typing import NDArray
 from pydantic import StringConstraints
 
@@ -17,10 +17,8 @@ from torquebench.chain import EffectState
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import (
     AcknowledgeBody,
-    ActivateBody,
     LeaseBody,
     LiveRows,
-    ReasonBody,
     SignalValue,
     StopBody,
     SwitchBody,
@@ -193,33 +191,6 @@ def acknowledge(
 
 
 # -- compensation and the bench itself ------------------------------------------------------
-
-
-@router.post("/models/{model_id}/activate", status_code=204)
-def activate(
-    service: Service,
-    caller: Caller,
-    model_id: Annotated[int, Path(ge=1, le=2**53)],
-    body: ActivateBody,
-) -> None:
-    """Put a model into use on its chain; one that contradicts itself on demand, with a reason.
-
-    The newest numbers are by this model when the answer comes.
-    """
-    service.activate(
-        caller,
-        model_id,
-        body.reason,
-        despite_contradictions=body.despite_contradictions,
-        password=body.password or "",
-    )
-    service.wait_for_live()
-
-
-@router.post("/sides/{side}/deactivate", status_code=204)
-def deactivate(service: Service, caller: Caller, side: Side, body: ReasonBody) -> None:
-    """Take the compensation of a side out of use."""
-    service.deactivate(caller, side, body.reason)
 
 
 @router.get("/sides/{side}/effects")

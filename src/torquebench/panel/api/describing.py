@@ -10,17 +10,15 @@ from fastapi import FastAPI
 from fastapi.openapi.utils import get_openapi
 
 from torquebench.columns import column_of
-from torquebench.panel.api.details import details_schemas
+from torquebench.operations import OPERATIONS, json_schemas, parameters
 from torquebench.panel.api.problems import ProblemDetails
-from torquebench.panel.service import JOB_KINDS, Role
+from torquebench.panel.service import Role
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.units import unit_of_name
 
 __all__ = ["EXAMPLES", "describe", "name_choices"]
 
 ROLES: dict[str, Role] = {
-    "activate": "metrologist",
-    "deactivate": "metrologist",
     "switch_off": "metrologist",
     "reopen": "administrator",
     "users": "administrator",
@@ -30,13 +28,11 @@ ROLES: dict[str, Role] = {
     "add_client": "administrator",
     "revoke_client": "administrator",
     "log": "metrologist",
-    "sign_off": "metrologist",
-    "certificate": "metrologist",
     "enter_table": "metrologist",
     "change": "metrologist",
     "delete": "metrologist",
     "undo": "metrologist",
-    **{f"start_{kind.name.replace('-', '_')}": kind.role for kind in JOB_KINDS.values()},
+    **{each.key.replace("-", "_"): each.role for each in OPERATIONS.values()},
 }
 """Minimum role of an operation; everyone signed in may call the others."""
 WORDS = {
@@ -110,40 +106,15 @@ COLUMNS = (
 )
 """Names that mean a column of a table wherever the API has them."""
 
-WITH_PASSWORD = frozenset({"set_up", "sign_in", "change_password", "sign_off", "certificate"})
+WITH_PASSWORD = frozenset(
+    {
+        *("set_up", "sign_in", "change_password"),
+        *(each.key.replace("-", "_") for each in OPERATIONS.values() if each.signable),
+    }
+)
 OPEN = frozenset({"set_up", "sign_in"})
 
 EXAMPLES: dict[str, dict[str, Any]] = {
-    "CalibrateRequest": {
-        "side": "output",
-        "profile": "rapid-in-situ",
-        "step_percent": 10.0,
-        "models": ["hybrid", "polynomial-2"],
-        "bench_clear": True,
-    },
-    "ResumeRequest": {"run_id": "20260302T101530Z-calibrate-output-1a2b", "bench_clear": True},
-    "FinishRequest": {"run_id": "20260302T101530Z-calibrate-output-1a2b"},
-    "DiscardRequest": {
-        "run_id": "20260302T101530Z-calibrate-output-1a2b",
-        "reason": "the clamp was loose",
-    },
-    "CompareRequest": {"calibration_id": 7},
-    "FitRequest": {"calibration_id": 7, "model": "polynomial-3"},
-    "VerifyRequest": {"calibration_id": 7, "groups": 10, "points": 20, "bench_clear": True},
-    "RecordRequest": {
-        "name": "run-down of the drive",
-        "before_s": 5.0,
-        "duration_s": 60.0,
-        "trigger": {"signal": "output_speed_rpm", "level": 10.0, "direction": "falling"},
-    },
-    "ZeroRequest": {"sides": ["input", "output"]},
-    "CheckRequest": {"side": "output", "tolerance_percent_fs": 0.1, "bench_clear": True},
-    "ReducerTestRequest": {
-        "test": "hysteresis",
-        "reducer": "standard",
-        "serial": "RV80-0042",
-        "bench_clear": True,
-    },
     "SwitchBody": {"off": ["hysteresis"], "reason": "a comparison without it"},
     "StopBody": {"reason": "a noise from the clamp"},
     "AbortBody": {"reason": "the wrong reducer is mounted"},
@@ -189,13 +160,18 @@ def describe(api: FastAPI) -> dict[str, Any]:
     )
     schemas: dict[str, Any] = found["components"]["schemas"]
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
-    references, found_in_details = details_schemas()
-    for name, schema in found_in_details.items():
+    results = {each.key: each.result for each in OPERATIONS.values() if each.where != "files"}
+    references, of_results = json_schemas(list(dict.fromkeys(results.values())))
+    for name, schema in of_results.items():
         schemas.setdefault(name, schema)
-    schemas["JobResult"]["properties"]["details"] = {
-        "description": "By the kind of the job.",
-        "anyOf": references,
+    schemas["JobView"]["properties"]["result"] = {
+        "description": "Result of its operation, once it is done.",
+        "anyOf": [*references.values(), {"type": "null"}],
     }
+    for each in OPERATIONS.values():
+        if each.quick and each.where != "files":
+            answers = found["paths"][f"/operations/{each.key}"]["post"]["responses"]
+            answers["200"]["content"]["application/json"]["schema"] = references[each.result]
     for name, schema in schemas.items():
         _describe_schema(schema)
         if name in EXAMPLES:
@@ -207,23 +183,17 @@ def describe(api: FastAPI) -> dict[str, Any]:
 
 
 def name_choices(described: dict[str, Any], settings: SettingsStore) -> None:
-    """Write the present profiles and reducers, packaged and added ones, into a description."""
-    random: list[str] = []
-    steps: list[str] = []
-    for item in settings.items("profiles"):
-        pattern = (item.document.get("loading") or {}).get("pattern")
-        (random if pattern == "random" else steps).append(item.name)
-    reducers = [item.name for item in settings.items("reducers")]
-    for name, schema in described["components"]["schemas"].items():
-        if name.endswith("Request"):
-            properties = schema.get("properties", {})
-            for key, names in (
-                ("profile", random if name == "VerifyRequest" else steps),
-                ("reducer", reducers),
-            ):
-                if key in properties:
-                    text = properties[key].get("anyOf", [properties[key]])[0]  # or null
-                    text["enum"] = names
+    """Write into a description which profiles and reducers there are now, those added here too."""
+    schemas = described["components"]["schemas"]
+    for each in OPERATIONS.values():
+        for parameter in parameters(each.request):
+            schema = schemas.get(each.request.__name__)
+            if parameter.names not in ("", "models") and schema is not None:
+                field = schema["properties"][parameter.name]
+                text = field.get("anyOf", [field])[0]  # or null
+                text["enum"] = list(settings.names(parameter.names))
+    for name in ("TableRequest", "EnterTableRequest"):
+        schemas[name]["properties"]["profile"]["enum"] = list(settings.names("profiles:steps"))
 
 
 def _describe_operation(operation: dict[str, Any]) -> None:

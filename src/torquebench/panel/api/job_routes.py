@@ -1,4 +1,4 @@
-"""Operations on jobs: start, watch, pause, resume, abort; one operation for each kind."""
+"""Routes of operations, and of jobs: start, watch, pause, resume, abort."""
 
 from __future__ import annotations
 
@@ -6,22 +6,18 @@ from collections.abc import Callable
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Path, Query
+from pydantic import BaseModel, Field, create_model
 
+from torquebench.operations import OPERATIONS, Flag, Operation, Preview, Request, Role
 from torquebench.panel.api.access import Caller, Service, Watched
-from torquebench.panel.api.models import AbortBody, AnswerBody
-from torquebench.panel.service import (
-    JOB_KINDS,
-    JobPoint,
-    JobPreview,
-    JobView,
-    PendingPrompt,
-)
-from torquebench.panel.service.jobs.runner import JobKind
+from torquebench.panel.api.models import AbortBody, AnswerBody, Secret
+from torquebench.panel.service import JobPoint, JobView, PendingPrompt
 
 __all__ = ["router"]
 
 router = APIRouter(tags=["jobs"])
 
+SERVED = tuple(each for each in OPERATIONS.values() if each.where != "files")
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{12}$")]
 
 
@@ -48,25 +44,25 @@ def points(
 
 
 @router.post("/jobs/{job_id}/pause")
-def pause(service: Service, caller: Caller, job_id: JobId) -> JobView:
+def pause_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
     """Hold a job at its next point, without torque."""
     return service.jobs.pause(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/resume")
-def resume(service: Service, caller: Caller, job_id: JobId) -> JobView:
+def resume_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
     """Let a paused job go on."""
     return service.jobs.resume(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/finish")
-def finish(service: Service, caller: Caller, job_id: JobId) -> JobView:
+def finish_job(service: Service, caller: Caller, job_id: JobId) -> JobView:
     """End a job that continues until then, such as a recording, with its result."""
     return service.jobs.finish(caller, job_id)
 
 
 @router.post("/jobs/{job_id}/abort")
-def abort(service: Service, caller: Caller, job_id: JobId, body: AbortBody) -> JobView:
+def abort_job(service: Service, caller: Caller, job_id: JobId, body: AbortBody) -> JobView:
     """End a job with zero torque."""
     return service.jobs.abort(caller, job_id, body.reason)
 
@@ -88,44 +84,113 @@ def answer(
     service.jobs.answer(caller, number, done=body.done)
 
 
-def _starter(kind: JobKind) -> Callable[..., JobView]:
-    def start(service: Service, caller: Caller, body: Any) -> JobView:
-        return service.jobs.start(caller, kind.name, body)
+# -- operations -----------------------------------------------------------------------------
 
-    start.__annotations__["body"] = kind.request
+
+class OperationView(BaseModel):
+    """An operation: what it is and who may have it done; its route has its parameters."""
+
+    key: str
+    summary: str
+    role: Role
+    moves: bool
+    quick: bool = Field(description="Whether its result is the answer: it is no job.")
+    signed: bool = Field(description="Whether it is signed with the password.")
+
+
+@router.get("/operations", tags=["operations"])
+def operations(_service: Watched) -> list[OperationView]:
+    """Return all operations."""
+    return [
+        OperationView(
+            key=each.key,
+            summary=each.summary,
+            role=each.role,
+            moves=each.moves,
+            quick=each.quick,
+            signed=each.signed,
+        )
+        for each in SERVED
+    ]
+
+
+def _body(operation: Operation) -> type[Request]:
+    """Return the body of an operation's request: its fields, confirmation and signature."""
+    added: dict[str, Any] = {}
+    if operation.loads:
+        added["bench_clear"] = (Flag, False)
+    if operation.signed:
+        added["password"] = (Secret, ...)
+    elif operation.signable:
+        added["password"] = (Secret | None, None)
+    if not added:
+        return operation.request
+    body = create_model(operation.request.__name__, __base__=operation.request, **added)
+    body.__doc__ = operation.request.__doc__
+    return body
+
+
+def _parts(operation: Operation, body: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the fields of the request, and those beside it."""
+    values = {name: getattr(body, name) for name in body.model_fields_set}
+    beside = {name: values.pop(name) for name in ("bench_clear", "password") if name in values}
+    return {name: values[name] for name in operation.request.model_fields if name in values}, beside
+
+
+def _starter(operation: Operation, body_type: type[Request]) -> Callable[..., JobView]:
+    def start(service: Service, caller: Caller, body: Any) -> JobView:
+        request, beside = _parts(operation, body)
+        return service.start(caller, operation.name, request, **beside)
+
+    start.__annotations__["body"] = body_type
     return start
 
 
-def _previewer(kind: JobKind) -> Callable[..., JobPreview]:
-    def preview(service: Watched, body: Any) -> JobPreview:
-        return service.jobs.preview(kind.name, body)
+def _performer(operation: Operation, body_type: type[Request]) -> Callable[..., Any]:
+    def perform(service: Service, caller: Caller, body: Any) -> Any:
+        request, beside = _parts(operation, body)
+        result = service.perform(caller, operation.name, request, **beside)
+        if operation.activates:  # the newest numbers are by the other model when the answer comes
+            service.wait_for_live()
+        return result.plain()
 
-    preview.__annotations__["body"] = kind.request
+    perform.__annotations__["body"] = body_type
+    return perform
+
+
+def _previewer(operation: Operation, body_type: type[Request]) -> Callable[..., Preview]:
+    def preview(service: Watched, body: Any) -> Preview:
+        return service.jobs.preview(operation.name, _parts(operation, body)[0])
+
+    preview.__annotations__["body"] = body_type
     return preview
 
 
-def _add(kind: JobKind) -> None:
-    words = (kind.request.__doc__ or "").strip()
-    name = kind.name.replace("-", "_")
+def _add(operation: Operation) -> None:
+    """Add the routes of an operation."""
+    name, body = operation.key.replace("-", "_"), _body(operation)
+    quick = operation.quick
     router.add_api_route(
-        f"/start/{kind.name}",
-        _starter(kind),
+        f"/operations/{operation.key}",
+        (_performer if quick else _starter)(operation, body),
         methods=["POST"],
-        status_code=202,
-        name=f"start_{name}",
-        summary=f"Start: {kind.name}",
-        description=words,
+        status_code=200 if quick else 202,
+        name=name,
+        summary=operation.summary,
+        description=operation.description,
+        tags=["operations"],
     )
-    if kind.preview is not None:
+    if operation.preview is not None:
         router.add_api_route(
-            f"/preview/{kind.name}",
-            _previewer(kind),
+            f"/operations/{operation.key}/preview",
+            _previewer(operation, body),
             methods=["POST"],
             name=f"preview_{name}",
-            summary=f"Preview: {kind.name}",
-            description=f"{words}\n\nDry run: nothing moves.",
+            summary=f"Preview: {operation.summary}",
+            description=f"{operation.description}\n\nDry run: nothing moves.",
+            tags=["operations"],
         )
 
 
-for _kind in JOB_KINDS.values():
-    _add(_kind)
+for _operation in SERVED:
+    _add(_operation)

@@ -7,16 +7,14 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.chain.effects.switched_off import SWITCHES, Switch
+from torquebench.operations import WHOLE, Flag
 from torquebench.panel.service import Client, Role
 from torquebench.panel.service.access.passwords import LONGEST, SHORTEST
-from torquebench.panel.service.fields import WHOLE, Flag
-from torquebench.panel.service.jobs.checks import CertificateOptions
 
 __all__ = [
     "AbortBody",
     "AcknowledgeBody",
     "AnswerBody",
-    "CertificateBody",
     "ClientBody",
     "DocumentBody",
     "LeaseBody",
@@ -27,7 +25,6 @@ __all__ = [
     "ReasonBody",
     "SetUpBody",
     "SignInBody",
-    "SignOffBody",
     "SignalValue",
     "StopBody",
     "SwitchBody",
@@ -103,16 +100,6 @@ class ReasonBody(Body):
     reason: Text = ""
 
 
-class ActivateBody(ReasonBody):
-    """Why a model is put into use, and whether although its calibration contradicts itself.
-
-    With the password of the person the decision is signed.
-    """
-
-    despite_contradictions: Flag = False
-    password: Secret | None = None
-
-
 class AcknowledgeBody(Body):
     """Identifiers of the checked alarms."""
 
@@ -136,24 +123,6 @@ class AnswerBody(Body):
     """Whether the person at the bench has fulfilled the request."""
 
     done: Flag
-
-
-class SignOffBody(Body):
-    """A metrologist's signature under a calibration.
-
-    `sha256` is the hash of what the person saw, `signed_sha256` of the calibration.
-    """
-
-    password: Secret
-    sha256: Annotated[str, Field(pattern="^([0-9a-f]{64})?$")] = ""
-    accepted: Flag = True
-    remark: Text = ""
-
-
-class CertificateBody(CertificateOptions):
-    """A metrologist's signature under a certificate, and the certificate's options."""
-
-    password: Secret
 
 
 class DocumentBody(Body):

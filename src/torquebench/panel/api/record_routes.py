@@ -12,15 +12,15 @@ from fastapi.responses import StreamingResponse
 from pydantic import AwareDatetime, BaseModel
 
 from torquebench.bench.roles import Side
+from torquebench.operations import Moment
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.bench_routes import finite_list
-from torquebench.panel.api.models import CertificateBody, DocumentBody, ReasonBody, SignOffBody
+from torquebench.panel.api.models import DocumentBody, ReasonBody
 from torquebench.panel.service import (
     CalibrationDetail,
     EnteredTable,
     EnterTableRequest,
     ErrorCurve,
-    JobView,
     RunDetail,
     RunPage,
     SettingsChange,
@@ -29,7 +29,6 @@ from torquebench.panel.service import (
     TableView,
     UnfinishedView,
 )
-from torquebench.panel.service.fields import Moment
 from torquebench.panel.service.records.queries import MEDIA
 from torquebench.records import CalibrationEntry, CertificateEntry, ModelEntry
 from torquebench.records.export.streams import Stream, StreamFormat, stream_ending
@@ -214,30 +213,6 @@ def errors(
 ) -> ErrorCurve:
     """Return the error of a chain over torque, raw and after a model."""
     return service.records.error_curve(calibration_id, model_id)
-
-
-@router.post("/calibrations/{calibration_id}/sign-off", status_code=204)
-def sign_off(service: Service, caller: Caller, calibration_id: Number, body: SignOffBody) -> None:
-    """Sign the review of a calibration with the password; not by the person who measured it."""
-    service.sign_off(
-        caller,
-        calibration_id,
-        body.password,
-        accepted=body.accepted,
-        remark=body.remark,
-        sha256=body.sha256,
-    )
-
-
-@router.post("/calibrations/{calibration_id}/certificate", status_code=202)
-def certificate(
-    service: Service, caller: Caller, calibration_id: Number, body: CertificateBody
-) -> JobView:
-    """Issue the certificate of a calibration as a job, signed with the password."""
-    request: dict[str, Any] = body.model_dump(exclude={"password"})
-    return service.issue_certificate(
-        caller, request | {"calibration_id": calibration_id}, body.password
-    )
 
 
 @router.get("/models")

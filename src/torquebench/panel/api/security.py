@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import ipaddress
+import re
 import time
 from collections.abc import Iterable
 from urllib.parse import urlsplit
@@ -47,7 +48,8 @@ class Guard:
     secure : bool
         Whether connections are encrypted: browsers then get HSTS.
     compiled : iterable of str
-        Paths of NiceGUI's pages, which don't work without inline scripts and `eval`.
+        Paths of NiceGUI's pages, with parts in braces; they don't work without inline scripts and
+        `eval`.
     """
 
     def __init__(
@@ -61,7 +63,8 @@ class Guard:
         self._app = app
         self._hosts = frozenset(hosts)
         self._secure = secure
-        self._compiled = frozenset(compiled)
+        paths = (re.sub(r"\{\w+\}", "[^/]+", path) for path in compiled)
+        self._compiled = re.compile("|".join(paths))
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Pass a request on, or refuse it."""
@@ -116,7 +119,7 @@ class Guard:
 
     def _with_headers(self, scope: Scope, send: Send) -> Send:
         api = scope["path"].startswith("/api/")
-        policy = COMPILED_POLICY if scope["path"] in self._compiled else OWN_POLICY
+        policy = COMPILED_POLICY if self._compiled.fullmatch(scope["path"]) else OWN_POLICY
 
         async def sending(message: ServerMessage) -> None:
             if message["type"] == "http.response.start":

@@ -174,8 +174,8 @@ class Chart:
     names : sequence of str
         Names along the horizontal axis instead of numbers.
     tall : bool
-    logarithmic : bool
-        Both axes; all values are above 0.
+    logarithmic : str
+        Logarithmic axes: "", "x", "y" or "xy"; their values are above 0.
     moments : bool
         The horizontal axis is time: s since 1970.
     """
@@ -189,11 +189,11 @@ class Chart:
         *,
         names: Sequence[str] = (),
         tall: bool = False,
-        logarithmic: bool = False,
+        logarithmic: str = "",
         moments: bool = False,
     ) -> None:
         self._per_x = 1000.0 if moments else 1.0  # a time axis counts in ms
-        kind = "log" if logarithmic else "value"
+        kinds = {axis: "log" if axis in logarithmic else "value" for axis in "xy"}
         options: dict[str, Any] = {
             "animation": False,
             "textStyle": {":fontFamily": "getComputedStyle(document.body).fontFamily"},
@@ -208,8 +208,10 @@ class Chart:
                 ":pageIconColor": _colour("--ink"),
             },
             "tooltip": {"trigger": "axis", "confine": True},
-            "xAxis": _axis(x_title, vertical=False, names=names, kind="time" if moments else kind),
-            "yAxis": _axis(y_title, vertical=True, kind=kind),
+            "xAxis": _axis(
+                x_title, vertical=False, names=names, kind="time" if moments else kinds["x"]
+            ),
+            "yAxis": _axis(y_title, vertical=True, kind=kinds["y"]),
             "series": self._lines(lines),
         }
         with box("figure", "figure"):

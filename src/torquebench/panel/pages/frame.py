@@ -123,6 +123,8 @@ class _Frame:
     def _rail(self, current: str) -> None:
         with box("nav", "rail", aria_label=self.text("navigation.label")), box("ul"):
             for page in sorted(PAGES.values(), key=lambda page: page.place):
+                if not page.place:
+                    continue
                 here = "page" if page.name == current else None
                 with (
                     box("li"),
@@ -216,7 +218,7 @@ class _Frame:
             said = f"{text.alarm(alarm.kind)}: {text.core(alarm.found)}"
             news["alarm"] = (alarm.alarm_id, said)
         if job is not None:
-            title = text.maybe(f"job.{job.kind}", job.title)
+            title = text.core(job.title)
             state = text(f"job.state_{job.state}")
             news["job"] = (job.job_id, text("job.ended", title=title, state=state))
         self._notice.set_text(json.dumps(news))
@@ -266,11 +268,14 @@ def command_words(text: Text, mine: bool, holder: str | None) -> str:
 
 @contextmanager
 def frame(
-    visitor: Visitor, current: str, on_refresh: Callable[[], Any] | None = None
+    visitor: Visitor, current: str, on_refresh: Callable[[], Any] | None = None, title: str = ""
 ) -> Iterator[Any]:
-    """Put a page's content into the frame; `on_refresh` is called twice a second."""
+    """Put a page's content into the frame; `on_refresh` is called twice a second.
+
+    `current` is the page's name, or that of the page in the rail that it belongs to.
+    """
     text = visitor.text
-    title = text(f"{current}.title")
+    title = title or text(f"{current}.title")
     head(text, visitor.look, title)
     around = _Frame(visitor, current)
 

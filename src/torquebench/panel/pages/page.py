@@ -21,10 +21,11 @@ class Page:
     name : str
         Its title is the text `navigation.NAME`.
     path : str
+        Parts in braces, such as ``/calibrations/{number}``, are in the visitor's query.
     picture : str
         Icon in the navigation rail.
     place : int
-        Place in the rail; Alt and this number open the page.
+        Place in the rail; Alt and this number open the page. 0: it isn't in the rail.
     build : callable
         Fills the page for a visitor.
     """
@@ -40,7 +41,7 @@ PAGES: dict[str, Page] = {}
 """All pages by name; complete as soon as the package `pages` is imported."""
 
 
-def page(name: str, path: str, picture: str, place: int) -> Callable[[Build], Build]:
+def page(name: str, path: str, picture: str = "", place: int = 0) -> Callable[[Build], Build]:
     """Register the function that builds a page."""
 
     def enter(build: Build) -> Build:

@@ -7,13 +7,13 @@ from typing import Any
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.recording import TRIGGER_SIGNALS
 from torquebench.panel.components.controls import Field, button, typed_number
 from torquebench.panel.components.dialogs import foot, sheet
 from torquebench.panel.components.elements import box, words
 from torquebench.panel.pages.records.column_titles import column_title
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import Actor
-from torquebench.panel.service.jobs.recordings import TRIGGER_SIGNALS
 
 __all__ = ["open_recording"]
 

@@ -13,7 +13,6 @@ from fastapi.responses import RedirectResponse, Response
 from nicegui import app, ui
 
 from torquebench.errors import TorquebenchError
-from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.pages.page import PAGES, Page
 from torquebench.panel.pages.sign_in import no_such_page, safe_target, sign_in_page
 from torquebench.panel.pages.visitor import SESSION_COOKIE, visitor_of
@@ -62,18 +61,17 @@ def register_pages(service: BenchService) -> dict[str, str]:
     async def not_found(request: Request, _error: Exception) -> Response:
         return no_such_page(request)
 
-    dismissed = Dismissed()
     for page in PAGES.values():
-        _add(service, page, dismissed, opened)
+        _add(service, page, opened)
     return opened
 
 
-def _add(service: BenchService, page: Page, dismissed: Dismissed, opened: dict[str, str]) -> None:
+def _add(service: BenchService, page: Page, opened: dict[str, str]) -> None:
     @ui.page(page.path, reconnect_timeout=KEPT_S)
     def show(request: Request) -> Response | None:
-        visitor = visitor_of(service, request, dismissed)
+        visitor = visitor_of(service, request)
         if visitor is None:
-            return RedirectResponse(f"/sign-in?next={quote(page.path)}", status_code=303)
+            return RedirectResponse(f"/sign-in?next={quote(request.url.path)}", status_code=303)
         client = ui.context.client
         opened[client.id] = visitor.token
         client.on_delete(lambda: opened.pop(client.id, None))

@@ -15,7 +15,6 @@ from starlette.types import Scope
 from torquebench.errors import RecordError, TorquebenchError
 from torquebench.panel.components.elements import note
 from torquebench.panel.components.messages import Messages
-from torquebench.panel.pages.calibrate.workflow import Dismissed
 from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
 from torquebench.panel.text import Text, choose_language
 
@@ -50,10 +49,8 @@ class Visitor:
     text : Text
     look : str
         "light", "dark" or empty for the device's own.
-    dismissed : Dismissed
-        Shared by all pages of the server.
     query : mapping of str to str
-        The query of the page's address.
+        The query of the page's address, and the named parts of its path.
     shown_jobs : set of str
         Jobs that the page itself shows.
     messages : Messages
@@ -64,7 +61,6 @@ class Visitor:
     token: str
     text: Text
     look: str
-    dismissed: Dismissed
     query: Mapping[str, str] = field(default_factory=dict)
     shown_jobs: set[str] = field(default_factory=set)
     messages: Messages = None  # type: ignore[assignment]  # set by the frame
@@ -122,10 +118,14 @@ class Visitor:
         return self.attempt(lambda: action(self.actor, *arguments, **options), success, then)
 
     def start(
-        self, kind: str, request: Mapping[str, Any], then: Callable[[], Any] = lambda: None
+        self,
+        kind: str,
+        request: Mapping[str, Any],
+        then: Callable[[], Any] = lambda: None,
+        **confirmed: Any,
     ) -> bool:
-        """Attempt to start a job."""
-        return self.act(self.service.jobs.start, kind, request, then=then)
+        """Attempt to start an operation as a job."""
+        return self.act(self.service.start, kind, request, then=then, **confirmed)
 
     async def attempt_aside(self, action: Callable[[], Value]) -> Value | None:
         """Run an action beside the event loop; show the refusal; return its value."""
@@ -161,12 +161,12 @@ def look_of(request: Request) -> str:
     return wanted if wanted in LOOKS else ""
 
 
-def visitor_of(service: BenchService, request: Request, dismissed: Dismissed) -> Visitor | None:
+def visitor_of(service: BenchService, request: Request) -> Visitor | None:
     """Return the user of a page; None without sign-in."""
     token = request.cookies.get(SESSION_COOKIE, "")
     try:
         service.people.actor(token, touch=False)
     except NotSignedInError:
         return None
-    query = dict(request.query_params)
-    return Visitor(service, token, text_of(request), look_of(request), dismissed, query)
+    query = dict(request.query_params) | request.path_params
+    return Visitor(service, token, text_of(request), look_of(request), query)

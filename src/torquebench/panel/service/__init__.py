@@ -29,23 +29,18 @@ Command lease (`lease`): one session commands, others watch
       force=False)`, `give_back(actor)`, `may_take(actor)` -> (bool, reason). Commands renew it; a
       command takes a free lease.
 
-Work (`jobs`): one at a time, each needs the lease
-    - `jobs.preview(kind, request)` -> `JobPreview` (steps, duration, limits; nothing moves).
-    - `jobs.start(actor, kind, request)` -> `JobView`; kinds and their requests (pydantic) are in
-      `JOB_KINDS`: "calibrate", "resume-calibration", "compare-models", "fit", "verify", "zero",
-      "check", "record", "reducer-test", "standard-reducer". `jobs.details` has the types of
-      `JobView.result.details`.
+Work: operations, as jobs one at a time, which needs the lease, or at once
+    - `jobs.preview(name, request)` -> `Preview` (steps, duration, limits; nothing moves).
+    - `start(actor, name, request, bench_clear=, password=)` -> `JobView`; `perform(actor, name,
+      request, password=)` -> `Result` of a quick operation. Names, requests and results are those
+      of `torquebench.operations.OPERATIONS`.
     - `jobs.current` / `jobs.get(job_id)` / `jobs.recent()` -> `JobView` (state, stages, progress,
       problem, result); `jobs.points(job_id, since=0)` -> list of `JobPoint` as they arrive, with
       `values["reading_nm"]`, `["standard_nm"]`, `["error_nm"]`, `["series"]`, `["branch"]`.
     - `jobs.pause(actor, job_id)`, `resume`, `abort(actor, job_id, reason)`.
     - `jobs.prompt` -> `PendingPrompt(number, text)` or None; `jobs.answer(actor, number, done)`.
-    - `activate(actor, model_id, reason)`, `deactivate(actor, side, reason)`, `sign_off(actor,
-      calibration_id, password, accepted=True, remark="")`, `issue_certificate(actor, request,
-      password)` -> `JobView` of kind "certificate".
-    - `unfinished()` -> list of `UnfinishedView`: what jobs "finish-run" and "discard-run" are for.
-    - `interrupted(run_id="")` -> `InterruptedView` or None: what can be resumed;
-      `recall(actor, calibration_id)` -> `JobView` of a registered calibration, as if just done.
+    - `unfinished()` -> list of `UnfinishedView`; `records.interrupted(run_id="")` ->
+      `InterruptedView` or None: what can be finished and resumed.
     - `log(limit, before)` -> what people did, newest first.
 
 Alarms and stop

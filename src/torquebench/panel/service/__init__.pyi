@@ -9,7 +9,6 @@ from .live.alarms import (
     StopReport as StopReport,
 )
 from .bench_service import (
-    JOB_KINDS as JOB_KINDS,
     BenchService as BenchService,
 )
 from .access.clients import (
@@ -18,10 +17,8 @@ from .access.clients import (
 from .settings.differences import (
     Difference as Difference,
 )
-from .jobs.values import (
+from .jobs.job import (
     JobPoint as JobPoint,
-    JobPreview as JobPreview,
-    JobResult as JobResult,
     JobStage as JobStage,
     JobView as JobView,
     PendingPrompt as PendingPrompt,
@@ -37,7 +34,6 @@ from .live.hub import (
     LatestValue as LatestValue,
     LiveHub as LiveHub,
     LiveTrend as LiveTrend,
-    LiveWindows as LiveWindows,
     TORQUE_SIGNALS as TORQUE_SIGNALS,
 )
 from .live.layout import (
@@ -71,18 +67,14 @@ from .problems import (
 from .jobs.log import (
     EndedJob as EndedJob,
 )
-from .jobs.finishing import (
-    UnfinishedView as UnfinishedView,
-)
-from .jobs.recall import (
-    InterruptedView as InterruptedView,
-)
 from .records.views import (
     CalibrationDetail as CalibrationDetail,
     ErrorCurve as ErrorCurve,
+    InterruptedView as InterruptedView,
     RunDetail as RunDetail,
     RunPage as RunPage,
     RunTable as RunTable,
+    UnfinishedView as UnfinishedView,
 )
 from .settings.documents import (
     SECTIONS as SECTIONS,

@@ -28,20 +28,22 @@ from torquebench.errors import (
     TorquebenchError,
 )
 from torquebench.message import Message
-from torquebench.panel.service.access.actors import Actor, Role, allows, require
+from torquebench.operations import (
+    Operation,
+    Request,
+    Result,
+    Role,
+    allows,
+    find_operation,
+    plain_text,
+)
+from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.clients import Clients
 from torquebench.panel.service.access.lease import CommandLease
 from torquebench.panel.service.access.people import People
-from torquebench.panel.service.fields import plain
-from torquebench.panel.service.jobs.calibrations import CALIBRATION_KINDS
-from torquebench.panel.service.jobs.checks import CERTIFICATE_KIND, CHECK_KINDS
-from torquebench.panel.service.jobs.finishing import FINISHING_KINDS, UnfinishedView, unfinished
+from torquebench.panel.service.jobs.job import JobView
 from torquebench.panel.service.jobs.log import JobLog
-from torquebench.panel.service.jobs.recall import InterruptedView, interrupted_calibration, recall
-from torquebench.panel.service.jobs.recordings import RECORDING_KINDS
-from torquebench.panel.service.jobs.reducers import REDUCER_KINDS
-from torquebench.panel.service.jobs.runner import JobKind, JobRunner, Workplace
-from torquebench.panel.service.jobs.values import JobView
+from torquebench.panel.service.jobs.runner import JobRunner
 from torquebench.panel.service.live.alarms import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.live.hub import STALE_AFTER_S, Connection, LiveHub
 from torquebench.panel.service.live.layout import DEFAULT_LAYOUT, LiveLayout
@@ -52,9 +54,10 @@ from torquebench.panel.service.live.snapshot import (
     compensation_state,
     side_snapshots,
 )
-from torquebench.panel.service.problems import NotSignedInError, PermissionDeniedError
+from torquebench.panel.service.problems import NotSignedInError
 from torquebench.panel.service.records.queries import RecordQueries
 from torquebench.panel.service.records.table_import import TableImport
+from torquebench.panel.service.records.views import UnfinishedView
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.panel.service.store import Event, PanelStore
 from torquebench.reports.certificate import (
@@ -66,19 +69,7 @@ from torquebench.reports.certificate import (
 )
 from torquebench.station import LONGEST_BEFORE_S, Station, data_directory
 
-__all__ = ["JOB_KINDS", "BenchService"]
-
-JOB_KINDS: Mapping[str, JobKind] = {
-    kind.name: kind
-    for kind in (
-        *CALIBRATION_KINDS,
-        *CHECK_KINDS,
-        *REDUCER_KINDS,
-        *RECORDING_KINDS,
-        *FINISHING_KINDS,
-    )
-}
-"""Kinds that `jobs.start` accepts."""
+__all__ = ["BenchService"]
 
 LIVE_BLOCK_S = 0.03
 """Longest block of a live bench: thirty-three updates a second, s."""
@@ -128,13 +119,13 @@ class BenchService:
         self.station = self._open_station()
         self._watch()
         self.jobs = JobRunner(
-            Workplace(self.station, self.settings),
+            self.station,
+            self.settings,
             self.lease,
             self._prompts,
-            JOB_KINDS,
             self.note,
             JobLog(store),
-            on_done=self._job_done,
+            on_done=self._done,
         )
         self._idle = threading.Thread(target=self._keep_time, name="torquebench-idle", daemon=True)
         if fast:
@@ -256,7 +247,7 @@ class BenchService:
             self.station.close()
             self.station = self._open_station()
             self._watch()
-            self.jobs.move(Workplace(self.station, self.settings))
+            self.jobs.move(self.station)
 
     def __enter__(self) -> Self:
         return self
@@ -457,76 +448,47 @@ class BenchService:
             return self.people.signed_in(actor.session_id)
         return self.present(actor) is not None
 
-    def _job_done(self, kind: str) -> None:
-        if kind in ("calibrate", "resume-calibration", "fit", "finish-run"):
+    def _done(self, done: Operation) -> None:
+        """Use the models that the registry has in use now."""
+        if done.activates:
             for side in SIDES:
                 self.refresh_compensation(side)
 
-    def activate(
+    def start(
         self,
         actor: Actor,
-        model_id: int,
-        reason: str = "",
+        kind: str,
+        request: Mapping[str, Any] | Request,
         *,
-        despite_contradictions: bool = False,
+        bench_clear: bool = False,
         password: str = "",
-    ) -> None:
-        """Put a model into use, on its chain; with the password the decision is signed.
-
-        With `despite_contradictions` and a reason even one whose calibration contradicts itself,
-        which a person has to decide.
+    ) -> JobView:
+        """Start an operation as a job, signed with the password where it is a signature.
 
         Raises
         ------
-        PermissionDeniedError, LeaseError
-            A metrologist who commands may.
-        RecordError
-            There is no such model, its file was changed, or its calibration contradicts itself.
-        InputError
-            It does, and no reason is given.
-        BusyError
-            A job is under way.
+        SignInError, LockedOutError
+            The password is wrong.
+        TorquebenchError
+            As of `JobRunner.start`.
         """
-        require(actor, "metrologist")
-        if despite_contradictions and actor.kind != "person":
-            raise PermissionDeniedError(
-                Message("{name} decides despite contradictions", actor.label), "a person's decision"
-            )
-        signature = actor.signature
-        if password:
-            self.people.confirm_password(actor, password)
-            signature = actor.signed
-        self.jobs.command(actor)
-        model = self.station.registry.model(model_id)
-        model.check_file()
-        self.station.registry.activate(
-            model_id,
-            operator=actor.label,
-            reason=reason,
-            despite_contradictions=despite_contradictions,
-            signature=signature,
-        )
-        self.note(
-            actor,
-            "activated a model",
-            model_id=model_id,
-            reason=reason,
-            contradictions=len(model.contradictions),
-        )
-        for side in SIDES:
-            self.refresh_compensation(side)
+        signed = self._confirm_signature(actor, kind, password)
+        return self.jobs.start(actor, kind, request, bench_clear=bench_clear, signed=signed)
 
-    def deactivate(self, actor: Actor, side: Side, reason: str = "") -> None:
-        """Take the compensation of a side out of use; raises like `activate`."""
-        require(actor, "metrologist")
-        self.jobs.command(actor)
-        serial = self.station.description.module(side).transducer.serial
-        counter = self.station.drivers.counter.clock_identity
-        self.station.registry.deactivate(
-            serial, counter, operator=actor.label, reason=reason, signature=actor.signature
-        )
-        self.note(actor, "deactivated compensation", side=side, reason=reason)
-        self.refresh_compensation(side)
+    def perform(
+        self, actor: Actor, kind: str, request: Mapping[str, Any] | Request, *, password: str = ""
+    ) -> Result:
+        """Do at once what is no job; raises as `start` and `JobRunner.perform`."""
+        signed = self._confirm_signature(actor, kind, password)
+        return self.jobs.perform(actor, kind, request, signed=signed)
+
+    def _confirm_signature(self, actor: Actor, kind: str, password: str) -> bool:
+        """Return whether the person has given the password; a signature demands it."""
+        found = find_operation(kind)
+        if found.signed or password:
+            require(actor, found.role)
+            self.people.confirm_password(actor, password)
+        return found.signed or bool(password)
 
     def effects(self, side: Side) -> tuple[EffectState, ...]:
         """Return the state of every effect of a side's measuring chain at the newest window.
@@ -557,79 +519,11 @@ class BenchService:
             actor, "switched corrections", side=side, off=", ".join(off) or "none", reason=reason
         )
 
-    def interrupted(self, run_id: str = "") -> InterruptedView | None:
-        """Return a calibration that can be resumed: a run, or the newest calibration."""
-        return interrupted_calibration(self.station.registry, run_id)
-
     def unfinished(self) -> list[UnfinishedView]:
         """Return unfinished runs, the oldest first."""
         if self.jobs.busy:  # a running job isn't finished either
             return []
-        return unfinished(self.station.registry)
-
-    def recall(self, actor: Actor, calibration_id: int) -> JobView:
-        """Take a registered calibration up again: to compare, fit, verify, sign or certify it.
-
-        Raises
-        ------
-        BusyError
-            A job is under way.
-        RecordError
-            It isn't registered, or its records were changed.
-        """
-        return recall(self.jobs, self.station, actor, calibration_id)
-
-    def sign_off(
-        self,
-        actor: Actor,
-        calibration_id: int,
-        password: str,
-        *,
-        accepted: bool = True,
-        remark: str = "",
-        sha256: str = "",
-    ) -> None:
-        """Enter the review of a calibration, signed with the password.
-
-        Parameters
-        ----------
-        actor : Actor
-        calibration_id : int
-        password : str
-        accepted : bool
-        remark : str
-        sha256 : str
-            Hash of what the person saw: calibration, models and their latest verifications.
-
-        Raises
-        ------
-        PermissionDeniedError
-            A metrologist signs, and no client.
-        SignInError, LockedOutError
-            The password is wrong.
-        RecordError
-            There is no such calibration, it has changed since it was shown, or the person measured
-            it.
-        """
-        require(actor, "metrologist")
-        registry = self.station.registry
-        present = actor.signed.about(registry.covered(calibration_id))
-        if sha256 and sha256 != present.sha256:
-            raise RecordError(
-                Message("calibration {number} has changed since it was shown", calibration_id),
-                "what was looked at",
-                "look at it again, then sign",
-            )
-        self.people.confirm_password(actor, password)
-        registry.review(
-            "calibrations",
-            calibration_id,
-            checked_by=actor.name,
-            accepted=accepted,
-            remark=remark,
-            signature=present,
-        )
-        self.note(actor, "signed a calibration", calibration_id=calibration_id, accepted=accepted)
+        return self.records.unfinished()
 
     def certificate_preview(
         self,
@@ -668,12 +562,6 @@ class BenchService:
         )
         record = build_record(registry, registry.calibration(calibration_id), issue)
         return certificate_pages(record, next(iter(languages), "en"))
-
-    def issue_certificate(self, actor: Actor, request: Mapping[str, Any], password: str) -> JobView:
-        """Issue a certificate as a job, signed with the password; raises like `sign_off`."""
-        require(actor, "metrologist")
-        self.people.confirm_password(actor, password)
-        return self.jobs.start_kind(actor, CERTIFICATE_KIND, request, actor.signed)
 
     # -- alarms and stop --------------------------------------------------------------------
 
@@ -747,7 +635,7 @@ class BenchService:
         This is no emergency stop in the sense of machine safety: that one is a red button.
         """
         started = time.perf_counter()
-        said = plain(reason, 200) or "stop button"
+        said = plain_text(reason, 200) or "stop button"
         alarm = self.station.emergency_stop(Message("{reason}, by {who}", said, actor.label))
         seconds = time.perf_counter() - started
         # The alarm is already in the audit log; the caller must not wait for the disk.

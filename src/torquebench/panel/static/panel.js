@@ -308,7 +308,8 @@
 
   // Back and forward through the wizard's steps, whose addresses the server has put there.
   window.addEventListener("popstate", () => {
-    if (window.location.pathname === "/calibrate" && !window.location.hash) window.location.reload();
+    const calibration = window.location.pathname.startsWith("/calibrations/");
+    if (calibration && !window.location.hash) window.location.reload();
   });
 
   function remember(name, value) {

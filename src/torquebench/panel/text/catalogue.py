@@ -8,7 +8,7 @@ from functools import cache
 from importlib import resources
 from typing import Any, Literal, Protocol, get_args
 
-from torquebench.translations import translated
+from torquebench.translations import templates, translated
 from torquebench.uncertainty import Verdict
 
 __all__ = ["LANGUAGES", "Language", "Text", "choose_language", "words"]
@@ -100,7 +100,9 @@ class Text:
 
     def __call__(self, key: str, **values: object) -> str:
         """Return a text with its placeholders filled."""
-        found = self._words[key]
+        found = self._words.get(key)
+        if found is None:
+            found = key if self.language == "en" else templates(self.language).get(key, key)
         return found.format(**values) if values else found
 
     def maybe(self, key: str, otherwise: str) -> str:

@@ -434,7 +434,8 @@ class Registry(RunRecords):
                         Message.joined((each.found for each in contradictions), "; "),
                     ),
                     "a plausible calibration",
-                    "find the cause and calibrate again, or take it by name and with a reason",
+                    "find the cause and calibrate again, or take it despite contradictions, by "
+                    "name and with a reason",
                 )
             if contradictions and not (operator.strip() and reason.strip()):
                 raise InputError(

@@ -131,8 +131,7 @@ class UnfinishedRun:
                     self.run_id,
                 )
         return Message(
-            "resume it with `torquebench calibrate --resume {run_id}`, or `records "
-            "discard {run_id}`",
+            "resume it with `torquebench resume {run_id}`, or `records discard {run_id}`",
             self.run_id,
         )
 

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 from math import isnan
 
 from torquebench.campaign.reducers.comparison import ReducerComparison, SpecimenResults
+from torquebench.message import Message
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 from torquebench.reports.reducers.comparison_figures import difference_figure, values_figure
 from torquebench.uncertainty import Verdict, stated
 
@@ -44,7 +45,10 @@ def comparison_page(found: ReducerComparison) -> Page:
     return Page(
         title=title,
         subtitle=benches,
-        sections=[Section("", "", (_facts(found), *_figures(found))), *_tables(found)],
+        sections=[
+            Section("", "", (_facts(found), Drawings(lambda: _figures(found)))),
+            *_tables(found),
+        ],
         simulated=found.simulated,
     )
 
@@ -87,17 +91,17 @@ def _judged(specimen: SpecimenResults) -> str:
 # -- figures --------------------------------------------------------------------------------
 
 
-def _figures(found: ReducerComparison) -> list[Figure]:
+def _figures(found: ReducerComparison) -> list[tuple[str, str]]:
     single, families = _drawn(found)
     figures = []
     if single:
         mean = "" if found.changes else "; grey: their mean ± its U"
         caption = f"Values ± U{mean}; dashed: limit of the data sheet, where it is near."
-        figures.append(Figure(values_figure(found, single), caption))
+        figures.append((values_figure(found, single), caption))
     for title, keys in families.items():
         against = "after less before" if found.changes else "less the mean of all specimens"
         caption = f"{title}: {against}, ± U of the difference."
-        figures.append(Figure(difference_figure(found, keys), caption))
+        figures.append((difference_figure(found, keys), caption))
     return figures
 
 
@@ -156,7 +160,13 @@ def _changes(found: ReducerComparison, keys: Sequence[str]) -> Table:
             )
         )
     header = ("quantity", "before", "after", "change", "", "unit", "", "verdict")
-    return Table(header, rows, "Values ± U, changes ± U of the change, 95.45 % coverage.")
+    caption = Message(
+        "Values ± U, changes ± U of the change, 95.45 % coverage; {cancelled}.",
+        "common errors of both runs cancel"
+        if found.same_chain
+        else "no errors cancel: different chains",
+    )
+    return Table(header, rows, caption)
 
 
 def _verdicts(before: str, after: str) -> str:

@@ -18,7 +18,7 @@ from torquebench.campaign.reducers.results import (
 )
 from torquebench.reducers import EfficiencyMap, NoLoadPoint, NoLoadResult
 from torquebench.reducers.preparation import grouped
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 from torquebench.uncertainty import stated
 
 
@@ -111,11 +111,11 @@ def _section(outcome: ReducerTestOutcome) -> Section:
     remarks = tuple(("Remark", remark) for remark in outcome.remarks)
     findings = tuple((f"Finding: {each.name}", each.sentence) for each in outcome.findings)
     facts = Facts((*findings, *remarks, ("Record", outcome.run.run_id)))
-    drawn = (Figure(*each) for each in TESTS[outcome.name].work().figures(outcome.result))
+    figures = Drawings(lambda: TESTS[outcome.name].work().figures(outcome.result))
     return Section(
         outcome.title,
         "",
-        (*drawn, *tables_of(outcome.result, outcome.quantities), facts),
+        (figures, *tables_of(outcome.result, outcome.quantities), facts),
     )
 
 

@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 
 from torquebench.figures import Curve
+from torquebench.message import Message
 from torquebench.reducers import FrictionCheck
-from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.curve_figures import Panel
 from torquebench.reports.errors_table import number
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Diagram, Facts, Page, Section, Table
 
 _MARKERS = ("o", "^", "s", "D", "v")
 
@@ -47,8 +48,8 @@ def friction_check_table(check: FrictionCheck) -> Table:
     )
 
 
-def friction_check_figure(check: FrictionCheck) -> str:
-    """Draw the known friction and every repeat over the speed, and below how far they differ."""
+def friction_diagram(check: FrictionCheck) -> Diagram:
+    """Return the known friction and every repeat over the speed, and below how far they differ."""
     speed = np.array([point.speed_rpm for point in check.points])
     known = np.array([point.known_nm for point in check.points])
     known_u = np.array([point.known_u_nm for point in check.points])
@@ -63,19 +64,23 @@ def friction_check_figure(check: FrictionCheck) -> str:
         friction.append(Curve(f"run {k + 1}", rpm, torque, style=marker))
         errors.append(Curve(f"run {k + 1}", rpm, torque - certified, style=marker))
     limit = check.tolerance_percent / 100.0 * check.range_nm
-    return panels_figure(
-        [
-            Panel(friction, "input speed in rpm", "no-load torque in N·m", title="friction"),
-            Panel(
-                errors,
-                "input speed in rpm",
-                "error in N·m",
-                limits=(-limit, limit),
-                range_nm=check.range_nm,
-                title="measured minus known",
-            ),
-        ]
+    panels = [
+        Panel(friction, "input speed in rpm", "no-load torque in N·m", title="friction"),
+        Panel(
+            errors,
+            "input speed in rpm",
+            "error in N·m",
+            limits=(-limit, limit),
+            range_nm=check.range_nm,
+            title="measured minus known",
+        ),
+    ]
+    caption = Message(
+        "No-load torque at the input, output free: as certified and as measured, and the "
+        "difference. Dashed: ±{limit:g} % FS.",
+        check.tolerance_percent,
     )
+    return Diagram(panels, caption)
 
 
 def standard_reducer_page(
@@ -119,14 +124,9 @@ def standard_reducer_page(
             ("Record", run_id),
         )
     )
-    figure = Figure(
-        friction_check_figure(check),
-        "No-load torque at the input, output free: as certified and as measured, and the "
-        f"difference. Dashed: ±{limit}.",
-    )
     return Page(
         "Standard reducer: known against measured friction",
         f"{name}, {'passed' if check.kept else 'failed'}",
-        [Section("Result", "", (facts, friction_check_table(check), figure))],
+        [Section("Result", "", (facts, friction_check_table(check), friction_diagram(check)))],
         simulated=simulated,
     )

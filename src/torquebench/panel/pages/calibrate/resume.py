@@ -1,4 +1,4 @@
-"""Continue a calibration: an interrupted one, or one of the records."""
+"""Unfinished runs: finish, discard or resume them."""
 
 from __future__ import annotations
 
@@ -7,20 +7,17 @@ from typing import Any
 
 from nicegui import ui
 
+from torquebench.operations import find_operation
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask, foot, sheet
 from torquebench.panel.components.elements import box, moment, note, words
-from torquebench.panel.pages.quick import BenchClear
+from torquebench.panel.pages.operations.form import OperationForm
+from torquebench.panel.pages.operations.page import begin
 from torquebench.panel.pages.records.table_import import all_profile_titles
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import InterruptedView
 
-__all__ = ["interrupted_note", "resume_button", "take_up", "unfinished_notes"]
-
-
-def take_up(visitor: Visitor, calibration_id: int) -> None:
-    """Open a registered calibration in the wizard."""
-    visitor.act(visitor.service.recall, calibration_id, then=lambda: ui.navigate.to("/calibrate"))
+__all__ = ["interrupted_note", "resume_button", "unfinished_notes"]
 
 
 def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
@@ -37,14 +34,14 @@ def unfinished_notes(visitor: Visitor, *, measured_only: bool = False) -> None:
             if run.state != "interrupted":
                 button(text("unfinished.finish"), partial(_finish, visitor, run.run_id),
                        picture="task_alt")  # fmt: skip
-            elif (interrupted := service.interrupted(run.run_id)) is not None:
+            elif (interrupted := service.records.interrupted(run.run_id)) is not None:
                 resume_button(visitor, interrupted)
             button(text("unfinished.discard"), partial(_discard, visitor, run.run_id), "quiet")
 
 
 def _finish(visitor: Visitor, run_id: str) -> None:
     page = "/calibrate" if "-calibrate-" in run_id else "/records"
-    visitor.start("finish-run", {"run_id": run_id}, then=lambda: ui.navigate.to(page))
+    visitor.start("records finish", {"run_id": run_id}, then=lambda: ui.navigate.to(page))
 
 
 def _discard(visitor: Visitor, run_id: str) -> None:
@@ -52,7 +49,7 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 
     def discard(reason: str) -> bool:
         request = {"run_id": run_id, "reason": reason}
-        return visitor.start("discard-run", request, then=lambda: ui.navigate.to("/records"))
+        return visitor.start("records discard", request, then=lambda: ui.navigate.to("/records"))
 
     with ui.context.client.content:
         ask(
@@ -68,7 +65,7 @@ def _discard(visitor: Visitor, run_id: str) -> None:
 def interrupted_note(visitor: Visitor) -> None:
     """Offer to finish measured runs, and to resume the newest calibration."""
     unfinished_notes(visitor, measured_only=True)
-    run = visitor.service.interrupted()
+    run = visitor.service.records.interrupted()
     if run is None:
         return
     text = visitor.text
@@ -91,19 +88,21 @@ def resume_button(visitor: Visitor, run: InterruptedView) -> Any:
 
 
 def _ask(visitor: Visitor, run: InterruptedView) -> None:
-    text = visitor.text
+    text, operation = visitor.text, find_operation("resume")
 
-    def started() -> None:
+    def started(_result: object) -> None:
         dialog.close()
         ui.navigate.to("/calibrate")
-
-    def start() -> None:
-        visitor.start("resume-calibration", {"run_id": run.run_id, **clear.request()}, then=started)
 
     with ui.context.client.content, sheet(text("resume.button")) as dialog:
         profiles = all_profile_titles(visitor)
         words("p", profiles.get(run.profile, text.core(run.profile)), "muted")
         words("p", text("resume.explained", kept=run.kept, total=run.total))
-        clear = BenchClear(visitor)
+        form = OperationForm(visitor, operation, {"run_id": run.run_id}, ("run_id", "models"))
         with foot(text, dialog):
-            button(text("prepare.start"), start, "primary", picture="play_arrow")
+            button(
+                text("prepare.start"),
+                lambda: begin(visitor, operation, form, then=started),
+                "primary",
+                picture="play_arrow",
+            )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from torquebench.errors import TorquebenchError
+from torquebench.operations import duration_words
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.dialogs import ask
 from torquebench.panel.components.elements import box, note, panel, refilled, tag, words
@@ -12,9 +13,8 @@ from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView, Problem
 from torquebench.panel.text import Text
-from torquebench.units import HOUR, MINUTE
 
-__all__ = ["JobControls", "JobPanel", "duration_words", "problem_note", "stage_words"]
+__all__ = ["JobControls", "JobPanel", "problem_note", "stage_words"]
 
 STATES = {
     "running": ("", "play_circle"),
@@ -25,22 +25,6 @@ STATES = {
     "failed": ("bad", "error"),
     "aborted": ("bad", "cancel"),
 }
-
-
-def duration_words(seconds: float) -> str:
-    """Say how long something takes.
-
-    Examples
-    --------
-    >>> duration_words(42.4), duration_words(125.0), duration_words(7260.0)
-    ('42 s', '2 min 5 s', '2 h 1 min')
-    """
-    whole = round(seconds)
-    if whole < 60:
-        return f"{whole} s"
-    if whole < 3600:
-        return f"{whole // MINUTE} min {whole % MINUTE} s"
-    return f"{whole // HOUR} h {whole % HOUR // MINUTE} min"
 
 
 def problem_note(
@@ -184,7 +168,7 @@ class JobPanel:
     def _render_head(self, job: JobView) -> None:
         text = self._text
         with refilled(self._head):
-            words("h2", text.maybe(f"job.{job.kind}", job.title))
+            words("h2", text.core(job.title))
             kind, picture = STATES[job.state]
             tag(text(f"job.state_{job.state}"), kind, picture)
 

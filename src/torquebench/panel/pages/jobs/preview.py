@@ -8,11 +8,12 @@ from typing import Any
 from nicegui import background_tasks, run
 
 from torquebench.errors import TorquebenchError
+from torquebench.operations import Preview as Plan
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.elements import box, note, pairs, refilled, words
-from torquebench.panel.pages.jobs.panel import duration_words, problem_note
+from torquebench.panel.components.elements import box, note, refilled, words
+from torquebench.panel.components.page_view import show_blocks
+from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import JobPreview
 from torquebench.panel.text import Text
 
 __all__ = ["Preview"]
@@ -60,43 +61,30 @@ class Preview:
                 _show(text, preview)
 
 
-def _show(text: Text, preview: JobPreview) -> None:
-    """Show the preview of a job, with durations and limits."""
-    rows = [
-        (text("preview.duration"), duration_words(preview.duration_s)),
-        (text("preview.points"), str(preview.points)),
-    ]
-    rows += _extremes(text, "torque", preview.largest_torque_nm, preview.limit_torque_nm, "N·m")
-    rows += _extremes(text, "speed", preview.largest_speed_rpm, preview.limit_speed_rpm, "rpm")
-    if preview.mounts:
-        what = ", ".join(text.core(mounted) for mounted in dict.fromkeys(preview.mounts))
-        rows.append((text("preview.mounts"), what))
-    pairs(rows)
+def _show(text: Text, preview: Plan) -> None:
+    """Show the preview of an operation: doubts, facts and steps, and the commanded torque."""
     for doubt in preview.doubts:
         note(text.core(doubt), "warn")
-    for remark in preview.remarks:
-        words("p", text.core(remark), "small muted")
-    if preview.time_s:
-        time, target = _steps(preview.time_s, preview.nominal_nm)
-        Chart(
-            text("preview.chart"),
-            text("preview.time"),
-            text("preview.torque_axis"),
-            [Line(text("preview.target"), time, target, "--series-1")],
-        )
-
-
-def _extremes(
-    text: Text, what: str, largest: Mapping[str, float], limit: Mapping[str, float], unit: str
-) -> list[tuple[str, str]]:
-    return [
-        (
-            text(f"preview.{what}", side=text(f"side.{side}")),
-            text("preview.of", value=f"{value:.4g}", limit=f"{limit[side]:g}", unit=unit),
-        )
-        for side, value in largest.items()
-        if value and side in limit
-    ]
+    page = preview.page()
+    for section in page.sections:
+        facts, *steps = section.blocks
+        show_blocks(text, [facts])
+        for remark in preview.remarks:
+            words("p", text.core(remark), "small muted")
+        if preview.time_s:
+            time, target = _steps(preview.time_s, preview.nominal_nm)
+            Chart(
+                text("preview.chart"),
+                text("preview.time"),
+                text("preview.torque_axis"),
+                [Line(text("preview.target"), time, target, "--series-1")],
+            )
+        if preview.parts:
+            show_blocks(text, steps)
+        elif steps:
+            with box("details"):
+                words("summary", text.core("Steps"))
+                show_blocks(text, steps)
 
 
 def _steps(time: tuple[float, ...], target: tuple[float, ...]) -> tuple[list[float], list[float]]:

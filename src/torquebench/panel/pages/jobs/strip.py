@@ -14,18 +14,12 @@ __all__ = ["JobStrip"]
 
 SHOWN_BY = {
     "calibrate": (
-        "calibrate",
-        "resume-calibration",
-        "compare-models",
-        "fit",
-        "verify",
-        "certificate",
-        "zero",
-        "check",
+        *("calibrate", "resume", "certificate", "zero", "check", "verification"),
+        *("records-compare-models", "records-fit-model"),
     ),
-    "reducer": ("reducer-test", "standard-reducer"),
+    "reducer": ("test", "standard-reducer"),
 }
-"""Kinds whose pages show the result, so that no message is needed."""
+"""Operations whose pages show the result, so that no message is needed."""
 
 
 class JobStrip:
@@ -67,7 +61,7 @@ class JobStrip:
             return
         self._shown = shown
         state = text(f"job.state_{job.state}")
-        self._title.set_text(f"{text.maybe(f'job.{job.kind}', job.title)}: {state}")
+        self._title.set_text(f"{text.core(job.title)}: {state}")
         self._stage.set_text(stage_words(text, job))
         self._progress.refresh(job)
         self._controls.refresh(job)
@@ -90,7 +84,7 @@ class JobStrip:
 
     def _say(self, job: EndedJob) -> None:
         text, log = self._text, self._visitor.service.jobs.log
-        title = text.maybe(f"job.{job.kind}", job.title)
+        title = text.core(job.title)
         said = text("job.ended", title=title, state=text(f"job.state_{job.state}"))
         more = text.core(job.headline)
         if job.state == "interrupted":

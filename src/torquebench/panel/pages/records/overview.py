@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import partial
 
+from nicegui import ui
+
 from torquebench.campaign.drifting import DriftSeries
 from torquebench.campaign.fitting import model_title
 from torquebench.errors import TorquebenchError
@@ -21,7 +23,8 @@ from torquebench.panel.components.elements import (
     to_the_top,
     words,
 )
-from torquebench.panel.pages.calibrate.resume import take_up, unfinished_notes
+from torquebench.panel.pages.calibrate.resume import unfinished_notes
+from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.downloads import certificate_buttons
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.page import page
@@ -235,7 +238,7 @@ class _Calibrations(View):
                 for number in self._chosen:
                     button(
                         text("records.take_up", number=number),
-                        partial(take_up, self._visitor, number),
+                        partial(ui.navigate.to, calibration_address(number)),
                         picture="tune",
                     )
 

@@ -24,7 +24,8 @@ from torquebench.panel.components.elements import (
     to_the_top,
     words,
 )
-from torquebench.panel.pages.calibrate.resume import resume_button, take_up
+from torquebench.panel.pages.calibrate.resume import resume_button
+from torquebench.panel.pages.calibrate.start import calibration_address
 from torquebench.panel.pages.records.column_titles import (
     column_title,
     column_unit_shown,
@@ -110,8 +111,8 @@ class RunPanel:
                     )
                 number = detail.calibration_id
                 if number is not None:
-                    button(text("resume.take_up"), lambda: take_up(self._visitor, number),
-                           picture="tune")  # fmt: skip
+                    address = calibration_address(number)
+                    button(text("resume.take_up"), lambda: ui.navigate.to(address), picture="tune")
                 elif (interrupted := self._interrupted(detail.run.status)) is not None:
                     resume_button(self._visitor, interrupted)
                 button(text("frame.close"), self._on_close, "quiet", picture="close")
@@ -127,7 +128,7 @@ class RunPanel:
 
     def _interrupted(self, status: str) -> InterruptedView | None:
         completed = status in ("completed", "running")
-        return None if completed else self._visitor.service.interrupted(self._run_id)
+        return None if completed else self._visitor.service.records.interrupted(self._run_id)
 
     def _facts(self, detail: RunDetail) -> list[tuple[str, str | datetime]]:
         text, run = self._text, detail.run

@@ -8,9 +8,14 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+import numpy as np
 from nicegui import ui
 
+from torquebench.campaign import ReducerTestQuantity
+from torquebench.chain import not_in_u
 from torquebench.errors import TorquebenchError
+from torquebench.operations import Result
+from torquebench.operations.reducers import LoopKeyPoint, ReducerTestResult, TorqueAngleLoop
 from torquebench.panel.components.charts import Chart, Line, error_bars
 from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import (
@@ -25,12 +30,11 @@ from torquebench.panel.components.elements import (
 )
 from torquebench.panel.components.verdicts import verdict_kind
 from torquebench.panel.pages.visitor import Visitor
-from torquebench.panel.service import JobResult
 from torquebench.panel.text import Text
 from torquebench.uncertainty import stated
 from torquebench.units import minus_signs
 
-__all__ = ["comparison", "outcomes"]
+__all__ = ["comparison", "test_result"]
 
 EARLIER = 20
 NEAR = 0.06
@@ -81,52 +85,37 @@ def _fetch_report(visitor: Visitor, run_id: str) -> None:
     visitor.attempt(lambda: ui.download(report(run_id), f"{run_id}.pdf", "application/pdf"))
 
 
-def _whose(visitor: Visitor, details: Mapping[str, Any]) -> None:
-    """Show the specimen, and offer the report."""
-    text = visitor.text
-    with panel(), box("div", "spread"):
-        serial = details["serial"] or text("reducer.no_serial")
-        words("h2", f"{text.core(details['reducer_name'])}, {text.title('specimen')} {serial}")
-        if run_id := details.get("report"):
-            button(
-                text("reducer.report"), partial(_fetch_report, visitor, run_id), picture="download"
-            )
-
-
-def _beside(point: Mapping[str, Any]) -> str:
+def _beside(point: LoopKeyPoint) -> str:
     """Return the side of a key point that has room for its label."""
-    falling = "↓" in point["label"] or ("↑" not in point["label"] and point["torque_nm"] > 0.0)
+    falling = "↓" in point.label or ("↑" not in point.label and point.torque_nm > 0.0)
     return "left" if falling else "right"
 
 
-def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
+def loop_chart(text: Text, loop: TorqueAngleLoop) -> None:
     """Draw a torque-angle loop, and around zero once more, with key points; list them."""
-    points = [each | {"said": text.core(each["label"])} for each in loop["points"]]
-    near_nm = NEAR * max((abs(torque) for torque in loop["torque_nm"]), default=0.0)
+    torque_nm = np.asarray(loop.torque_nm)
+    near_nm = NEAR * float(np.max(np.abs(torque_nm), initial=0.0))
     with box("div", "columns"):
         for title, near in (("reducer.loop_label", False), ("reducer.loop_near", True)):
-            inside = [
-                row for row, torque in enumerate(loop["torque_nm"])
-                if not near or abs(torque) <= near_nm
-            ]  # fmt: skip
-            torque = [loop["torque_nm"][row] for row in inside]
-            branches = (("rising", "--series-2"), ("falling", "--series-1"))
+            inside = np.abs(torque_nm) <= (near_nm if near else np.inf)
             lines = [
-                Line(text.core(branch), torque,
-                     [loop[f"{branch}_arcmin"][row] for row in inside], colour)
-                for branch, colour in branches
-            ]  # fmt: skip
-            shown = [each for each in points if (abs(each["torque_nm"]) <= near_nm) == near]
+                Line(text.core(word), torque_nm[inside].tolist(), angle[inside].tolist(), colour)
+                for word, angle, colour in (
+                    ("rising", np.asarray(loop.rising_arcmin), "--series-2"),
+                    ("falling", np.asarray(loop.falling_arcmin), "--series-1"),
+                )
+            ]
+            shown = [each for each in loop.points if (abs(each.torque_nm) <= near_nm) == near]
             for side in ("left", "right"):
                 mine = [each for each in shown if _beside(each) == side]
                 lines.append(
                     Line(
                         text("reducer.key_points"),
-                        [each["torque_nm"] for each in mine],
-                        [each["angle_arcmin"] for each in mine],
+                        [each.torque_nm for each in mine],
+                        [each.angle_arcmin for each in mine],
                         "--ink",
                         points=True,
-                        labels=[each["said"] for each in mine],
+                        labels=[text.core(each.label) for each in mine],
                         beside=side,
                     )
                 )
@@ -137,43 +126,55 @@ def loop_chart(text: Text, loop: Mapping[str, Any]) -> None:
         text, "reducer", "key_point loop_torque loop_angle", "loop_torque loop_angle"
     )
     rows = [
-        (point["said"], number(point["torque_nm"]), number(point["angle_arcmin"]))
-        for point in points
+        (text.core(point.label), number(point.torque_nm), number(point.angle_arcmin))
+        for point in loop.points
     ]
     table(text("reducer.key_points"), columns, rows)
 
 
-def outcomes(visitor: Visitor, details: Mapping[str, Any]) -> None:
-    """Show every outcome of a test."""
+def test_result(visitor: Visitor, result: ReducerTestResult) -> None:
+    """Show every part of a test: quantities with U, limit and verdict, the loop, the report."""
     text = visitor.text
-    _whose(visitor, details)
-    if details.get("short"):
+    with panel(), box("div", "spread"):
+        serial = result.serial or text("reducer.no_serial")
+        words("h2", f"{text.core(result.reducer)}, {text.title('specimen')} {serial}")
+        run_id = result.run_ids[0] if result.run_ids else ""
+        if visitor.service.records.has_report(run_id):
+            fetch = partial(_fetch_report, visitor, run_id)
+            button(text("reducer.report"), fetch, picture="download")
+    if result.short:
         note(text("reducer.short"), "warn")
-    for outcome in details["outcomes"]:
-        title = text.core(outcome["title"])
-        with panel(title), box("div", "stack"):
-            if outcome["verdict"]:
+    for side, missing in result.not_in_u.items():
+        words("p", f"{text(f'side.{side}')}: {text.core(result.compensation[side])}", "small muted")
+        if lacking := not_in_u(missing):
+            note(text.core(lacking), "warn")
+    for failure in result.failures:
+        note(text.core(failure.message), "bad", title=text.core(failure.title))
+    for part in result.parts:
+        with panel(text.core(part.title)), box("div", "stack"):
+            if part.verdict:
                 with box("div", "line"):
-                    tag(text.verdict(outcome["verdict"]), verdict_kind(outcome["verdict"]))
-            rows = [
-                (
-                    text.core(quantity["title"]),
-                    *with_uncertainty(quantity["value"], quantity["expanded_uncertainty"]),
-                    quantity["unit"],
-                    quantity["limit"] or "—",
-                    text.verdict(quantity["verdict"]) or "—",
-                )
-                for quantity in outcome["quantities"]
-            ]
+                    tag(text.verdict(part.verdict), verdict_kind(part.verdict))
             keys = "quantity value uncertainty unit limit verdict"
-            table(title, headings(text, "reducer", keys, "value uncertainty"), rows)
-            if outcome.get("loop"):
-                loop_chart(text, outcome["loop"])
-            for remark in outcome["remarks"]:
+            columns = headings(text, "reducer", keys, "value uncertainty")
+            table(text.core(part.title), columns, [_row(text, each) for each in part.quantities])
+            if part.loop is not None:
+                loop_chart(text, part.loop)
+            for remark in (*part.remarks, *map(str, part.findings)):
                 words("p", text.core(remark), "small muted")
 
 
-def comparison(visitor: Visitor, result: JobResult) -> None:
+def _row(text: Text, quantity: ReducerTestQuantity) -> tuple[str, ...]:
+    return (
+        text.core(quantity.title),
+        *with_uncertainty(quantity.value, quantity.expanded_uncertainty),
+        quantity.unit,
+        quantity.limit or "—",
+        text.verdict(quantity.verdict) or "—",
+    )
+
+
+def comparison(visitor: Visitor, result: Result) -> None:
     """Compare the results with earlier runs of the same test."""
     text, records = visitor.text, visitor.service.records
     found: list[tuple[str, dict[str, _Quantity]]] = []

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from torquebench.campaign.reducers.tests import TESTS
+from torquebench.campaign.reducers.catalogue import TESTS
+from torquebench.operations import Operation, find_operation
+from torquebench.operations.reducers import STANDARD_TITLE, ReducerTestResult
 from torquebench.panel.components.charts import COLOURS, Chart, Line
-from torquebench.panel.components.controls import Choice, Field, button
+from torquebench.panel.components.controls import button
 from torquebench.panel.components.elements import box, empty, panel, refilled, words
+from torquebench.panel.components.page_view import show_page
 from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
-from torquebench.panel.pages.mounting_form import MountingForm
+from torquebench.panel.pages.operations.form import OperationForm
+from torquebench.panel.pages.operations.page import begin
 from torquebench.panel.pages.page import page
-from torquebench.panel.pages.reducer.results import comparison, outcomes
-from torquebench.panel.pages.reducer.standard import STANDARD, StandardForm, standard_result
-from torquebench.panel.pages.reducer.types import reducer_titles
+from torquebench.panel.pages.reducer.results import comparison, test_result
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import SIGNALS, JobView
 
@@ -23,7 +25,8 @@ __all__ = ["reducer_page"]
 
 PAST_S = 600.0
 POINTS = 800
-KINDS = ("reducer-test", STANDARD)
+STANDARD = "standard-reducer"
+KINDS = ("test", STANDARD)
 
 
 class _ReducerPage:
@@ -38,55 +41,41 @@ class _ReducerPage:
         with box("div", "stack"):
             self._panel = JobPanel(self.visitor)
             self._live = box("div", "stack")
-            self._form = box("div", "stack")
-        self._choose()
-
-    def _choose(self) -> None:
+            self._entry = box("div", "stack")
         text, visitor = self.text, self.visitor
-        with self._form:
+        test, standard = find_operation("test"), find_operation("standard-reducer")
+        with self._entry:
             with panel(text("reducer.what")), box("div", "stack"):
-                with box("div", "columns"):
-                    names = reducer_titles(visitor)
-                    self._reducer = Field(
-                        text("reducer.type"),
-                        next(iter(names)),
-                        options=names,
-                        on_change=lambda _: self._preview(),
-                    )
-                    self._serial = Field(
-                        text("reducer.serial"), maxlength="64", autocomplete="off",
-                        hint=text("reducer.serial_hint"),
-                    )  # fmt: skip
-                tests = {name: text.core(test.title) for name, test in TESTS.items()}
-                self._test = Choice(
-                    text("reducer.test"), tests, "hysteresis", on_change=self._preview
-                )
-                quick = {"quick": text("reducer.quick_explained")}
-                self._quick = Choice(
-                    text("reducer.extent"), quick, several=True, on_change=self._preview
-                )
-                self._mounting = MountingForm(visitor)
+                given = {"test": "hysteresis"}
+                self._form = OperationForm(visitor, test, given, on_change=self._preview)
                 with box("div", "line"):
-                    button(text("reducer.start"), self._start, "primary", picture="play_arrow")
+                    button(
+                        text("reducer.start"),
+                        lambda: self._begin(test, self._form),
+                        "primary",
+                        picture="play_arrow",
+                    )
             with panel():
-                self._plan = Preview(visitor, "reducer-test")
-            StandardForm(visitor, self.refresh).build()
+                self._plan = Preview(visitor, "test")
+            with panel(), box("details"):
+                words("summary", text.core(STANDARD_TITLE))
+                with box("div", "stack"):
+                    words("p", text("standard.explained"), "muted")
+                    form = OperationForm(visitor, standard)
+                    with box("div", "line"):
+                        button(
+                            text("standard.start"),
+                            lambda: self._begin(standard, form),
+                            picture="play_arrow",
+                        )
         self._preview()
 
-    def _request(self) -> dict[str, Any]:
-        return {
-            "reducer": self._reducer.value,
-            "serial": self._serial.value.strip(),
-            "test": self._test.value,
-            "quick": "quick" in self._quick.values,
-            **self._mounting.request(),
-        }
-
     def _preview(self) -> None:
-        self._plan.show(self._request())
+        if self._form.check():
+            self._plan.show(self._form.request())
 
-    def _start(self) -> None:
-        self.visitor.start("reducer-test", self._request())
+    def _begin(self, operation: Operation, form: OperationForm) -> None:
+        begin(self.visitor, operation, form)
         self.refresh()
 
     def refresh(self) -> None:
@@ -96,7 +85,7 @@ class _ReducerPage:
         known = None if job is None else (job.job_id, job.open)
         if known != self._shown:
             self._shown, self._began = known, None
-            self._form.set_visibility(job is None or not job.open)
+            self._entry.set_visibility(job is None or not job.open)
             self._show(job)
         if job is not None and job.open:
             self._grow(job)
@@ -112,12 +101,12 @@ class _ReducerPage:
                     self._place = box("div")
                     with self._place:
                         empty(text("reducer.waiting"), "hourglass_empty")
-            elif job.result is not None and job.kind == STANDARD:
-                standard_result(text, job.result.details)
-            elif job.result is not None:
-                outcomes(self.visitor, job.result.details)
+            elif isinstance(job.result, ReducerTestResult):
+                test_result(self.visitor, job.result)
                 with panel(text("reducer.compare")):
                     comparison(self.visitor, job.result)
+            elif job.result is not None:
+                show_page(text, job.result.page())
 
     def _grow(self, job: JobView) -> None:
         """Draw the readings since this part of the test began, at most ten minutes."""

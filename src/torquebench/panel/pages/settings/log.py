@@ -5,26 +5,22 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from torquebench.campaign.fitting import model_title
-from torquebench.campaign.reducers.catalogue import TESTS
+from pydantic import BaseModel
+
 from torquebench.compensation import MODEL_NAMES
+from torquebench.operations import OPERATIONS, Parameter, parameters
 from torquebench.panel.components.controls import button, set_disabled
 from torquebench.panel.components.elements import box, panel, refilled, table
-from torquebench.panel.pages.records.column_titles import column_title
+from torquebench.panel.pages.operations.form import choice_words
 from torquebench.panel.pages.view import View
 from torquebench.panel.text import Text
 
 __all__ = ["LogView", "details_said"]
 
 AT_ONCE = 50
-WORDED = {
-    "state": "job.state_",
-    "kind": "job.",
-    "side": "side.",
-    "sides": "side.",
-}
+WORDED = {"state": "job.state_", "side": "side."}
 """Where the words for a detail's values are."""
-SENTENCES = ("found", "reason", "direction", "role")
+SENTENCES = ("found", "reason", "direction", "role", "summary")
 """Details that the software may have worded; what a person typed stays as it is."""
 
 
@@ -33,22 +29,37 @@ def details_said(text: Text, details: Mapping[str, Any]) -> str:
 
     Examples
     --------
-    >>> request = {"side": "output", "repeats": None, "models": ["hybrid"], "mounting": {"by": ""}}
+    >>> request = {"repeats": None, "models": ["hybrid"], "mounting": {"by": ""}}
     >>> details_said(Text("en"), {"kind": "calibrate", "request": request, "accepted": True})
-    'kind: Calibration; module: Output; models: physics + Gaussian process; accepted: yes'
+    'kind: calibrate; Models: physics + Gaussian process; accepted: yes'
     """
-    return "; ".join(
-        f"{text.maybe(f'log_detail.{key}', key.replace('_', ' '))}: {_said(text, key, value)}"
-        for key, value in _filled_in(details)
-    )
-
-
-def _filled_in(details: Mapping[str, Any], *, nested: bool = False) -> Iterator[tuple[str, Any]]:
+    operation = OPERATIONS.get(str(details.get("kind")))
+    said: list[str] = []
     for key, value in details.items():
-        if isinstance(value, Mapping):
-            yield from _filled_in(value, nested=True)
-        elif not (value is None or value in ("", []) or (nested and value is False)):
-            yield key, value
+        if key == "request" and operation is not None:
+            said += _asked(text, operation.request, value)
+        elif not (value is None or value in ("", [])):
+            label = text.maybe(f"log_detail.{key}", key.replace("_", " "))
+            said.append(f"{label}: {_said(text, key, value)}")
+    return "; ".join(said)
+
+
+def _asked(text: Text, request: type[BaseModel], given: Mapping[str, Any]) -> Iterator[str]:
+    """Yield the values of a request that aren't its defaults, with their titles."""
+    for asked in parameters(request):
+        value = given.get(asked.name)
+        if asked.record is not None:
+            yield from _asked(text, asked.record, value or {})
+        elif not (value is None or value in ("", [], {}) or (value is False and not asked.default)):
+            unit = f", {asked.unit}" if asked.unit else ""
+            yield f"{text.core(asked.title)}{unit}: {_value(text, asked, value)}"
+
+
+def _value(text: Text, asked: Parameter, value: Any) -> str:
+    if isinstance(value, list):
+        return ", ".join(_value(text, asked, each) for each in value)
+    named = value in MODEL_NAMES or value in asked.choices
+    return choice_words(text, value) if named else _said(text, "", value)
 
 
 def _said(text: Text, key: str, value: Any) -> str:
@@ -58,12 +69,6 @@ def _said(text: Text, key: str, value: Any) -> str:
         return ", ".join(_said(text, key, item) for item in value)
     if isinstance(value, int | float):
         return f"{value:g}" if isinstance(value, float) else str(value)
-    if key in ("model", "models") and value in MODEL_NAMES:
-        return text.core(model_title(value))
-    if key == "test" and value in TESTS:
-        return text.core(TESTS[value].title)
-    if key == "signal":
-        return column_title(text, value)
     if key in WORDED:
         return text.maybe(f"{WORDED[key]}{value}", value)
     return text.core(value) if key in SENTENCES else str(value)

@@ -7,14 +7,11 @@ from typing import Literal
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations import ROLES, Role, allows
 from torquebench.panel.service.problems import PermissionDeniedError
 from torquebench.records.signatures import Signature
 
 __all__ = ["ROLES", "Actor", "Role", "allows", "check_role", "require"]
-
-Role = Literal["operator", "metrologist", "administrator"]
-ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
-"""Each role includes the permissions of the roles before it."""
 
 
 @dataclass(frozen=True)
@@ -56,17 +53,6 @@ class Actor:
         'plant (client)'
         """
         return self.name if self.kind == "person" else f"{self.name} ({self.kind})"
-
-
-def allows(role: Role, wanted: Role) -> bool:
-    """Whether a role includes another one.
-
-    Examples
-    --------
-    >>> allows("administrator", "metrologist"), allows("operator", "metrologist")
-    (True, False)
-    """
-    return ROLES.index(role) >= ROLES.index(wanted)
 
 
 def check_role(role: str) -> None:

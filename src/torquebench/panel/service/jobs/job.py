@@ -1,28 +1,166 @@
-"""A running job: its progress, its points and its end."""
+"""A job: an operation under way, with its progress, its points and its end."""
 
 from __future__ import annotations
 
+import secrets
 import threading
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
-from typing import Any
+from typing import Annotated, Any, Literal
 
+from pydantic import PlainSerializer
+
+from torquebench.errors import TorquebenchError
+from torquebench.message import Message
+from torquebench.operations import Operation, Request, Result
 from torquebench.panel.service.access.actors import Actor
-from torquebench.panel.service.jobs.values import (
-    JobPoint,
-    JobResult,
-    JobStage,
-    JobState,
-    JobView,
-    Problem,
-)
-from torquebench.records.signatures import Signature
 
-__all__ = ["Job", "Points"]
+__all__ = [
+    "Job",
+    "JobPoint",
+    "JobStage",
+    "JobState",
+    "JobView",
+    "PendingPrompt",
+    "Points",
+    "Problem",
+]
 
 MOST_POINTS = 20_000
+JSON = PlainSerializer(lambda result: None if result is None else result.plain())
+"""The API serialises a result by its type; see `api.describing` for the schema."""
+
+JobState = Literal["running", "pausing", "paused", "aborting", "done", "failed", "aborted"]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """Why something was refused or failed.
+
+    Parameters
+    ----------
+    kind : str
+        Name of the error's class, for programs.
+    found, allowed, remedy : str
+    """
+
+    kind: str
+    found: str
+    allowed: str = ""
+    remedy: str = ""
+
+    @classmethod
+    def of(cls, error: BaseException) -> Problem:
+        """Put an error into words.
+
+        Examples
+        --------
+        >>> Problem.of(TorquebenchError("2500 N·m", "2000 N·m", "load less")).allowed
+        '2000 N·m'
+        """
+        if isinstance(error, TorquebenchError):
+            return cls(type(error).__name__, error.found, error.allowed, error.remedy)
+        return cls(
+            type(error).__name__,
+            Message("unforeseen: {error}", error),
+            "",
+            "report it with the log",
+        )
+
+
+@dataclass(frozen=True)
+class JobStage:
+    """A finished part of a job: its title and its result, in words."""
+
+    title: str
+    detail: str
+    seconds: float
+
+
+@dataclass(frozen=True)
+class JobPoint:
+    """One recorded point, as soon as it is recorded.
+
+    Parameters
+    ----------
+    number : int
+        Counts from 1 within the job.
+    stream : str
+        Such as "points" or "zero_output".
+    values : mapping of str to float
+        Measured fields and the point's stamp (`series`, `branch`, `nominal_nm`, …); with a
+        standard mounted also `error_nm`, reading minus standard.
+    """
+
+    number: int
+    stream: str
+    values: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class PendingPrompt:
+    """A request to the person at the bench."""
+
+    number: int
+    text: str
+
+
+@dataclass(frozen=True)
+class JobView:
+    """The present state of a job.
+
+    Parameters
+    ----------
+    job_id, kind, title : str
+    request : mapping
+        The request, as JSON.
+    started_by : str
+    state : {"running", "pausing", "paused", "aborting", "done", "failed", "aborted"}
+    can_pause : bool
+    can_finish : bool
+        Whether it runs until a user finishes it.
+    stage : str
+        The present step.
+    done, total : int, int or None
+        Steps of the stage; None if unknown.
+    detail : str
+    stages : tuple of JobStage
+        The finished stages.
+    points : int
+        Number of points in `jobs.points`.
+    started, finished : datetime.datetime
+        UTC; `finished` is None while it is open.
+    problem : Problem or None
+        Why it failed or was aborted.
+    result : Result or None
+        Once it is done.
+    """
+
+    job_id: str
+    kind: str
+    title: str
+    request: Mapping[str, Any]
+    started_by: str
+    started: datetime
+    can_pause: bool
+    can_finish: bool = False
+    state: JobState = "running"
+    stage: str = ""
+    done: int = 0
+    total: int | None = None
+    detail: str = ""
+    stages: tuple[JobStage, ...] = ()
+    points: int = 0
+    finished: datetime | None = None
+    problem: Problem | None = None
+    result: Annotated[Result | None, JSON] = None
+
+    @property
+    def open(self) -> bool:
+        """Whether it is still under way."""
+        return self.finished is None
 
 
 class Points:
@@ -80,17 +218,30 @@ class Job:
 
     Parameters
     ----------
-    state : JobView
-        At its start.
+    operation : Operation
+    request : Request
     actor : Actor
+        Who has started it.
+    signed : bool
+        Whether the person has given the password for it.
     """
 
-    def __init__(self, state: JobView, actor: Actor) -> None:
-        self.actor = actor
-        self.signature: Signature | None = None
+    def __init__(
+        self, operation: Operation, request: Request, actor: Actor, *, signed: bool = False
+    ) -> None:
+        self.operation, self.request, self.actor, self.signed = operation, request, actor, signed
         self.points = Points()
         self.cancelled, self.finishing, self.ended = (threading.Event() for _ in range(3))
-        self._state = state
+        self._state = JobView(
+            job_id=secrets.token_hex(6),
+            kind=operation.key,
+            title=operation.title(request),
+            request=request.model_dump(mode="json"),
+            started_by=actor.label,
+            started=datetime.now(UTC),
+            can_pause=operation.can_pause,
+            can_finish=operation.can_finish,
+        )
         self._lock = threading.RLock()
         self._stage_since = 0.0
 
@@ -139,7 +290,7 @@ class Job:
     # -- its end ----------------------------------------------------------------------------
 
     def end(
-        self, state: JobState, *, problem: Problem | None = None, result: JobResult | None = None
+        self, state: JobState, *, problem: Problem | None = None, result: Result | None = None
     ) -> None:
         """Note how it ended."""
         with self._lock:

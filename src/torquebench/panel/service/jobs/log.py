@@ -11,7 +11,7 @@ from sqlalchemy.sql import Executable
 
 from torquebench.errors import RecordError
 from torquebench.panel.service.access.actors import Actor
-from torquebench.panel.service.jobs.values import JobView
+from torquebench.panel.service.jobs.job import JobView
 from torquebench.panel.service.store import PanelStore, job_log, utc_text
 
 __all__ = ["EndedJob", "JobLog"]

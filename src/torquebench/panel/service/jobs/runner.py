@@ -2,174 +2,84 @@
 
 from __future__ import annotations
 
-import secrets
 import threading
 from collections import OrderedDict
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
-from datetime import UTC, datetime
+from dataclasses import replace
+from functools import partial
 from typing import Any
 
-from pydantic import BaseModel, ConfigDict
-
-from torquebench.bench.mounting_record import MountingRecord
 from torquebench.bench.prompts import PromptQueue
-from torquebench.bench.roles import SIDES
-from torquebench.campaign.measuring import RunAbortedError, acting_as, mounted_as
+from torquebench.campaign import RunAbortedError
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.panel.run_in_process import ProcessEndedError
-from torquebench.panel.service.access.actors import Actor, Role, require
+from torquebench.operations import (
+    EndedError,
+    Library,
+    Operation,
+    Place,
+    Preview,
+    Request,
+    Result,
+    allows,
+    find_operation,
+    parameters,
+    plain_text,
+)
+from torquebench.panel.run_in_process import run_in_process
+from torquebench.panel.service.access.actors import Actor, require
 from torquebench.panel.service.access.lease import CommandLease
-from torquebench.panel.service.fields import plain
-from torquebench.panel.service.jobs.job import Job
-from torquebench.panel.service.jobs.log import JobLog
-from torquebench.panel.service.jobs.values import (
+from torquebench.panel.service.jobs.job import (
+    Job,
     JobPoint,
-    JobPreview,
-    JobResult,
     JobState,
     JobView,
     PendingPrompt,
     Problem,
 )
-from torquebench.panel.service.problems import BusyError, NotFoundError
-from torquebench.panel.service.settings.store import SettingsStore
-from torquebench.records.signatures import Signature, authenticated
+from torquebench.panel.service.jobs.log import JobLog
+from torquebench.panel.service.problems import BusyError, NotFoundError, PermissionDeniedError
+from torquebench.progress import NO_PROGRESS
+from torquebench.records.signatures import authenticated
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["JobContext", "JobKind", "JobRequest", "JobRunner", "MountedRequest", "Workplace"]
+__all__ = ["JobRunner"]
 
 KEPT = 20
 ABORT_POLL_S = 0.1
 
 
-class JobRequest(BaseModel):
-    """Request of a job; every kind has its own fields."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
-
-
-class MountedRequest(JobRequest):
-    """Request of a job with a mounted part.
-
-    `mounting` is the record of the mounting, for the run, the report and the certificate.
-    """
-
-    mounting: MountingRecord = MountingRecord()
-
-
-@dataclass(frozen=True)
-class Workplace:
-    """Surroundings of a job: the open bench, and the settings with profiles and reducers."""
-
-    station: Station
-    settings: SettingsStore
-
-
-@dataclass(frozen=True)
-class JobContext(Workplace):
-    """Objects that a job uses.
+class JobRunner:
+    """Starts, watches and ends operations as jobs; safe to use from any thread.
 
     Parameters
     ----------
     station : Station
-    settings : SettingsStore
-    job : Job
-        Takes the progress.
-    actor : Actor
-        Who has started it.
-    """
-
-    job: Job
-    actor: Actor
-
-    def check(self) -> None:
-        """End here where an abort was requested."""
-        if self.job.cancelled.is_set():
-            raise ProcessEndedError("the job was ended")
-
-
-@dataclass(frozen=True)
-class JobKind:
-    """A kind of job.
-
-    Parameters
-    ----------
-    name, title : str
-    request : type
-        Pydantic model of its request.
-    run : callable
-        Does it, on the job's thread.
-    preview : callable or None
-        Returns its preview; None if it moves nothing.
-    check : callable
-        Refuses impossible requests before the start; one field, `bench_clear`, the runner checks.
-    role : str
-        Who may start it.
-    moves : bool
-        Whether the bench moves: then no alarm may be latched.
-    can_pause : bool
-    can_finish : bool
-        Whether it runs until a user finishes it.
-    """
-
-    name: str
-    title: Callable[[Any], str]
-    request: type[JobRequest]
-    run: Callable[[JobContext, Any], JobResult]
-    preview: Callable[[Workplace, Any], JobPreview] | None = None
-    check: Callable[[Workplace, Any], object] = lambda _place, _request: None
-    role: Role = "operator"
-    moves: bool = True
-    can_pause: bool = True
-    can_finish: bool = False
-
-    def job(self, asked: JobRequest, document: Mapping[str, Any], actor: Actor) -> Job:
-        """Return a job of this kind."""
-        state = JobView(
-            job_id=secrets.token_hex(6),
-            kind=self.name,
-            title=self.title(asked),
-            request=document,
-            started_by=actor.label,
-            started=datetime.now(UTC),
-            can_pause=self.can_pause,
-            can_finish=self.can_finish,
-        )
-        return Job(state, actor)
-
-
-class JobRunner:
-    """Starts, watches and ends jobs; safe to use from any thread.
-
-    Parameters
-    ----------
-    place : Workplace
+    library : Library
+        Profiles and reducers.
     lease : CommandLease
     prompts : PromptQueue
-    kinds : mapping of str to JobKind
     note : callable
         Called with an actor, the action, and details.
     log : JobLog
         Reports the results of jobs to the users who started them.
     on_done : callable
-        Called with its kind, on the job's thread, when one has done its work.
+        Called with its operation, on the job's thread, when one has done its work.
     """
 
     def __init__(
         self,
-        place: Workplace,
+        station: Station,
+        library: Library,
         lease: CommandLease,
         prompts: PromptQueue,
-        kinds: Mapping[str, JobKind],
         note: Callable[..., None],
         log: JobLog,
-        on_done: Callable[[str], None] = lambda _kind: None,
+        on_done: Callable[[Operation], None] = lambda _operation: None,
     ) -> None:
-        self._place = place
+        self._library = library
         self._lease = lease
         self._prompts = prompts
         self._note = note
@@ -183,51 +93,94 @@ class JobRunner:
         self._current: Job | None = None
         self._thread: threading.Thread | None = None
         self._closed = False
-        self.kinds = kinds
-        self._subscribe()
+        self.move(station)
 
-    @property
-    def _station(self) -> Station:
-        return self._place.station
+    def move(self, station: Station) -> None:
+        """Work on this bench from now on."""
+        self._station = station
+        self._token: int | None = station.engine.run_engine.subscribe(self._document)
 
-    def _subscribe(self) -> None:
-        self._token: int | None = self._station.engine.run_engine.subscribe(self._document)
-
-    def move(self, place: Workplace) -> None:
-        """Work in another place from now on: the bench was opened again."""
-        self._place = place
-        self._subscribe()
+    def _place(self, actor: Actor | None = None, job: Job | None = None) -> Place:
+        """Return the surroundings of an operation that a person starts."""
+        place = Place(
+            operator="" if actor is None else actor.label,
+            library=self._library,
+            registry=self._station.registry,
+            station=self._station,
+        )
+        if actor is not None:
+            place = replace(place, may=partial(allows, actor.role))
+        if job is not None:
+            cancelled = job.cancelled.is_set
+            compute = partial(run_in_process, cancelled=cancelled)
+            place = replace(place, finishing=job.finishing, cancelled=cancelled, compute=compute)
+        return place
 
     # -- starting ---------------------------------------------------------------------------
 
-    def preview(self, kind: str, request: Mapping[str, Any] | JobRequest) -> JobPreview:
-        """Rehearse a job: steps, duration and limits, without moving anything.
+    def preview(self, kind: str, request: Mapping[str, Any] | Request) -> Preview:
+        """Rehearse an operation: steps, duration and limits, without moving anything.
 
         Raises
         ------
         InputError
-            The request is wrong, or this kind moves nothing.
+            The request is wrong, or this operation moves nothing.
         LimitError, InterlockError
             An operation that the bench would refuse.
         BusyError
             A job is under way.
         """
-        job_kind = self._kind(kind)
-        if job_kind.preview is None:
-            raise InputError(Message("a preview of {kind}", kind), "a job that moves the bench")
-        asked = self._request(job_kind, request)
+        found = _operation(kind)
+        if found.preview is None:
+            raise InputError(Message("a preview of {kind}", kind), "what moves the bench")
+        asked = _request(found, request)
         with self._rehearsing:  # in a separate thread: starting or ending a job doesn't wait for it
             self._refuse_busy()
-            shown = job_kind.preview(self._place, asked)
+            doubts = found.doubts(self._place(), asked)
+            preview = found.preview(self._place(), asked)
         self._refuse_busy()
-        limits = {side: self._station.description.module(side).limits for side in SIDES}
-        return replace(
-            shown,
-            limit_torque_nm={side: limits[side].torque_nm for side in SIDES},
-            limit_speed_rpm={side: limits[side].speed_rpm for side in SIDES},
-        )
+        return replace(preview, doubts=doubts, simulated=self._station.description.simulated)
 
-    def start(self, actor: Actor, kind: str, request: Mapping[str, Any] | JobRequest) -> JobView:
+    def perform(
+        self,
+        actor: Actor,
+        kind: str,
+        request: Mapping[str, Any] | Request,
+        *,
+        signed: bool = False,
+    ) -> Result:
+        """Do at once what is no job, such as putting a model into use.
+
+        Raises
+        ------
+        PermissionDeniedError, LeaseError
+            The actor has no permission.
+        InputError, RecordError
+            The request is wrong.
+        """
+        found = _operation(kind)
+        require(actor, found.role)
+        asked = _request(found, request)
+        _require_person(actor, asked)
+        if found.commands:
+            self.command(actor)
+        place = self._place(actor)
+        found.doubts(place, asked)
+        with authenticated(actor.signed if signed else actor.signature):
+            result = found.run(place, asked, NO_PROGRESS)
+        self._note(actor, str(found.title(asked)), request=asked.model_dump(mode="json"))
+        self._on_done(found)
+        return result
+
+    def start(
+        self,
+        actor: Actor,
+        kind: str,
+        request: Mapping[str, Any] | Request,
+        *,
+        bench_clear: bool = False,
+        signed: bool = False,
+    ) -> JobView:
         """Start a job.
 
         Parameters
@@ -235,9 +188,13 @@ class JobRunner:
         actor : Actor
             Takes the command lease if it is free.
         kind : str
-            One of `kinds`.
-        request : mapping or JobRequest
-            Fields of the kind's request.
+            Name or key of an operation.
+        request : mapping or Request
+            Fields of its request.
+        bench_clear : bool
+            Whether a person has confirmed that a real bench may be loaded.
+        signed : bool
+            Whether the person has given the password for it.
 
         Raises
         ------
@@ -250,47 +207,37 @@ class JobRunner:
         TorquebenchError
             An alarm is latched.
         """
-        return self.start_kind(actor, self._kind(kind), request)
-
-    def start_kind(
-        self,
-        actor: Actor,
-        kind: JobKind,
-        request: Mapping[str, Any] | JobRequest,
-        signature: Signature | None = None,
-    ) -> JobView:
-        """Start a job of a kind that may not be among `kinds`; raises like `start`.
-
-        `signature` is that of a person who has given the password for it.
-        """
-        require(actor, kind.role)
-        asked = self._request(kind, request)
+        found = _operation(kind)
+        require(actor, found.role)
+        asked = _request(found, request)
+        _require_person(actor, asked)
         self.command(actor)
         self._refuse_busy()
-        self._confirm_clear(asked)
-        kind.check(self._place, asked)
+        if found.loads and not bench_clear:
+            self._refuse_unconfirmed()
+        found.doubts(self._place(actor), asked)
         with self._lock:
             self._refuse_busy()
-            if kind.moves:
+            if found.moves:
                 self._station.supervisor.raise_if_latched()
-            document = asked.model_dump(mode="json")
-            job = kind.job(asked, document, actor)
-            job.signature = signature
+            job = Job(found, asked, actor, signed=signed)
             view = job.view()
-            self._note(actor, "started a job", job_id=view.job_id, kind=view.kind, request=document)
+            self._note(
+                actor, "started a job", job_id=view.job_id, kind=view.kind, request=view.request
+            )
             self.log.began(actor, view)
             self._current = job
             self._keep(job)
             self._thread = threading.Thread(
-                target=self._work, args=(kind, job, asked), name=f"job {kind.name}", daemon=True
+                target=self._work, args=(job,), name=f"job {found.name}", daemon=True
             )
             self._thread.start()
         return job.view()
 
-    def _confirm_clear(self, request: JobRequest) -> None:
+    def _refuse_unconfirmed(self) -> None:
         """Refuse to load a real bench that nobody has confirmed to be clear."""
         description = self._station.description
-        if not (getattr(request, "bench_clear", True) or description.simulated):
+        if not description.simulated:
             raise InputError(
                 Message(
                     "{name} is a real bench and nobody has confirmed that it is clear",
@@ -300,49 +247,10 @@ class JobRunner:
                 "check that nobody is at the bench, then confirm it",
             )
 
-    def recall(
-        self, actor: Actor, kind: str, request: Mapping[str, Any], result: JobResult
-    ) -> JobView:
-        """List a job of the records as done, so that its results can be continued.
-
-        Raises
-        ------
-        BusyError
-            A job is under way.
-        InputError, NotFoundError
-            The request is wrong.
-        """
-        job_kind = self._kind(kind)
-        asked = self._request(job_kind, request)
-        with self.idle():
-            document = asked.model_dump(mode="json")
-            job = job_kind.job(asked, document, actor)
-            job.end("done", result=result)
-            self._keep(job)
-        return job.view()
-
     def _keep(self, job: Job) -> None:
         self._jobs[job.view().job_id] = job
         while len(self._jobs) > KEPT:
             self._jobs.popitem(last=False)
-
-    def _kind(self, kind: str) -> JobKind:
-        if kind not in self.kinds:
-            raise NotFoundError(
-                Message("no job {name!r}", kind[:40]),
-                Message("one of {list}", ", ".join(self.kinds)),
-            )
-        return self.kinds[kind]
-
-    @staticmethod
-    def _request(kind: JobKind, request: Mapping[str, Any] | JobRequest) -> JobRequest:
-        if isinstance(request, kind.request):
-            return request
-        if isinstance(request, JobRequest):
-            raise InputError(
-                Message("a request of {name}", type(request).__name__), kind.request.__name__
-            )
-        return validated(kind.request, request, kind.name)
 
     def command(self, actor: Actor) -> None:
         """Refuse an actor without the lease; a free lease is taken."""
@@ -362,17 +270,14 @@ class JobRunner:
 
     # -- working ----------------------------------------------------------------------------
 
-    def _work(self, kind: JobKind, job: Job, request: JobRequest) -> None:
-        context = JobContext(self._station, self._place.settings, job, job.actor)
+    def _work(self, job: Job) -> None:
         state: JobState = "done"
         result = problem = None
         try:
-            mounting = getattr(request, "mounting", None)
-            signature = job.signature or job.actor.signature
-            with acting_as(job.actor.label), authenticated(signature), mounted_as(mounting):
-                result = kind.run(context, request)
-            self._on_done(kind.name)
-        except (RunAbortedError, ProcessEndedError) as error:
+            with authenticated(job.actor.signed if job.signed else job.actor.signature):
+                result = job.operation.run(self._place(job.actor, job), job.request, job)
+            self._on_done(job.operation)
+        except (RunAbortedError, EndedError) as error:
             state, problem = "aborted", Problem.of(error)
         except Exception as error:  # the panel continues after any error
             state = "aborted" if job.cancelled.is_set() else "failed"
@@ -487,7 +392,7 @@ class JobRunner:
     def abort(self, actor: Actor, job_id: str, reason: str = "") -> JobView:
         """End a job with zero torque; raises like `pause`."""
         job, _ = self._commanded(actor, job_id)
-        reason = plain(reason, 200)
+        reason = plain_text(reason, 200)
         self._abort(job, reason or Message("aborted by {who}", actor.label))
         self._note(actor, "aborted a job", job_id=job_id, reason=reason)
         return self._view(job)
@@ -560,3 +465,30 @@ class JobRunner:
             thread.join()
         if token is not None:
             self._station.engine.run_engine.unsubscribe(token)
+
+
+def _operation(kind: str) -> Operation:
+    try:
+        return find_operation(kind)
+    except InputError as unknown:
+        raise NotFoundError(unknown.found, unknown.allowed) from None
+
+
+def _require_person(actor: Actor, request: Request) -> None:
+    """Refuse a program that decides what a person has to decide."""
+    for each in parameters(type(request)):
+        chosen = getattr(request, each.name)
+        if each.decision and chosen != each.default and actor.kind != "person":
+            raise PermissionDeniedError(
+                Message("{title} by {name}", each.title, actor.label), "a person's decision"
+            )
+
+
+def _request(found: Operation, request: Mapping[str, Any] | Request) -> Request:
+    if isinstance(request, found.request):
+        return request
+    if isinstance(request, Request):
+        raise InputError(
+            Message("a request of {name}", type(request).__name__), found.request.__name__
+        )
+    return validated(found.request, request, found.name)

@@ -23,6 +23,7 @@ from torquebench.bench.roles import SIDES, reference_channel, torque_channel
 from torquebench.columns import Column, column_of
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations.recording import SignalWindows, torque_windows
 from torquebench.panel.service.live.rings import Rows, TrendMemory, envelope, nan_mean
 from torquebench.units import DEG_PER_TURN, RPM_PER_RAD_S
 
@@ -34,8 +35,6 @@ __all__ = [
     "LatestValue",
     "LiveHub",
     "LiveTrend",
-    "LiveWindows",
-    "torque_windows",
 ]
 
 Connection = Literal["live", "stale", "lost"]
@@ -123,22 +122,6 @@ class LatestValue:
         return self.age_s > STALE_AFTER_S
 
 
-@dataclass(frozen=True, eq=False)
-class LiveWindows:
-    """Every single window of one torque signal.
-
-    Parameters
-    ----------
-    time_s : float64[n]
-        Bench time, s.
-    value_nm : float64[n]
-        NaN where there is no number.
-    """
-
-    time_s: NDArray[np.float64]
-    value_nm: NDArray[np.float64]
-
-
 class LiveHub:
     """Rows of all live signals, kept in bounded memory; safe to read from any thread.
 
@@ -179,7 +162,7 @@ class LiveHub:
         self._block_at = time.monotonic()
         self._bench_s = 0.0
         self._clock_s = time.time()
-        self._windows: deque[dict[str, LiveWindows]] = deque()
+        self._windows: deque[dict[str, SignalWindows]] = deque()
         self._ended = threading.Event()
         self._thread = threading.Thread(target=self._run, name="torquebench-live", daemon=True)
 
@@ -357,7 +340,7 @@ class LiveHub:
             sequence, rows = self.sequence, self._memory.between(start_s, stop_s)
         return _trend(sequence, envelope(rows, max(1, min(points, MOST_POINTS))), signals)
 
-    def windows(self, signal: str, start_s: float, stop_s: float) -> LiveWindows:
+    def windows(self, signal: str, start_s: float, stop_s: float) -> SignalWindows:
         """Return every single window of a torque in a span; two minutes are kept.
 
         Raises
@@ -376,7 +359,7 @@ class LiveHub:
         time_s = np.concatenate([empty, *(part.time_s for part in kept)])
         value_nm = np.concatenate([empty, *(part.value_nm for part in kept)])
         inside = (time_s >= start_s) & (time_s <= stop_s)
-        return LiveWindows(time_s[inside], value_nm[inside])
+        return SignalWindows(time_s[inside], value_nm[inside])
 
     def latest(self) -> dict[str, LatestValue]:
         """Return the newest number of every signal with its age."""
@@ -396,22 +379,6 @@ class LiveHub:
 TORQUE_SIGNALS = tuple(
     f"{side}_{kind}_nm" for side in SIDES for kind in ("torque", "raw", "reference")
 )
-
-
-def torque_windows(block: Block) -> dict[str, LiveWindows]:
-    """Return every window of the torques in a block, by signal, if available."""
-    found: dict[str, LiveWindows] = {}
-    for side in SIDES:
-        channels = {"raw": torque_channel(side), "reference": reference_channel(side)}
-        for name, channel in channels.items():
-            record = block.records.get(channel)
-            if record is not None:
-                found[f"{side}_{name}_nm"] = LiveWindows(record.time_s, record["reading_nm"])
-        compensated = block.torques.get(side)
-        raw = found.get(f"{side}_raw_nm")
-        if compensated is not None and raw is not None and len(compensated) == raw.time_s.size:
-            found[f"{side}_torque_nm"] = LiveWindows(raw.time_s, compensated.value_nm)
-    return found
 
 
 def _trend(

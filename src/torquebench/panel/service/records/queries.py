@@ -14,19 +14,26 @@ from typing import IO, Any
 import numpy as np
 from sqlalchemy import or_
 
+from torquebench.campaign import find_interrupted, read_interrupted
 from torquebench.campaign.drifting import DriftSeries, drift_of
 from torquebench.chain import load_chain
 from torquebench.columns import short_names
-from torquebench.errors import InputError, RecordError
+from torquebench.errors import InputError, RecordError, TorquebenchError
 from torquebench.message import Message
+from torquebench.operations.calibrating import CalibratedModule
+from torquebench.operations.checking import VerifiedModule, stored_verification
+from torquebench.operations.models import stored_module
+from torquebench.operations.reducers import report_path
 from torquebench.panel.service.live.rings import Rows, envelope
 from torquebench.panel.service.problems import NotFoundError
 from torquebench.panel.service.records.views import (
     CalibrationDetail,
     ErrorCurve,
+    InterruptedView,
     RunDetail,
     RunPage,
     RunTable,
+    UnfinishedView,
 )
 from torquebench.records import (
     CalibrationEntry,
@@ -38,6 +45,7 @@ from torquebench.records import (
     RunSummary,
     folder_changes,
     sha256_of_file,
+    unfinished_runs,
 )
 from torquebench.records.export.streams import Stream, StreamFormat, export_streams, stream_ending
 from torquebench.records.runs.time_check import (
@@ -49,16 +57,11 @@ from torquebench.records.signatures import Signature
 from torquebench.reports.certificate import archive_folder, run_data
 from torquebench.reports.export import export_run
 
-__all__ = ["MEDIA", "RecordQueries", "report_path"]
+__all__ = ["MEDIA", "RecordQueries"]
 
 RUN_ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}")
 MEDIA = {".pdf": "application/pdf", ".xml": "application/xml", ".json": "application/json"}
 MOST_ROWS = 500
-
-
-def report_path(registry: Registry, run_id: str) -> Path:
-    """Return where the report of a run is kept as PDF."""
-    return registry.root / "reports" / f"{run_id}.pdf"
 
 
 class RecordQueries:
@@ -300,6 +303,53 @@ class RecordQueries:
             tuple(self._registry.activations(entry.transducer_serial)),
             Signature("signed", "", covers=self._registry.covered(calibration_id)).sha256,
         )
+
+    def unfinished(self) -> list[UnfinishedView]:
+        """Return the runs that aren't finished and that no process writes, the oldest first."""
+        return [
+            UnfinishedView(run.run_id, run.kind, run.state.value, run.found, run.remedy)
+            for run in unfinished_runs(self._registry)
+        ]
+
+    def interrupted(self, run_id: str = "") -> InterruptedView | None:
+        """Return a run that can be resumed; by default the newest calibration, if it is one.
+
+        None if there is nothing to resume; an attempt to resume states the reason.
+        """
+        registry = self._registry
+        try:
+            if not run_id:
+                kinds = ((run.run_id, run.kind) for run in registry.runs())
+                run_id = next((name for name, kind in kinds if kind.startswith("calibrate-")), "")
+            if not run_id:
+                return None
+            interrupted = read_interrupted(registry, find_interrupted(registry, run_id))
+            kept = len(interrupted.kept)
+        except TorquebenchError:
+            return None
+        return InterruptedView(
+            run_id=run_id,
+            side=interrupted.side,
+            profile=interrupted.profile.title,
+            interrupted=interrupted.interrupted,
+            points=len(interrupted.points),
+            kept=kept,
+            total=sum(step.recorded for step in interrupted.steps),
+        )
+
+    def module(self, calibration_id: int) -> CalibratedModule:
+        """Return what a calibration has found, from its run and its models' files.
+
+        Raises
+        ------
+        RecordError
+            It isn't registered, or its records were changed.
+        """
+        return stored_module(self._registry, calibration_id)
+
+    def verified(self, calibration_id: int) -> VerifiedModule | None:
+        """Return the last verification of a calibration's models; None before the first."""
+        return stored_verification(self._registry, calibration_id)
 
     def models(self, transducer_serial: str | None = None) -> list[ModelEntry]:
         """Return models, and which of them are in use."""

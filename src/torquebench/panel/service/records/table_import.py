@@ -33,8 +33,8 @@ from torquebench.calibration import (
 from torquebench.campaign.external_calibration import ExternalCalibration, register_table
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations import Day, Moment, Name, Number
 from torquebench.panel.service.access.actors import Actor, require
-from torquebench.panel.service.fields import Day, Moment, Number, ProfileName
 from torquebench.panel.service.problems import BusyError
 from torquebench.panel.service.settings.store import SettingsStore
 from torquebench.records import Equipment, Registry, Report
@@ -94,7 +94,7 @@ class TableRequest(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
     content: Annotated[str, Field(min_length=1, max_length=LONGEST_TABLE)]
-    profile: ProfileName = "staircase"
+    profile: Name = "staircase"
     reference_uncertainty_percent: (
         Annotated[Number, Field(gt=0, le=10, description="% of torque or range")] | None
     ) = Field(default=None, description="Expanded (k = 2), of the standard, %.")

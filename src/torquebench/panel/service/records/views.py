@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import datetime
 from typing import Any
 
 from torquebench.records import (
@@ -19,9 +20,11 @@ from torquebench.records import (
 __all__ = [
     "CalibrationDetail",
     "ErrorCurve",
+    "InterruptedView",
     "RunDetail",
     "RunPage",
     "RunTable",
+    "UnfinishedView",
 ]
 
 
@@ -118,3 +121,46 @@ class ErrorCurve:
     branch: tuple[int, ...]
     model_id: int | None
     model_error_nm: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class UnfinishedView:
+    """An unfinished run.
+
+    Parameters
+    ----------
+    run_id, kind : str
+    state : {"left open", "sealed", "measured", "interrupted"}
+        Its state: "interrupted" must be resumed on its bench, the others can be finished without
+        measuring.
+    found, remedy : str
+        Its state in words, and the command that finishes it.
+    """
+
+    run_id: str
+    kind: str
+    state: str
+    found: str
+    remedy: str
+
+
+@dataclass(frozen=True)
+class InterruptedView:
+    """A calibration that was begun and not finished.
+
+    Parameters
+    ----------
+    run_id, side, profile : str
+    interrupted : datetime.datetime
+        When its last point was taken, UTC.
+    points, kept, total : int
+        Numbers of measured points, of points that are kept, and of all points.
+    """
+
+    run_id: str
+    side: str
+    profile: str
+    interrupted: datetime
+    points: int
+    kept: int
+    total: int

@@ -18,8 +18,8 @@ from torquebench.bench.description import BenchDescription
 from torquebench.calibration import Profile, available_profiles, load_profile
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.operations import plain_text
 from torquebench.panel.service.access.actors import Actor, require
-from torquebench.panel.service.fields import plain
 from torquebench.panel.service.problems import BusyError, NotFoundError
 from torquebench.panel.service.settings.differences import (
     Difference,
@@ -81,6 +81,18 @@ class SettingsStore:
         names = [*builtin_names(found.name), *self._own_names(section)]
         return [self.get(section, name) for name in names]
 
+    def names(self, kind: str) -> tuple[str, ...]:
+        """Return the names that a field of a request may have.
+
+        Parameters
+        ----------
+        kind : str
+            As of `operations.field`: "profiles:steps", "profiles:random", "reducers",
+            "reducers:certified".
+        """
+        section, _, part = kind.partition(":")
+        return tuple(item.name for item in self.items(section) if _is_of(item.document, part))
+
     def get(self, section: str, name: str) -> SettingsItem:
         """Return one document.
 
@@ -113,16 +125,23 @@ class SettingsStore:
         return sorted(name for name, after in latest.items() if json.loads(after) is not None)
 
     def profile(self, name: str) -> Profile:
-        """Return a calibration profile by its name, never by a path; raises like `get`."""
+        """Return a calibration profile by its name, never by a path; see `Library`."""
         if name in available_profiles():
             return load_profile(name)
-        return validated(Profile, self.get("profiles", name).document, f"profile {name}")
+        return validated(Profile, self._named("profiles", name), f"profile {name}")
 
     def reducer(self, name: str) -> ReducerDescription:
-        """Return a reducer's description by its name, never by a path; raises like `get`."""
+        """Return a reducer's description by its name, never by a path; see `Library`."""
         if name in available_reducers():
             return load_reducer(name)
-        return validated(ReducerDescription, self.get("reducers", name).document, f"reducer {name}")
+        return validated(ReducerDescription, self._named("reducers", name), f"reducer {name}")
+
+    def _named(self, section: str, name: str) -> Mapping[str, Any]:
+        """Return a document that a request names; one that isn't there is a wrong request."""
+        try:
+            return self.get(section, name).document
+        except NotFoundError as error:
+            raise InputError(error.found, error.allowed, error.remedy) from None
 
     def bench(self) -> BenchDescription:
         """Return the bench's description with the panel's changes.
@@ -285,7 +304,7 @@ class SettingsStore:
                     who=actor.label,
                     section=section,
                     name=name,
-                    reason=plain(reason, 500),
+                    reason=plain_text(reason, 500),
                     before=json_text(before or None),
                     after=json_text(kept),
                     undoes=undoes,
@@ -423,3 +442,11 @@ def _refuse_fixed(found: tuple[Difference, ...]) -> None:
                 "channels, limits, safety, counter, recording, conditions",
                 "change it in the bench's own file",
             )
+
+
+def _is_of(document: Mapping[str, Any], part: str) -> bool:
+    """Whether a document belongs to a part of its section."""
+    if part in ("steps", "random"):
+        pattern = (document.get("loading") or {}).get("pattern")
+        return (pattern == "random") == (part == "random")
+    return part != "certified" or bool(document.get("certified_friction"))

@@ -1,0 +1,424 @@
+"""Commands of operations: options from the request, and the same work for all of them."""
+
+from __future__ import annotations
+
+import contextlib
+import inspect
+import sys
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from torquebench.cli.options import (
+    DEFAULT_DATA,
+    BenchOption,
+    DataOption,
+    RealTimeOption,
+    YesOption,
+    bench_description,
+    data_directory,
+    named_values,
+)
+from torquebench.cli.output_options import JsonOption, QuietOption
+from torquebench.cli.reports import ReportOption, check_reports, write_reports
+from torquebench.cli.terminal.console import answer, begin_output, note, stderr_console, warn
+from torquebench.errors import InputError, RecordError
+from torquebench.message import Message
+from torquebench.operations import Operation, Parameter, parameters
+from torquebench.operations.place import PackagedLibrary
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.cli.bench_session import BenchSession
+    from torquebench.operations import Place, Request, Result
+    from torquebench.progress import Progress
+    from torquebench.station import Station
+
+__all__ = ["opened_bench", "operation_command", "present", "run_on_bench", "validated_request"]
+
+TYPES: Mapping[str, Any] = {"number": float, "whole": int}
+NOT = "not_"
+"""Before the name of a flag that is taken back."""
+DryRunOption = Annotated[
+    bool, typer.Option("--dry-run", help="Show what would happen and check it; nothing moves.")
+]
+ByOption = Annotated[
+    str | None,
+    typer.Option(
+        "--by", metavar="NAME", help="Who does it; by default the person at this account."
+    ),
+]
+
+
+# -- options --------------------------------------------------------------------------------
+
+
+def operation_command(operation: Operation) -> Callable[..., None]:
+    """Return the command of an operation, for Typer."""
+    asked = {each.name: each for each in parameters(operation.request)}
+
+    def command(**given: Any) -> None:
+        values = {name: given.pop(name, None) for name in asked}
+        values |= {name: False for name in asked if given.pop(f"{NOT}{name}", False)}
+        begin_output(operation.name, json=given.pop("json"), quiet=given.pop("quiet"))
+        _run(operation, _entered(asked, values), **given)
+
+    options = [part for each in asked.values() for part in _options(each)]
+    options += _common(operation)
+    options.sort(key=lambda each: each.default is not inspect.Parameter.empty)
+    # Typer reads a command's options from this attribute, which typing doesn't know.
+    command.__signature__ = inspect.Signature(options)  # type: ignore[attr-defined]
+    command.__annotations__ = {each.name: each.annotation for each in options}
+    command.__doc__ = operation.description
+    return command
+
+
+def _common(operation: Operation) -> Iterator[inspect.Parameter]:
+    """Yield the options that operations have in common."""
+    from torquebench.operations import Result
+
+    if operation.preview is not None:
+        yield _parameter("dry_run", DryRunOption, False)
+    if operation.result.page is not Result.page:
+        yield _parameter("report", ReportOption, None)
+    if operation.where == "bench":
+        yield _parameter("bench", BenchOption, None)
+    if operation.where != "files":
+        yield _parameter("data", DataOption, DEFAULT_DATA)
+    if operation.role != "operator" or operation.signed:
+        yield _parameter("by", ByOption, inspect.Parameter.empty if operation.signed else None)
+    if operation.where == "bench":
+        yield _parameter("yes", YesOption, False)
+        yield _parameter("real_time", RealTimeOption, False)
+    yield _parameter("json", JsonOption, False)
+    yield _parameter("quiet", QuietOption, False)
+
+
+def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    )
+
+
+def _options(asked: Parameter) -> Iterator[inspect.Parameter]:
+    """Yield a request's field as an option; of a flag those that differ from the default."""
+    if asked.kind != "flag":
+        yield _option(asked)
+        return
+    if asked.default is not True:
+        yield _parameter(
+            asked.name, Annotated[bool, typer.Option(asked.option, help=asked.help)], None
+        )
+    if asked.default is not False:
+        first = f"{asked.help[:1].lower()}{asked.help[1:]}".partition(". ")[0].removesuffix(".")
+        made = typer.Option(f"--no-{asked.option[2:]}", help=f"Don't {first}.")
+        yield _parameter(f"{NOT}{asked.name}", Annotated[bool, made], False)
+
+
+def _option(asked: Parameter) -> inspect.Parameter:
+    """Return a field that isn't a flag as an option; its value is checked by the request."""
+    kind: Any = str if asked.numbered else TYPES.get(asked.kind, str)
+    metavar = {"number": "<float>", "whole": "<int>", "text": "<str>"}.get(asked.kind)
+    words = asked.help
+    if asked.kind == "choice":
+        metavar = f"<{'|'.join(asked.choices)}>"
+        if asked.argument:
+            words = f"{words.removesuffix('.')}: {', '.join(asked.choices)}."
+    elif asked.numbered:
+        metavar = f"{asked.numbered}-N"
+    elif asked.kind in ("record", "values"):
+        metavar = "NAME=VALUE"
+        words += " May be repeated"
+        words += f": {', '.join(asked.record.model_fields)}." if asked.record else "."
+    elif asked.limits:
+        words = f"{words.removesuffix('.')} ({asked.limits})."
+    several = asked.several or asked.kind in ("record", "values")
+    default: Any = asked.default
+    if asked.kind in ("record", "values"):
+        default = None
+    elif several and default is not None:
+        default = list(default)
+    kind = list[kind] if several else kind
+    if asked.required:
+        default = inspect.Parameter.empty
+    elif default is None:
+        kind |= None
+    details: dict[str, Any] = {"help": words, "metavar": metavar}
+    if asked.choices:
+        details["autocompletion"] = lambda: list(asked.choices)
+    if asked.argument:
+        made = typer.Argument(**details | {"metavar": asked.option[2:].upper()})
+    else:
+        option = asked.option
+        if several and option.endswith("s"):  # one value at a time
+            option = option.removesuffix("s")
+        made = typer.Option(option, **details)
+    return _parameter(asked.name, Annotated[kind, made], default)
+
+
+def _entered(asked: Mapping[str, Parameter], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the values that a person has entered, as the request takes them."""
+    entered: dict[str, Any] = {}
+    for name, value in values.items():
+        parameter = asked[name]
+        if value is None or (parameter.several and not value and not parameter.required):
+            continue
+        if parameter.kind in ("record", "values"):
+            if not value:
+                continue
+            texts = named_values(value, parameter.option, "name=value")
+            value = (
+                texts if parameter.record else {key: _value(text) for key, text in texts.items()}
+            )
+        entered[name] = value
+    return entered
+
+
+def _value(text: str) -> Any:
+    """Return a text as the number or the word that it means."""
+    if text.lower() in ("none", ""):
+        return None
+    if text.lower() in ("true", "false"):
+        return text.lower() == "true"
+    for kind in (int, float):
+        with contextlib.suppress(ValueError):
+            return kind(text)
+    return text
+
+
+# -- work -----------------------------------------------------------------------------------
+
+
+def validated_request(operation: Operation, values: Mapping[str, Any]) -> Request:
+    """Return a checked request; names of profiles and reducers are looked up at once."""
+    from torquebench.validation import validated
+
+    request = validated(operation.request, values, operation.name)
+    library = PackagedLibrary()
+    for each in parameters(operation.request):
+        name = getattr(request, each.name)
+        kind = each.names.partition(":")[0]
+        if kind in ("profiles", "reducers") and name is not None:
+            (library.profile if kind == "profiles" else library.reducer)(name)
+    return request
+
+
+def _run(
+    operation: Operation,
+    values: Mapping[str, Any],
+    *,
+    report: list[Path] | None = None,
+    dry_run: bool = False,
+    bench: Path | None = None,
+    data: Path = DEFAULT_DATA,
+    by: str | None = None,
+    yes: bool = False,
+    real_time: bool = False,
+) -> None:
+    request = validated_request(operation, values)
+    check_reports(report)
+    if operation.where == "bench":
+        description, resumed = _description(operation, request, bench, data)
+        if dry_run:
+            _rehearse(operation, request, description, data)
+            return
+        _refuse_unattended(operation, description, yes=yes)
+        with opened_bench(
+            description, data, real_time=real_time, yes=yes, resumed=resumed
+        ) as session:
+            result = run_on_bench(session, operation, request)
+    else:
+        with _records_place(operation, data, by or "") as place:
+            tell_doubts(_doubts(operation, place, request))
+            with _working() as progress:
+                result = operation.run(place, request, progress)
+    present(result, report)
+
+
+def _description(
+    operation: Operation, request: Request, bench: Path | None, data: Path
+) -> tuple[BenchDescription, str]:
+    """Return the description of the bench, and the run that is resumed on it.
+
+    The description is that of the command, of the resumed run, or of the simulated bench.
+    """
+    if operation.bench is None:
+        return bench_description(bench), ""
+    from torquebench.campaign.resuming import find_interrupted
+    from torquebench.records import Registry
+    from torquebench.station import recover_unfinished
+    from torquebench.station.bench_lock import BenchLock
+
+    folder = data_directory(data)
+    with BenchLock(None, folder), Registry.open(folder) as registry:
+        recover_unfinished(registry)  # a killed run isn't sealed yet
+        run = find_interrupted(registry, getattr(request, "run_id", ""))
+        described = (
+            operation.bench(registry, request) if bench is None else bench_description(bench)
+        )
+        return described, run.run_id
+
+
+def _rehearse(
+    operation: Operation, request: Request, description: BenchDescription, data: Path
+) -> None:
+    """Show the preview, of the plan that would run on the records that there are."""
+    import dataclasses
+
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.cli.bench_session import rehearsing
+    from torquebench.cli.options import has_registry
+    from torquebench.cli.terminal.page import print_page
+    from torquebench.operations import Place
+    from torquebench.records import Registry
+
+    assert operation.preview is not None
+    with contextlib.ExitStack() as opened:
+        station = opened.enter_context(rehearsing(description))
+        registry = station.registry
+        if has_registry(data):
+            registry = opened.enter_context(Registry.open(data))
+        place = Place(operator_name(), PackagedLibrary(), registry, station)
+        doubts = _doubts(operation, place, request)
+        if operation.name == "calibrate":
+            _check_standard(station, request)
+        preview = operation.preview(place, request)
+        preview = dataclasses.replace(preview, doubts=doubts, simulated=description.simulated)
+    print_page(preview.page())
+    tell_doubts(preview.doubts)
+    answer(**vars(preview))
+
+
+def _check_standard(station: Station, request: Any) -> None:
+    """Refuse a calibrator that is mounted already and states a torque without load."""
+    from torquebench.campaign.measuring import standard_at_rest
+    from torquebench.operations.operation import chosen_sides
+
+    for side in chosen_sides(request.side):
+        standard_at_rest(station, side, "calibrator")
+
+
+def _refuse_unattended(operation: Operation, description: BenchDescription, *, yes: bool) -> None:
+    """Refuse to load a real bench, before it is opened, where nobody can confirm that."""
+    if operation.loads and not (yes or description.simulated or sys.stdin.isatty()):
+        raise InputError(
+            Message("{name} is a real bench and nobody is there to confirm", description.name),
+            "a person at the terminal, or --yes",
+            "check that nobody is at the bench, then give --yes",
+        )
+
+
+@contextlib.contextmanager
+def opened_bench(
+    description: BenchDescription, data: Path, *, real_time: bool, yes: bool, resumed: str = ""
+) -> Iterator[BenchSession]:
+    """Open the bench for operations that a person at the terminal watches; see `open_bench`."""
+    from torquebench.cli.bench_session import open_bench
+    from torquebench.cli.models.compiling import second_process
+
+    with (
+        second_process(),
+        open_bench(description, data, real_time=real_time, yes=yes, resumed=resumed) as session,
+    ):
+        yield session
+
+
+def run_on_bench(session: BenchSession, operation: Operation, request: Request) -> Result:
+    """Check, have confirmed, and run an operation on an open bench."""
+    import dataclasses
+
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.operations import Place
+
+    station = session.station
+    place = Place(operator_name(), PackagedLibrary(), station.registry, station)
+    tell_doubts(_doubts(operation, place, request))
+    if operation.loads and not (session.yes or station.description.simulated):
+        _confirm(place, operation, request)
+    with session.measuring(may_pause=operation.can_pause) as (progress, ask):
+        return operation.run(dataclasses.replace(place, on_pause=ask), request, progress)
+
+
+def _confirm(place: Place, operation: Operation, request: Request) -> None:
+    """Have a person confirm that a real bench is clear."""
+    from torquebench.operations import duration_words
+
+    words = str(operation.title(request))
+    if operation.preview is not None:
+        preview = operation.preview(place, request)
+        words += f": {preview.points} points, {duration_words(preview.duration_s)}"
+        for unit, largest in (
+            ("N·m", preview.largest_torque_nm),
+            ("rpm", preview.largest_speed_rpm),
+        ):
+            words += "".join(f", {side} up to {x:.4g} {unit}" for side, x in largest.items() if x)
+    stderr_console().print(f"{place.station.description.name}. {words}.", markup=False)
+    if not typer.confirm("Is the bench clear, and may it start?", err=True):
+        raise typer.Exit(1)
+
+
+@contextlib.contextmanager
+def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]:
+    """Open what an operation without the bench needs."""
+    from torquebench.campaign.measuring import operator_name
+    from torquebench.operations import Place
+
+    who = by.strip() or operator_name()
+    if operation.where == "files":
+        yield Place(who, PackagedLibrary())
+        return
+    from torquebench.records import Registry
+    from torquebench.station import recover_unfinished
+    from torquebench.station.bench_lock import BenchLock
+
+    folder = data_directory(data)
+    with contextlib.ExitStack() as opened:
+        if not operation.quick:  # long work on runs that no process writes
+            opened.enter_context(BenchLock(None, folder))
+        registry = opened.enter_context(Registry.open(folder))
+        if not operation.quick:
+            recover_unfinished(registry)
+        yield Place(who, PackagedLibrary(), registry)
+
+
+@contextlib.contextmanager
+def _working() -> Iterator[Progress]:
+    from torquebench.cli.terminal.progress import TerminalProgress
+
+    with TerminalProgress() as progress:
+        yield progress
+
+
+def _doubts(operation: Operation, place: Place, request: Request) -> tuple[str, ...]:
+    """Check a request; a record that there isn't is unusable input here."""
+    try:
+        return operation.doubts(place, request)
+    except RecordError as missing:
+        raise InputError(missing.found, missing.allowed, missing.remedy) from missing
+
+
+def tell_doubts(doubts: Iterable[str]) -> None:
+    """Warn of what makes a result doubtful."""
+    for doubt in doubts:
+        warn(doubt)
+
+
+def present(result: Result, reports: Iterable[Path] | None = None) -> None:
+    """Print a result, write its reports, and end with exit code 1 if it failed."""
+    from torquebench.cli.failure import CHECK_FAILED
+    from torquebench.cli.terminal.page import print_page, print_verdict
+
+    page = result.page()
+    print_page(page)
+    if result.verdict or page.title != result.headline:
+        print_verdict(result)
+    for remark in result.remarks:
+        warn(remark)
+    answer(**result.plain())
+    if reports:
+        write_reports(page, list(reports))
+    if result.failed:
+        note("a check failed: exit code 1")
+        raise typer.Exit(CHECK_FAILED)

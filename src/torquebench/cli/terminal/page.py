@@ -1,0 +1,85 @@
+"""A result's description in the terminal, within 80 columns: facts and tables, no figures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from rich.table import Table as Grid
+from rich.text import Text
+
+from torquebench.cli.terminal.console import narrow_table, out
+from torquebench.reports.page import Facts, Page, Section, Table
+
+if TYPE_CHECKING:
+    from torquebench.operations import Result
+
+__all__ = ["print_page", "print_verdict"]
+
+NAME_WIDTH = 30
+"""Columns of the first cell of a row of numbers."""
+
+
+def print_page(page: Page) -> None:
+    """Print title, facts and tables of a description; details and figures are left out."""
+    suffix = " - simulated" if page.simulated else ""
+    out().print(Text(f"{page.title}{suffix}", style="bold"))
+    if page.subtitle:
+        out().print(Text(page.subtitle))
+    for section in page.sections:
+        if not section.detail:
+            _print_section(section)
+
+
+def _print_section(section: Section) -> None:
+    if section.heading:
+        out().print(Text(section.heading, style="italic"))
+    if section.text:
+        out().print(Text(section.text))
+    for block in section.blocks:
+        if isinstance(block, Facts):
+            _print_facts(block)
+        elif isinstance(block, Table):
+            _print_table(block)
+
+
+def _print_facts(facts: Facts) -> None:
+    grid = Grid.grid(padding=(0, 2, 0, 0))
+    grid.add_column(style="dim", max_width=NAME_WIDTH)
+    grid.add_column(overflow="fold")
+    for name, value in facts.items:
+        grid.add_row(Text(name), Text(value))
+    out().print(grid)
+
+
+def _print_table(table: Table) -> None:
+    """Print a table; headings are broken, numbers never are."""
+    sentences, grid = table.sentences, narrow_table()
+    for number, heading in enumerate(table.header):
+        words = number == 0 or table.words or sentences[number]
+        cells = [row[number] for row in table.rows]
+        widest = max((len(cell) for cell in cells), default=1)
+        longest = max((len(word) for word in heading.split()), default=1)
+        grid.add_column(
+            Text(heading),
+            justify="left" if words else "right",
+            overflow="fold",
+            min_width=min(widest, NAME_WIDTH) if number == 0 else 1 if words else widest,
+            max_width=None if words else max(widest, longest),
+        )
+    for place, row in enumerate(table.rows):
+        style = "bold green" if place == table.emphasised else ""
+        grid.add_row(*(Text(cell) for cell in row), style=style)
+    out().print(grid)
+    if table.caption:
+        out().print(Text(table.caption, style="dim"))
+
+
+def print_verdict(result: Result) -> None:
+    """Print the sentence of a result, in the colour of its verdict."""
+    from torquebench.uncertainty import Verdict
+
+    label = Verdict(result.verdict).label if result.verdict else ""
+    colour = "red" if result.failed else "green" if label else ""
+    text = Text(f"{label}: " if label else "", style=colour)
+    text.append(result.headline, style="" if label else "bold")
+    out().print(text)

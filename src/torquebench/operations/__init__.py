@@ -1,0 +1,10 @@
+"""Operations: what a person or a program can have done, each stated once.
+
+An operation is a request, a preview, a function and its role. The command, the API's route, the
+job, the form, the documentation's page and the client's method are derived from it. They work on
+an open bench, on records or on files (`Place`) and return a `Result`.
+"""
+
+import lazy_loader
+
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -1,0 +1,44 @@
+from .catalogue import (
+    OPERATIONS as OPERATIONS,
+    find_operation as find_operation,
+)
+from .operation import (
+    WHOLE as WHOLE,
+    CalibrationNumber as CalibrationNumber,
+    Day as Day,
+    Flag as Flag,
+    Identifier as Identifier,
+    ModelName as ModelName,
+    ModelNumber as ModelNumber,
+    Moment as Moment,
+    MountedRequest as MountedRequest,
+    Name as Name,
+    Number as Number,
+    Operation as Operation,
+    Parameter as Parameter,
+    Request as Request,
+    RunId as RunId,
+    Tolerance as Tolerance,
+    field as field,
+    parameters as parameters,
+    plain_text as plain_text,
+)
+from .place import (
+    ROLES as ROLES,
+    EndedError as EndedError,
+    Library as Library,
+    PackagedLibrary as PackagedLibrary,
+    Place as Place,
+    Role as Role,
+    allows as allows,
+)
+from .preview import (
+    Preview as Preview,
+    duration_words as duration_words,
+)
+from .result import (
+    Integers as Integers,
+    Numbers as Numbers,
+    Result as Result,
+    json_schemas as json_schemas,
+)

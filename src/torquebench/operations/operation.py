@@ -1,0 +1,528 @@
+"""An operation: a request and the function that does it. All interfaces are derived from it."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from dataclasses import field as dataclass_field
+from datetime import date, datetime
+from inspect import cleandoc
+from types import UnionType
+from typing import (
+    TYPE_CHECKING,
+    Annotated,
+    Any,
+    Literal,
+    TypeAlias,
+    Union,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import (
+    AfterValidator,
+    AwareDatetime,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    Strict,
+    WithJsonSchema,
+)
+from pydantic.fields import FieldInfo
+
+from torquebench.bench.mounting_record import MountingRecord
+from torquebench.bench.roles import SIDES, Side
+from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
+from torquebench.message import Message
+from torquebench.operations.place import Place, Role
+from torquebench.units import name_without_unit, title_of_name, unit_of_name
+
+if TYPE_CHECKING:
+    from torquebench.bench.description import BenchDescription
+    from torquebench.operations.preview import Preview
+    from torquebench.operations.result import Result
+    from torquebench.progress import Progress
+    from torquebench.records import Registry
+
+__all__ = [
+    "WHOLE",
+    "CalibrationNumber",
+    "Day",
+    "Flag",
+    "Identifier",
+    "ModelName",
+    "ModelNumber",
+    "Moment",
+    "MountedRequest",
+    "Name",
+    "Number",
+    "Operation",
+    "Parameter",
+    "Request",
+    "RunId",
+    "Tolerance",
+    "chosen_sides",
+    "field",
+    "parameters",
+    "plain_text",
+]
+
+# -- types of fields ------------------------------------------------------------------------
+
+
+def _whole(value: Any) -> Any:
+    """Accept 20.0 as 20, as JSON does, but neither text nor booleans."""
+    if isinstance(value, bool | str | bytes):
+        raise ValueError("a whole number")  # noqa: TRY004 - pydantic passes TypeErrors on
+    return value
+
+
+def _in_words(moment: Any) -> Any:
+    """Refuse seconds since 1970, which look like a typing mistake."""
+    if not re.match(r"\d{4}-\d{2}-\d{2}[T ]", str(moment)):
+        raise ValueError("a time such as 2026-01-31T12:00:00Z")
+    return moment
+
+
+def _day_in_words(day: Any) -> Any:
+    """Refuse seconds since 1970 for a day, too."""
+    if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", str(day)):
+        raise ValueError("a day such as 2026-01-31")
+    return day
+
+
+def _of_our_time(moment: datetime) -> datetime:
+    """Refuse years that databases can't convert to another time zone."""
+    if not 1900 <= moment.year <= 2900:
+        raise ValueError("a moment between 1900 and 2900")
+    return moment
+
+
+def _known_model(name: str) -> str:
+    if name not in MODEL_NAMES:
+        raise ValueError(
+            "one of " + ", ".join((*MODELS, *NETWORKS, "polynomial-1 to polynomial-30"))
+        )
+    return name
+
+
+Flag: TypeAlias = Annotated[bool, Strict()]
+Number: TypeAlias = Annotated[float, Strict()]
+WHOLE = BeforeValidator(_whole)
+"""Put it last: constraints before it stay in the schema."""
+Identifier: TypeAlias = Annotated[int, Field(ge=1, le=2**53), WHOLE]
+"""Number of a record."""
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """Mark of a field with a record's number, which people write as "model-14"."""
+
+    record: str
+
+    def number(self, value: Any) -> Any:
+        """Return the number in a record's name; other values are returned for the next check."""
+        if isinstance(value, str) and value.startswith(f"{self.record}-"):
+            digits = value.removeprefix(f"{self.record}-")
+            value = int(digits) if digits.isdecimal() else value
+        if isinstance(value, str | bytes | bool):
+            raise ValueError(Message("{record} such as {record}-14", self.record))  # noqa: TRY004
+        return value
+
+
+def _numbered(record: str) -> Any:
+    mark = Numbered(record)
+    return Annotated[int, Field(ge=1, le=2**53), BeforeValidator(mark.number), mark]
+
+
+ModelNumber: TypeAlias = _numbered("model")  # type: ignore[valid-type]  # as it is made above
+CalibrationNumber: TypeAlias = _numbered("calibration")  # type: ignore[valid-type]
+Moment: TypeAlias = Annotated[
+    AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
+]
+"""Time with its time zone, as text."""
+Day: TypeAlias = Annotated[date, BeforeValidator(_day_in_words)]
+"""Day as text."""
+Name: TypeAlias = Annotated[str, Field(min_length=1, max_length=500)]
+"""Name of a profile or a reducer; which there are is up to the place."""
+ModelName: TypeAlias = Annotated[
+    str,
+    Field(max_length=64),
+    AfterValidator(_known_model),
+    WithJsonSchema({"type": "string", "enum": list(MODEL_NAMES)}),
+]
+"""Kind of a model."""
+RunId: TypeAlias = Annotated[str, Field(max_length=100, pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]*$")]
+"""Identifier of a run: never a path."""
+
+
+def plain_text(text: str, longest: int) -> str:
+    r"""Return a text of one line without control characters.
+
+    Examples
+    --------
+    >>> plain_text("smoke\x1b[2J\nand fire", 200)
+    'smoke [2J and fire'
+    """
+    return " ".join("".join(c if c.isprintable() else " " for c in text).split())[:longest]
+
+
+def field(
+    help: str,  # noqa: A002 - the word that every interface shows it under
+    *,
+    title: str = "",
+    unit: str = "",
+    argument: bool = False,
+    expert: bool = False,
+    choices: str = "",
+    titles: Mapping[str, str] | None = None,
+    role: Role = "operator",
+    decision: bool = False,
+    examples: tuple[Any, ...] = (),
+    **limits: Any,
+) -> Any:
+    """Describe a field of a request.
+
+    Parameters
+    ----------
+    help : str
+        A sentence, shown beside the option and the form's field.
+    title : str
+        Label of the form's field; by default the field's name without its unit.
+    unit : str
+        By default the one that the field's name ends in.
+    argument : bool
+        The command takes the value without an option's name.
+    expert : bool
+        Forms show it in a fold.
+    choices : str
+        Which names are allowed: "models", or those of the place: "profiles", "reducers" or a part
+        of them, such as "profiles:random".
+    titles : mapping of str to str, optional
+        Titles of the choices in forms.
+    role : str
+        Who may choose another value than the default.
+    decision : bool
+        Only a person may, not a program.
+    examples : tuple
+    **limits
+        Such as `ge` and `max_length`, as of `pydantic.Field`.
+    """
+    extra: Any = {"title": title, "unit": unit, "argument": argument, "expert": expert}
+    extra |= {"choices": choices, "role": role, "decision": decision, "titles": dict(titles or {})}
+    return Field(
+        description=help, examples=list(examples) or None, json_schema_extra=extra, **limits
+    )
+
+
+class Request(BaseModel):
+    """Parameters of an operation."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+
+    @classmethod
+    def __pydantic_init_subclass__(cls, **_options: Any) -> None:
+        """State the unit that a field's name ends in."""
+        for name, info in cls.model_fields.items():
+            if isinstance(info.json_schema_extra, dict):
+                info.json_schema_extra["unit"] = info.json_schema_extra["unit"] or unit_of_name(
+                    name
+                )
+
+
+class MountedRequest(Request):
+    """Parameters of an operation that loads a mounted part."""
+
+    mounting: Annotated[
+        MountingRecord,
+        field(
+            "Data of the mounting for the record, the report and the certificate.",
+            title="Mounting",
+            expert=True,
+        ),
+    ] = MountingRecord()
+
+
+Tolerance = Annotated[
+    Number,
+    field(
+        "Largest error allowed, % of full scale.", title="Tolerance", gt=0, le=100, examples=(0.1,)
+    ),
+]
+"""A tolerance in % of full scale."""
+
+
+def chosen_sides(side: Literal["input", "output", "both"]) -> tuple[Side, ...]:
+    """Return the chosen sides, input first."""
+    return SIDES if side == "both" else (side,)
+
+
+# -- a field as interfaces show it ----------------------------------------------------------
+
+
+LARGEST_STATED = 1e5
+"""A higher limit only keeps nonsense away."""
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A field of a request as commands, forms and pages show it.
+
+    Parameters
+    ----------
+    name, title, help, unit : str
+    kind : {"number", "whole", "flag", "choice", "text", "record", "values"}
+        A record is a model with fields of its own, values are names with values.
+    default : object
+        None where there is none.
+    required, several, optional : bool
+        `several`: any number of values; `optional`: null is allowed.
+    choices : tuple of str
+    low, high : float or None
+        Limits of a number; `above`: the lower one isn't allowed itself.
+    argument, expert : bool
+    names, titles, role, decision
+        See `field`.
+    record : type of BaseModel or None
+    numbered : str
+        Kind of record, such as "model", whose number it is.
+    """
+
+    name: str
+    title: str
+    help: str
+    unit: str
+    kind: Literal["number", "whole", "flag", "choice", "text", "record", "values"]
+    default: Any
+    required: bool
+    several: bool = False
+    optional: bool = False
+    choices: tuple[str, ...] = ()
+    low: float | None = None
+    high: float | None = None
+    above: bool = False
+    argument: bool = False
+    expert: bool = False
+    names: str = ""
+    titles: Mapping[str, str] = dataclass_field(default_factory=dict)
+    record: type[BaseModel] | None = None
+    numbered: str = ""
+    role: Role = "operator"
+    decision: bool = False
+
+    @property
+    def option(self) -> str:
+        """Name of the command's option: without the unit, which the help states.
+
+        Examples
+        --------
+        >>> parameters(MountedRequest)[0].option
+        '--mounting'
+        """
+        return "--" + name_without_unit(self.name).replace("_", "-")
+
+    @property
+    def limits(self) -> str:
+        """Limits in a few figures; empty without any."""
+        if self.numbered or (self.low is None and self.high is None):
+            return ""
+        low = "" if self.low is None else f"{self.low:g}"
+        if self.high is None or self.high > LARGEST_STATED:
+            return f"{'>' if self.above else '≥'} {low}"
+        if self.low is None:
+            return f"≤ {self.high:g}"
+        return f"{'> ' if self.above else ''}{low} to {self.high:g}"
+
+
+def parameters(model: type[BaseModel]) -> tuple[Parameter, ...]:
+    """Return the fields of a request in their order; those of its base classes last."""
+    own = [name for name in model.model_fields if name in model.__annotations__]
+    names = dict.fromkeys([*own, *model.model_fields])
+    return tuple(_parameter(name, model.model_fields[name]) for name in names)
+
+
+def _parameter(name: str, info: FieldInfo) -> Parameter:
+    kind, details, optional = _reduced(info.annotation)
+    details = [*info.metadata, *details]
+    several = get_origin(kind) in (tuple, list)
+    if several:
+        kind, inside, _ = _reduced(get_args(kind)[0])
+        details += inside
+    extra = info.json_schema_extra if isinstance(info.json_schema_extra, dict) else {}
+    choices = tuple(map(str, get_args(kind))) if get_origin(kind) is Literal else ()
+    bounds = {type(each): each for each in details if isinstance(each, Gt | Ge | Le | Lt)}
+    low, high = bounds.get(Ge, bounds.get(Gt)), bounds.get(Le, bounds.get(Lt))
+    default = None if info.is_required() else info.get_default(call_default_factory=True)
+    return Parameter(
+        name=name,
+        title=str(extra.get("title") or info.title or title_of_name(name)),
+        help=(info.description or "") if extra else "",
+        unit=str(extra.get("unit") or "" if extra else info.description or "")
+        or unit_of_name(name),
+        kind=_kind(kind),
+        default=default,
+        required=info.is_required(),
+        several=several,
+        optional=optional,
+        choices=choices,
+        low=_bound(low),
+        high=_bound(high),
+        above=Gt in bounds and Ge not in bounds,
+        argument=bool(extra.get("argument")),
+        expert=bool(extra.get("expert")),
+        names=str(extra.get("choices") or ""),
+        titles=extra.get("titles") or {},  # type: ignore[arg-type]  # as `field` has it
+        role=extra.get("role") or "operator",  # type: ignore[arg-type]  # as `field` has it
+        decision=bool(extra.get("decision")),
+        record=kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None,
+        numbered=next((each.record for each in details if isinstance(each, Numbered)), ""),
+    )
+
+
+def _bound(bound: Any) -> float | None:
+    """Return the number of a limit."""
+    values = (getattr(bound, name, None) for name in ("ge", "gt", "le", "lt"))
+    return next((float(value) for value in values if value is not None), None)
+
+
+def _kind(kind: Any) -> Any:
+    if get_origin(kind) is Literal:
+        return "choice"
+    if get_origin(kind) in (dict, Mapping):
+        return "values"
+    if isinstance(kind, type) and issubclass(kind, BaseModel):
+        return "record"
+    return {bool: "flag", int: "whole", float: "number"}.get(kind, "text")
+
+
+def _reduced(annotation: Any) -> tuple[Any, list[Any], bool]:
+    """Return a type without annotations and None, its annotations, and whether None is allowed."""
+    details: list[Any] = []
+    optional = False
+    while True:
+        origin = get_origin(annotation)
+        if origin is Annotated:
+            annotation, *more = get_args(annotation)
+            for each in more:
+                details += each.metadata if isinstance(each, FieldInfo) else [each]
+        elif origin in (Union, UnionType) and type(None) in get_args(annotation):
+            optional = True
+            (annotation,) = (part for part in get_args(annotation) if part is not type(None))
+        else:
+            return annotation, details, optional
+
+
+# -- the operation --------------------------------------------------------------------------
+
+
+def _nothing_to_check(_place: Place, _request: Any) -> Iterable[str]:
+    """Every request is possible."""
+    return ()
+
+
+@dataclass(frozen=True)
+class Operation:
+    """What a person or a program can have done.
+
+    Parameters
+    ----------
+    name : str
+        Of the command, the API's route and the job. A command within a group has the group's name
+        before it: "records review".
+    request : type of Request
+        Its docstring describes the operation: the first line in lists, all of it on its page.
+    run : callable
+        ``run(place, request, progress)`` returns a `Result`.
+    title : callable
+        Returns what a request does, in a few words.
+    preview : callable, optional
+        ``preview(place, request)`` rehearses it: nothing moves.
+    check : callable
+        ``check(place, request)`` refuses what can't be done, before anything is. It returns doubts
+        about the result, in words.
+    bench : callable, optional
+        ``bench(registry, request)`` returns the description of the bench that a request belongs
+        to, if it is another than the usual one.
+    where : {"bench", "records", "files"}
+        What it needs: an open bench, a registry, or nothing but files.
+    role : {"operator", "metrologist", "administrator"}
+        Who may have it done.
+    moves : bool
+        Whether the bench moves: then no alarm may be latched.
+    loads : bool
+        Whether it moves with torque or speed: on a real bench a person has to confirm that it is
+        clear.
+    quick : bool
+        Whether it is done at once: no job.
+    signed : bool
+        Whether a person has to sign with the password.
+    commands : bool
+        Whether a panel asks for the command of the bench; always for what moves it.
+    activates : bool
+        Whether other models may be in use afterwards.
+    can_pause, can_finish : bool
+        `can_finish`: it runs until a person finishes it.
+    """
+
+    name: str
+    request: type[Request]
+    run: Callable[[Any, Any, Progress], Result]
+    title: Callable[[Any], str]
+    preview: Callable[[Any, Any], Preview] | None = None
+    check: Callable[[Any, Any], Iterable[str]] = _nothing_to_check
+    bench: Callable[[Registry, Any], BenchDescription] | None = None
+    where: Literal["bench", "records", "files"] = "records"
+    role: Role = "operator"
+    moves: bool = False
+    loads: bool = False
+    quick: bool = False
+    signed: bool = False
+    commands: bool = False
+    activates: bool = False
+    can_pause: bool = False
+    can_finish: bool = False
+
+    def doubts(self, place: Place, request: Any) -> tuple[str, ...]:
+        """Refuse what can't be done, before anything is; return doubts about the result."""
+        doubts = tuple(self.check(place, request))
+        mounting = getattr(request, "mounting", None)
+        return doubts if mounting is None or not mounting.doubt else (*doubts, mounting.doubt)
+
+    @property
+    def key(self) -> str:
+        """Name in addresses and in Python."""
+        return self.name.replace(" ", "-")
+
+    @property
+    def signable(self) -> bool:
+        """Whether a person can sign with the password: also decisions that are done at once."""
+        return self.signed or (self.quick and self.role != "operator")
+
+    @property
+    def summary(self) -> str:
+        """First line of its description."""
+        return self.description.partition("\n")[0]
+
+    @property
+    def description(self) -> str:
+        """Docstring of the request, without indentation."""
+        return cleandoc(self.request.__doc__ or "")
+
+    @property
+    def paragraphs(self) -> tuple[str | tuple[str, ...], ...]:
+        """Its description's paragraphs, each on one line; of a list its items."""
+        return tuple(
+            tuple(" ".join(item.split()) for item in part.removeprefix("- ").split("\n- "))
+            if part.startswith("- ")
+            else " ".join(part.split())
+            for part in self.description.split("\n\n")
+        )
+
+    @property
+    def result(self) -> type[Result]:
+        """Type of its result."""
+        return get_type_hints(self.run)["return"]  # type: ignore[no-any-return]

@@ -1,0 +1,141 @@
+"""Where an operation works: an open bench, records, or nothing but files."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from threading import Event
+from typing import TYPE_CHECKING, Any, Literal, Protocol, TypeVar
+
+from torquebench.errors import BenchError
+from torquebench.progress import NO_PROGRESS, Progress
+
+if TYPE_CHECKING:
+    from torquebench.bench.mounting_record import MountingRecord
+    from torquebench.calibration import Profile
+    from torquebench.campaign.measuring import OnPause, RunOptions
+    from torquebench.records import Registry
+    from torquebench.reducers import ReducerDescription
+    from torquebench.station import Station
+
+__all__ = [
+    "ROLES",
+    "EndedError",
+    "Library",
+    "PackagedLibrary",
+    "Place",
+    "Role",
+    "allows",
+    "compute_here",
+]
+
+Role = Literal["operator", "metrologist", "administrator"]
+ROLES: tuple[Role, ...] = ("operator", "metrologist", "administrator")
+"""Each role includes the permissions of the roles before it."""
+
+
+def allows(role: Role, wanted: Role) -> bool:
+    """Whether a role includes another one.
+
+    Examples
+    --------
+    >>> allows("administrator", "metrologist"), allows("operator", "metrologist")
+    (True, False)
+    """
+    return ROLES.index(role) >= ROLES.index(wanted)
+
+
+Value = TypeVar("Value")
+
+
+class Library(Protocol):
+    """Profiles and reducers by name."""
+
+    def profile(self, name: str) -> Profile:
+        """Return a profile; raises InputError where there is none of this name."""
+
+    def reducer(self, name: str) -> ReducerDescription:
+        """Return a reducer's description; raises InputError where there is none of this name."""
+
+
+class PackagedLibrary:
+    """Profiles and reducers of the package, and by path those in files."""
+
+    def profile(self, name: str) -> Profile:
+        """Return a profile by its name or the path of its file."""
+        from torquebench.calibration import load_profile
+
+        return load_profile(name)
+
+    def reducer(self, name: str) -> ReducerDescription:
+        """Return a reducer's description by its name or the path of its file."""
+        from torquebench.reducers import load_reducer
+
+        return load_reducer(name)
+
+
+def compute_here(
+    function: Callable[..., Value], *arguments: Any, progress: Progress = NO_PROGRESS
+) -> Value:
+    """Call a function in this process, with its progress as the last argument."""
+    return function(*arguments, progress)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Surroundings of an operation.
+
+    Parameters
+    ----------
+    operator : str
+        Who has it done, for the records.
+    library : Library
+    registry : Registry
+        None for operations on files.
+    station : Station
+        The open bench; None for others.
+    on_pause : callable, optional
+        Asked whether a paused run goes on; see `Station.run`.
+    compute : callable
+        Calls a long computation, perhaps in another process: with its arguments and `progress`.
+    finishing : threading.Event
+        Set when a person wants it to end with its result.
+    cancelled : callable
+        Whether a person has aborted it.
+    may : callable
+        Whether the person has a role.
+    """
+
+    operator: str
+    library: Library
+    registry: Registry = None  # type: ignore[assignment]  # only operations on files have none
+    station: Station = None  # type: ignore[assignment]  # only operations on the bench use it
+    on_pause: OnPause | None = None
+    compute: Callable[..., Any] = compute_here
+    finishing: Event = field(default_factory=Event)
+    cancelled: Callable[[], bool] = lambda: False
+    may: Callable[[Role], bool] = lambda _role: True
+
+    def check(self) -> None:
+        """End here where an abort was requested."""
+        if self.cancelled():
+            raise EndedError("the operation was ended")
+
+    def run_options(
+        self,
+        progress: Progress,
+        mounting: MountingRecord | None = None,
+        metadata: Mapping[str, Any] | None = None,
+    ) -> RunOptions:
+        """Return the options of a run on the bench."""
+        return {
+            "operator": self.operator,
+            "mounting": mounting,
+            "metadata": metadata or {},
+            "progress": progress,
+            "on_pause": self.on_pause,
+        }
+
+
+class EndedError(BenchError):
+    """A person has ended an operation on purpose."""

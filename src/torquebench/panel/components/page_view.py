@@ -1,0 +1,148 @@
+"""A result's description on a page: facts, tables, charts, and drawings that are made aside."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from nicegui import background_tasks, run, ui
+
+from torquebench.panel.components.charts import COLOURS, Chart, Line, limit_lines
+from torquebench.panel.components.elements import box, note, pairs, panel, refilled, table, words
+from torquebench.panel.text import Text
+from torquebench.reports.curve_figures import Panel
+from torquebench.reports.page import Block, Diagram, Drawings, Facts, Figure, Page, Section, Table
+from torquebench.units import minus_signs
+
+__all__ = ["show_blocks", "show_diagram", "show_page"]
+
+SYMBOLS = {"^": "triangle", "v": "arrow", "s": "rect", "D": "diamond"}
+LINES = ("-", "--", ":", "")
+
+
+def show_page(text: Text, page: Page) -> None:
+    """Show every section in a panel of its own; details are folded."""
+    for section in page.sections:
+        heading = text.core(section.heading) or text.core(page.title)
+        if section.detail:
+            with panel(), box("details"):
+                words("summary", heading)
+                with box("div", "stack"):
+                    _content(text, section)
+        else:
+            with panel(heading), box("div", "stack"):
+                _content(text, section)
+
+
+def _content(text: Text, section: Section) -> None:
+    if section.text:
+        words("p", text.core(section.text))
+    show_blocks(text, section.blocks)
+
+
+def show_blocks(text: Text, blocks: Iterable[Block]) -> None:
+    """Show the content of a section."""
+    for block in blocks:
+        if isinstance(block, Facts):
+            pairs([(text.core(name), text.core(value)) for name, value in block.items])
+        elif isinstance(block, Table):
+            _table(text, block)
+        elif isinstance(block, Diagram):
+            show_diagram(text, block)
+        elif isinstance(block, Drawings):
+            _drawings(text, block)
+        else:
+            _figure(text, block)
+
+
+def _table(text: Text, block: Table) -> None:
+    sentences = block.sentences
+    columns = [
+        (text.core(heading), not (number == 0 or block.words or sentences[number]))
+        for number, heading in enumerate(block.header)
+    ]
+    rows = [[minus_signs_of(text.core(cell)) for cell in row] for row in block.rows]
+    caption = text.core(block.caption)
+    table(caption, columns, rows, best=block.emphasised)
+    if caption:
+        words("p", caption, "small muted")
+
+
+def minus_signs_of(cell: str) -> str:
+    """Return a cell with a minus sign before its number; words keep their hyphens."""
+    return minus_signs(cell) if cell[:1] == "-" and cell[1:2].isdigit() else cell
+
+
+def show_diagram(text: Text, diagram: Diagram, *, tall: bool = False) -> None:
+    """Show the charts of a diagram side by side, with its caption."""
+    with box("div", "columns"):
+        for part in diagram.panels:
+            with box("div"):
+                if part.title:
+                    words("h3", text.core(part.title))
+                label = text.core(part.title) or text.core(diagram.caption)
+                Chart(
+                    label,
+                    text.core(part.abscissa),
+                    text.core(part.ordinate),
+                    _lines(text, part),
+                    tall=tall,
+                    logarithmic=part.logarithmic,
+                )
+    if diagram.caption:
+        words("p", text.core(diagram.caption), "small muted")
+
+
+def _lines(text: Text, part: Panel) -> list[Line]:
+    colours = iter(COLOURS * 3)
+    lines = []
+    for curve in part.curves:
+        points = part.markers or curve.style not in LINES
+        lines.append(
+            Line(
+                text.core(curve.label) or text.core(part.ordinate),
+                np.asarray(curve.x).tolist(),
+                np.asarray(curve.y).tolist(),
+                "--series-raw" if curve.raw else next(colours),
+                points=points and curve.style not in ("-", "--", ":"),
+                symbol=SYMBOLS.get(curve.style, "circle"),
+            )
+        )
+    if part.limits and lines:
+        xs: Sequence[Any] = [
+            float(x) for curve in part.curves for x in (min(curve.x), max(curve.x))
+        ]
+        low, high = min(part.limits), max(part.limits)
+        lines.append(limit_lines(text.core("limit"), min(xs), max(xs), low, high))
+    return lines
+
+
+def _figure(text: Text, figure: Figure) -> None:
+    with box("figure", "figure drawing"):
+        ui.html(figure.svg, sanitize=False)
+        words("figcaption", text.core(figure.caption), "small muted")
+
+
+def _drawings(text: Text, drawings: Drawings) -> None:
+    """Draw on another thread, and show the figures when they are done."""
+    place = box("div", "stack", aria_busy="true")
+    with place:
+        words("p", text.core("Drawing the figures"), "muted")
+
+    async def show() -> None:
+        drawn = await run.io_bound(lambda: [Figure(*each) for each in drawings.draw()])
+        if place.is_deleted:
+            return
+        place.props["aria-busy"] = "false"
+        with refilled(place):
+            for figure in drawn or ():
+                _figure(text, figure)
+
+    background_tasks.create(show(), name="drawings")
+
+
+def remarks(text: Text, said: Iterable[str]) -> None:
+    """Show the warnings of a result, each once."""
+    for remark in dict.fromkeys(said):
+        note(text.sentence(remark), "warn")

@@ -1,0 +1,1 @@
+"""Operations on pages: their form, their own page, and the list of all."""

@@ -1,0 +1,271 @@
+"""The form of an operation: one field for each parameter of its request."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from nicegui import ui
+from pydantic import BaseModel
+
+from torquebench.campaign.fitting import model_title
+from torquebench.compensation.kinds import MODEL_NAMES, MODELS, NETWORKS
+from torquebench.operations import Operation, Parameter, parameters
+from torquebench.panel.components.controls import Choice, Field, typed_number
+from torquebench.panel.components.elements import box, words
+from torquebench.panel.pages.records.column_titles import column_title
+from torquebench.panel.pages.settings.editor import shown
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.text import Text
+from torquebench.units import unit_of_name
+from torquebench.validation import faults_of
+
+__all__ = ["BenchClear", "OperationForm", "choice_words"]
+
+TYPING_S = 0.4
+"""Longest pause between two digits of a number, s."""
+RADIO = 7
+"""Most choices that are all in sight."""
+
+
+def choice_words(text: Text, name: str) -> str:
+    """Return the words of an allowed value: of a model, a signal or a plain one."""
+    if name in MODEL_NAMES:
+        return text.core(model_title(name))
+    return column_title(text, name) if unit_of_name(name) else text.core(name)
+
+
+class BenchClear:
+    """Asks on a real bench whether it may be loaded; nothing on a simulated one."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._choice: Choice | None = None
+        if not visitor.service.snapshot().simulated:
+            text = visitor.text
+            options = {"clear": text("prepare.clear_confirmed")}
+            self._choice = Choice(text("prepare.clear"), options, several=True)
+
+    @property
+    def confirmed(self) -> bool:
+        """Whether the person has confirmed it; of a simulated bench nobody asks."""
+        return self._choice is None or "clear" in self._choice.values
+
+
+class OperationForm:
+    """Fields of an operation's request, with their errors beside them.
+
+    Parameters
+    ----------
+    visitor : Visitor
+    operation : Operation
+    given : mapping
+        First values, by the name of the parameter.
+    hidden : collection of str
+        Parameters without a field: they are as given.
+    on_change : callable, optional
+        Called after a change, once a person has stopped typing.
+    """
+
+    def __init__(
+        self,
+        visitor: Visitor,
+        operation: Operation,
+        given: Mapping[str, Any] | None = None,
+        hidden: Collection[str] = (),
+        on_change: Callable[[], Any] = lambda: None,
+    ) -> None:
+        self._visitor, self._text, self._operation = visitor, visitor.text, operation
+        self._given = dict(given or {})
+        self._on_change = on_change
+        self._readers: dict[str, Callable[[], Any]] = {}
+        self._fields: dict[str, Field] = {}
+        self._waiting: ui.timer | None = None
+        asked = [
+            each
+            for each in parameters(operation.request)
+            if each.name not in hidden and visitor.has_role(each.role)
+        ]
+        with box("div", "stack operation-form"):
+            with box("div", "columns narrow"):
+                for each in asked:
+                    if not each.expert:
+                        self._add(each)
+            if expert := [each for each in asked if each.expert]:
+                self._expert(expert)
+            self._clock = box("div")
+        self.clear = BenchClear(visitor) if operation.loads else None
+
+    def _expert(self, asked: list[Parameter]) -> None:
+        text = self._text
+        plain = [each for each in asked if each.record is None]
+        for each in asked:
+            if each.record is not None:
+                self._record(each, each.record)
+        if plain:
+            with box("details"):
+                words("summary", text.core("Expert"))
+                with box("div", "columns narrow"):
+                    for each in plain:
+                        self._add(each)
+
+    def _record(self, asked: Parameter, record: type[BaseModel]) -> None:
+        """Make a fold with the fields of a record; empty ones aren't entered."""
+        before = self._given.get(asked.name) or {}
+        readers: dict[str, Callable[[], Any]] = {}
+        with box("details"):
+            words("summary", self._text.core(asked.title))
+            with box("div", "stack"):
+                words("p", self._text.core(asked.help), "small muted")
+                with box("div", "columns narrow"):
+                    for part in parameters(record):
+                        value = before.get(part.name) if isinstance(before, Mapping) else None
+                        readers[part.name] = self._reader(part, value, f"{asked.name}.{part.name}")
+
+        def read() -> dict[str, Any]:
+            values = {name: reader() for name, reader in readers.items()}
+            return {name: value for name, value in values.items() if value not in (None, "", ())}
+
+        self._readers[asked.name] = read
+
+    def _add(self, asked: Parameter) -> None:
+        value = self._given.get(asked.name, asked.default)
+        self._readers[asked.name] = self._reader(asked, value, asked.name)
+
+    def _reader(self, asked: Parameter, value: Any, key: str) -> Callable[[], Any]:
+        """Make the control of a parameter; return what reads its value."""
+        text = self._text
+        title, hint = text.core(asked.title), text.core(asked.help)
+        options = self._options(asked)
+        if asked.kind == "flag" and not asked.optional:
+            chosen = ("on",) if value else ()
+            flag = Choice(title, {"on": hint}, chosen, several=True, on_change=self._changed)
+            return lambda: "on" in flag.values
+        if asked.kind == "flag":
+            options = {"": "–", "yes": text.core("yes"), "no": text.core("no")}
+            value = "" if value is None else "yes" if value else "no"
+        if options is not None and asked.several:
+            several = Choice(
+                title, options, tuple(value or ()), several=True, on_change=self._changed
+            )
+            names = tuple(options)
+            return lambda: tuple(name for name in names if name in several.values)
+        if options is not None and len(options) <= RADIO and asked.required:
+            first = str(value) if value is not None else next(iter(options))
+            radio = Choice(title, options, first, on_change=self._changed)
+            return lambda: radio.value
+        if options is not None and asked.optional:
+            options = {"": "–"} | options
+        limits = text.core(asked.limits)
+        field = Field(
+            title,
+            self._shown(asked, value),
+            unit=asked.unit,
+            hint=f"{hint} ({limits})" if limits and hint else hint or limits,
+            options=options,
+            on_change=lambda _: self._changed(),
+            autocomplete="off",
+            inputmode="decimal" if asked.kind in ("number", "whole") else None,
+        )
+        self._fields[key] = field
+        return lambda: _value(asked, field.value)
+
+    def _options(self, asked: Parameter) -> dict[str, str] | None:
+        """Return the values to choose from with their words; None where a value is free."""
+        text, settings = self._text, self._visitor.service.settings
+        if asked.names == "models":
+            kinds = (
+                [*dict.fromkeys([*map(str, asked.default or ()), *MODELS, *NETWORKS])]
+                if asked.several
+                else [*MODELS, *NETWORKS]
+            )
+            return {
+                name: text.core(model_title(name))
+                for name in kinds
+                if name not in ("polynomial", "network")
+            }
+        if asked.names:
+            section = asked.names.partition(":")[0]
+            return {
+                name: settings_title(text, settings.get(section, name).document, name)
+                for name in settings.names(asked.names)
+            }
+        titles = asked.titles
+        return {
+            each: text.core(titles[each]) if each in titles else choice_words(text, each)
+            for each in asked.choices
+        } or None
+
+    @staticmethod
+    def _shown(asked: Parameter, value: Any) -> str:
+        if asked.kind == "values":
+            return ", ".join(f"{name}={shown(part)}" for name, part in (value or {}).items())
+        if asked.several:
+            return ", ".join(map(str, value or ()))
+        return shown(value)
+
+    def _changed(self) -> None:
+        """Tell of a change after a pause in typing, and show what is wrong beside its field."""
+        if self._waiting is not None:
+            self._waiting.cancel()
+        with self._clock:
+            self._waiting = ui.timer(TYPING_S, self._settled, once=True)
+
+    def _settled(self) -> None:
+        self._waiting = None
+        self.check()
+        self._on_change()
+
+    def request(self) -> dict[str, Any]:
+        """Return what was entered, without empty fields."""
+        read = {name: reader() for name, reader in self._readers.items()}
+        return {
+            name: value
+            for name, value in (self._given | read).items()
+            if value is not None and value not in ("", {})
+        }
+
+    def check(self) -> bool:
+        """Show what is wrong beside each field; return whether nothing is."""
+        text = self._text
+        faults = faults_of(self._operation.request, self.request(), "")
+        for key, field in self._fields.items():
+            fault = faults.get(key)
+            allowed = "" if fault is None else text.core(fault.allowed)
+            wrong = text("alarms.allowed", allowed=allowed) if allowed else ""
+            field.wrong("" if fault is None else wrong or text.core(fault.found))
+        return not faults
+
+
+def settings_title(text: Text, document: Mapping[str, Any], name: str) -> str:
+    """Return a profile's or a reducer's title."""
+    title = document.get("title") or document.get("name")
+    return text.core(str(title)) if title else name
+
+
+def _value(asked: Parameter, said: str) -> Any:
+    """Return the value of a field's text; text of another type is left to the request's check."""
+    said = said.strip()
+    if not said:
+        return None if asked.kind != "text" or asked.optional else ""
+    if asked.kind == "flag":
+        return said == "yes"
+    if asked.kind in ("number", "whole") and not asked.numbered:
+        try:
+            number = typed_number(said)
+        except ValueError:
+            return said
+        return int(number) if asked.kind == "whole" and number.is_integer() else number
+    if asked.kind == "values":
+        pairs = (part.partition("=") for part in said.split(","))
+        return {name.strip(): _plain(value.strip()) for name, _, value in pairs}
+    if asked.several:
+        return tuple(part.strip() for part in said.split(",") if part.strip())
+    return said
+
+
+def _plain(said: str) -> Any:
+    try:
+        number = typed_number(said)
+    except ValueError:
+        return said
+    return int(number) if number.is_integer() and "." not in said else number

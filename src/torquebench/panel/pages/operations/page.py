@@ -1,0 +1,205 @@
+"""Pages of operations: the list of all of them, and the page of one: form, preview, result."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from nicegui import ui
+
+from torquebench.errors import TorquebenchError
+from torquebench.operations import OPERATIONS, Operation, find_operation
+from torquebench.panel.components.controls import Field, button
+from torquebench.panel.components.dialogs import foot, sheet
+from torquebench.panel.components.elements import box, empty, note, panel, refilled, words
+from torquebench.panel.components.page_view import remarks, show_page
+from torquebench.panel.components.verdicts import verdict_kind
+from torquebench.panel.pages.frame import frame
+from torquebench.panel.pages.jobs.panel import JobPanel
+from torquebench.panel.pages.jobs.preview import Preview
+from torquebench.panel.pages.operations.form import OperationForm
+from torquebench.panel.pages.page import page
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import JobView
+from torquebench.panel.text import Text
+
+__all__ = ["operation_buttons", "operation_dialog", "operations_page", "show_result"]
+
+
+def offered(visitor: Visitor) -> list[Operation]:
+    """Return the operations that the person may have done here."""
+    return [
+        each
+        for each in OPERATIONS.values()
+        if each.where != "files" and visitor.has_role(each.role)
+    ]
+
+
+def show_result(visitor: Visitor, result: Any) -> None:
+    """Show a result: its sentence with the verdict, its warnings, its description."""
+    text = visitor.text
+    verdict = text.verdict(result.verdict)
+    note(text.core(result.headline), verdict_kind(result.verdict), title=verdict)
+    remarks(text, result.remarks)
+    show_page(text, result.page())
+
+
+def describe(text: Text, operation: Operation) -> None:
+    """Say what an operation does."""
+    for paragraph in operation.paragraphs:
+        if isinstance(paragraph, str):
+            words("p", text.core(paragraph), "muted")
+            continue
+        with box("ul", "muted"):
+            for item in paragraph:
+                words("li", text.core(item))
+
+
+class _OperationPage:
+    """The form of one operation, its preview, and what became of it."""
+
+    def __init__(self, visitor: Visitor, operation: Operation) -> None:
+        self._visitor, self._text, self._operation = visitor, visitor.text, operation
+        self._shown: tuple[Any, ...] | None = None
+        self._plan: Preview | None = None
+        self._password: Field | None = None
+
+    def build(self) -> None:
+        """Make the page's elements."""
+        text, operation = self._text, self._operation
+        with box("div", "stack"):
+            self._job = JobPanel(self._visitor)
+            self._result = box("div", "stack")
+            with box("div", "columns") as self._entry:
+                with panel(), box("div", "stack"):
+                    describe(text, operation)
+                    self._form = OperationForm(
+                        self._visitor, operation, _given(self._visitor), on_change=self._preview
+                    )
+                    if operation.signed:
+                        self._password = Field(text("sign.password"), kind="password")
+                    with box("div", "line"):
+                        button(text("job.start"), self._begin, "primary", picture="play_arrow")
+                if operation.preview is not None:
+                    with panel():
+                        self._plan = Preview(self._visitor, operation.key)
+        self._preview()
+
+    def _preview(self) -> None:
+        if self._plan is not None and self._form.check():
+            self._plan.show(self._form.request())
+
+    def _begin(self) -> None:
+        begin(self._visitor, self._operation, self._form, self._password, self._done)
+        self.refresh()
+
+    def _done(self, result: Any) -> None:
+        with refilled(self._result):
+            show_result(self._visitor, result)
+
+    def refresh(self) -> None:
+        """Follow the newest job of this operation."""
+        if self._operation.quick:
+            return
+        jobs = self._visitor.service.jobs.recent()
+        job = next((each for each in jobs if each.kind == self._operation.key), None)
+        self._job.refresh(job)
+        shown = None if job is None else (job.job_id, job.open)
+        if shown != self._shown:
+            self._shown = shown
+            self._show(job)
+
+    def _show(self, job: JobView | None) -> None:
+        self._entry.set_visibility(job is None or not job.open)
+        with refilled(self._result):
+            if job is not None and job.result is not None:
+                show_page(self._text, job.result.page())
+                remarks(self._text, job.result.remarks)
+
+
+def _given(visitor: Visitor) -> dict[str, Any]:
+    """Return the values that the page's address has."""
+    return {name: value for name, value in visitor.query.items() if name != "key"}
+
+
+def begin(
+    visitor: Visitor,
+    operation: Operation,
+    form: OperationForm,
+    password: Field | None = None,
+    then: Any = lambda _result: None,
+) -> bool:
+    """Start what a form describes, or do it at once; say beside the fields what is wrong."""
+    if not form.check():
+        return False
+    beside: dict[str, Any] = {} if password is None else {"password": password.value}
+    service, request = visitor.service, form.request()
+    if password is not None:
+        password.set("")
+    if not operation.quick:
+        if form.clear is not None:
+            beside["bench_clear"] = form.clear.confirmed
+        return visitor.act(
+            service.start, operation.name, request, then=lambda: then(None), **beside
+        )
+
+    def perform() -> None:
+        then(service.perform(visitor.actor, operation.name, request, **beside))
+
+    return visitor.attempt(perform)
+
+
+def operation_dialog(visitor: Visitor, name: str, given: Any = None, hidden: Any = ()) -> None:
+    """Open a dialog with the form of an operation."""
+    operation, text = find_operation(name), visitor.text
+    password: Field | None = None
+
+    def start() -> None:
+        begin(visitor, operation, form, password, lambda _: dialog.close())
+
+    with ui.context.client.content, sheet(text.core(operation.summary)) as dialog:
+        form = OperationForm(visitor, operation, given, hidden)
+        if operation.signed:
+            password = Field(text("sign.password"), kind="password")
+        with foot(text, dialog):
+            button(text("job.start"), start, "primary", picture="play_arrow")
+
+
+def operation_buttons(visitor: Visitor) -> None:
+    """Offer zeroing and the daily check; their dialog starts them."""
+    text = visitor.text
+    with box("div", "line"):
+        button(
+            text("quick.zero"), lambda: operation_dialog(visitor, "zero"), picture="exposure_zero"
+        )
+        button(
+            text("quick.check"), lambda: operation_dialog(visitor, "check"), picture="fact_check"
+        )
+
+
+@page("operations", "/operations", picture="playlist_play", place=7)
+def operations_page(visitor: Visitor) -> None:
+    """Build the list of all operations."""
+    text = visitor.text
+    with frame(visitor, "operations"), panel(), box("ul", "stack operations"):
+        for operation in offered(visitor):
+            with box("li"):
+                words("a", operation.name, href=f"/operations/{operation.key}")
+                words("div", text.core(operation.summary), "small muted")
+
+
+@page("operation", "/operations/{key}")
+def operation_page(visitor: Visitor) -> None:
+    """Build the page of one operation."""
+    text = visitor.text
+    try:
+        operation = find_operation(visitor.query["key"])
+    except TorquebenchError as error:
+        with frame(visitor, "operations"):
+            empty(text.core(error.found), "search_off")
+        return
+    shown = _OperationPage(visitor, operation)
+    with frame(visitor, "operations", shown.refresh, text.core(operation.summary)):
+        if not visitor.has_role(operation.role):
+            visitor.not_allowed()
+            return
+        shown.build()
