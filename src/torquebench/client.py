@@ -7,9 +7,9 @@ Examples
 --------
 >>> from torquebench.client import Client
 >>> with Client("http://127.0.0.1:8080", token) as bench:            # doctest: +SKIP
-...     found = bench.run("calibrate", side="output", bench_clear=True)
-...     bench.run("verify", calibration_id=found["calibration_id"], bench_clear=True)
-...     bench.activate(found["model_ids"]["hybrid"], "checked")
+...     (module,) = bench.calibrate(side="output", bench_clear=True)["modules"]
+...     bench.verification(side="output", calibration=module["calibration_id"], bench_clear=True)
+...     bench.records_use(model=module["models"][0]["model_id"], reason="checked")
 ...     bench.reading("output_torque_nm")
 """
 
