@@ -107,8 +107,8 @@ class _CalibrationPage:
         self.compared: ComparedModels | None = None
         step = visitor.query.get("step", "")
         self.step: Step | None = next((each for each in STEPS if each == step), None)
+        self.torque_unfolded = False
         self._ended = -1
-        self._jobs: tuple[Any, ...] = ()
 
     def build(self) -> None:
         """Make the page's elements."""
@@ -227,7 +227,13 @@ def _models(page: _CalibrationPage, found: _Calibration) -> None:
     text, module = page.text, found.module
     with panel(text("models.before_after")), box("div", "stack"):
         show_blocks(text, [errors_of_models(module), *residuals(module)])
-        with box("details"):
+        with box("details", open_=page.torque_unfolded) as fold:
+            # A job's end renders the page again: what the reader has unfolded stays so.
+            fold.on(
+                "toggle",
+                lambda event: setattr(page, "torque_unfolded", bool(event.args)),
+                js_handler="(event) => emit(event.target.open)",
+            )
             words("summary", text.core("Additional torque"))
             with box("div", "stack"):
                 show_blocks(text, [additional_torque(module), *training(module)])
