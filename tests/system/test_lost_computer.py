@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from tests.system.command_line import environment, wait_until
 from tests.system.networked import simulating
-from tests.system.panel_api import SLOW
+from tests.system.panel_api import SLOW, administrator, serving
 
 from torquebench.bench.description import BenchDescription, load_bench
 from torquebench.bench.devices.drive import slice_s
@@ -23,6 +23,8 @@ from torquebench.cli.doctor.bench import _losses
 
 pytestmark = SLOW
 RATE = 500.0
+STOPPED_S = 10.0
+TRIES = 5
 LOADING = """
 import sys
 import bluesky.plan_stubs as bps
@@ -97,3 +99,48 @@ def test_a_ramp_goes_no_further_than_stated(tmp_path: Path, how: signal.Signals)
     assert added_nm <= stated_nm(description) + block_nm
     assert largest_nm < 1900.0, "it went on to the end of the ramp"
     assert "watchdog" in fault, "the drive itself has ended it"
+
+
+def test_a_panel_that_was_stopped_catches_up_and_turns_a_reducer(tmp_path: Path) -> None:
+    with (
+        simulating(tmp_path, "--real-time") as (bench, _),
+        serving(tmp_path, "--bench", str(bench)) as server,
+        administrator(server) as admin,
+    ):
+
+        def sample_s() -> float:
+            return float(admin.get("/bench").json()["bench_time_s"])
+
+        def late(active: bool) -> list[str]:
+            alarms = admin.get("/alarms", params={"active": active}).json()
+            return [each["found"] for each in alarms if "newest samples are" in each["found"]]
+
+        wait_until(lambda: sample_s() > 1.0, "samples")
+        before_s, began = sample_s(), time.monotonic()
+        os.kill(server.process.pid, signal.SIGSTOP)
+        time.sleep(STOPPED_S)
+        os.kill(server.process.pid, signal.SIGCONT)
+        wait_until(lambda: bool(late(False)), "the warning")
+        wait_until(lambda: sample_s() - before_s > time.monotonic() - began - 1.0, "the present")
+        wait_until(lambda: not late(True), "the end of the warning")
+        seconds = max(float(re.findall(r"([\d.]+) s old", each)[0]) for each in late(False))
+        assert seconds > 1.0
+        asked = {"test": "transmission-error", "reducer": "standard", "serial": "S", "quick": True}
+        for _ in range(TRIES):  # a busy computer may stand again, which is another alarm
+            started = admin.post("/start/reducer-test", json=asked)
+            assert started.status_code == 202, started.text
+            number = started.json()["job_id"]
+
+            def view(number: str = number) -> dict[str, Any]:
+                answer: dict[str, Any] = admin.get(f"/jobs/{number}").json()
+                return answer
+
+            wait_until(lambda view=view: bool(view()["finished"]), "the test")
+            if view()["state"] == "done":
+                return
+            assert "newest samples are" in str(view()["problem"]), view()["problem"]
+            wait_until(lambda: not late(True), "the end of the warning")
+            wait_until(
+                lambda: admin.post("/alarms/acknowledge").status_code == 200, "acknowledgement"
+            )
+        raise AssertionError("the computer was too busy for a turning test")

@@ -9,7 +9,7 @@ from typing import Literal
 
 from torquebench.bench.roles import Side
 
-__all__ = ["CommandState", "Quantity", "SetPoint", "SideCommands"]
+__all__ = ["CommandState", "Quantity", "SetPoint", "SideCommands", "Turned"]
 
 Quantity = Literal["torque", "speed"]
 
@@ -42,6 +42,59 @@ class SetPoint:
         return 0.0 if math.isfinite(self.told_s) else abs(self.value) / self.rate
 
 
+@dataclass(frozen=True)
+class Turned:
+    """How far a drive has turned by its speed commands, if it follows their ramps.
+
+    Parameters
+    ----------
+    angle_rad : float
+        With each command from the time when the drive had it.
+    uncertain_rad : float
+        Largest deviation from that, since each command counts from some moment while it was given;
+        of ramps, also in slices, that end before the next one.
+    time_s, speed_rad_s : float
+        Time to which that holds, and the speed then.
+    target_rad_s, rate : float
+        Of the ramp that goes on, rad/s and rad/s².
+    late_s : float
+        How much earlier that ramp may be.
+    """
+
+    angle_rad: float = 0.0
+    uncertain_rad: float = 0.0
+    time_s: float = 0.0
+    speed_rad_s: float = 0.0
+    target_rad_s: float = 0.0
+    rate: float = math.inf
+    late_s: float = 0.0
+
+    def until(self, time_s: float) -> Turned:
+        """Go on to a later time."""
+        lasts_s = max(0.0, time_s - self.time_s)
+        apart = self.target_rad_s - self.speed_rad_s
+        whole_s = abs(apart) / self.rate if apart else 0.0
+        ramp_s = min(lasts_s, whole_s)
+        speed = self.speed_rad_s + apart * (ramp_s / whole_s if whole_s else 1.0)
+        angle = self.angle_rad + 0.5 * (self.speed_rad_s + speed) * ramp_s
+        angle += self.target_rad_s * (lasts_s - ramp_s)
+        return replace(self, angle_rad=angle, time_s=self.time_s + lasts_s, speed_rad_s=speed)
+
+    def commanded(self, point: SetPoint) -> Turned:
+        """Go on to the time when a command was given, and follow it from then on."""
+        before, late_s = self.until(point.told_s), point.told_s - point.asked_s
+        if before.speed_rad_s != before.target_rad_s:  # the ramp goes on, from where it is
+            late_s = max(late_s, self.late_s)
+        apart = abs(point.value - before.speed_rad_s)
+        return replace(
+            before,
+            uncertain_rad=before.uncertain_rad + abs(point.value - before.target_rad_s) * late_s,
+            target_rad_s=point.value,
+            rate=min(point.rate, apart / point.within_s if point.within_s else math.inf),
+            late_s=late_s,
+        )
+
+
 @dataclass
 class SideCommands:
     """Last commands to one drive.
@@ -63,6 +116,8 @@ class SideCommands:
         its speed changes.
     set_points : dict of str to SetPoint
         The last one of each quantity, from the time of its command on.
+    turned : Turned
+        By all speed commands so far.
     """
 
     enabled: bool = False
@@ -75,6 +130,7 @@ class SideCommands:
     set_points: dict[Quantity, SetPoint] = field(
         default_factory=lambda: {"torque": SetPoint(), "speed": SetPoint()}
     )
+    turned: Turned = field(default_factory=Turned)
 
     def value(self, quantity: Quantity) -> float:
         """Return the last commanded torque or speed, N·m or rad/s."""
@@ -100,6 +156,7 @@ class SideCommands:
                 self.torque_nm = asked.value
             else:
                 self.speed_rad_s = asked.value
+                self.turned = self.turned.commanded(told)
             self.changed_s = time_s
             self.set_points[quantity] = told
         return told
@@ -127,9 +184,12 @@ class SideCommands:
 
     def told_zero(self, asked: SetPoint, time_s: float) -> None:
         """Record that the command was given, except where another one followed."""
+        told = replace(asked, told_s=time_s)
         for quantity, point in self.set_points.items():
             if point is asked:
-                self.set_points[quantity] = replace(asked, told_s=time_s)
+                self.set_points[quantity] = told
+                if quantity == "speed":
+                    self.turned = self.turned.commanded(told)
 
     def at_zero(self, time_s: float) -> None:
         """Note that the drive is at zero torque and speed."""

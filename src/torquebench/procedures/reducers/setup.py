@@ -314,27 +314,30 @@ def turn_output(
     if output_deg == 0.0:
         return
     before = yield from _angles(devices)
-    axis = devices.input.drive.speed
-    rate = devices.context.description.input.drive.speed_rate_rad_per_s2
+    context, axis = devices.context, devices.input.drive.speed
+    began = context.commands.input.turned.until(context.clock.now())
+    rate = context.description.input.drive.speed_rate_rad_per_s2
     path = abs(output_deg) * DEGREE * abs(limits.ratio)
     speed = min(speed_rpm, limits.turning_rpm) * RAD_S_PER_RPM
     speed = min(speed, float(np.sqrt(path * rate)))  # short paths never reach it
+    ramp_rad = 0.5 * speed**2 / rate
     yield from power_on(devices, "input")
     yield from move(axis, float(np.copysign(speed, output_deg * limits.ratio)))
-    wait_s = path / speed - speed / rate
-    if before is not None:  # it has been turning since the command, even if acquisition lags
-        context = devices.context
-        told_s = context.commands.input.changed_s
-        wait_s = max(0.0, told_s + path / speed - context.clock.present())
-    yield from sleep(wait_s)
+    turned_rad = ramp_rad
+    if before is not None:  # a command that was late has left it turning for longer, or for less
+        present = context.commands.input.turned.until(context.clock.present())
+        turned_rad = abs(present.angle_rad - began.angle_rad)
+    yield from sleep(max(0.0, (path - turned_rad - ramp_rad) / speed))
     yield from move(axis, 0.0)
     yield from sleep(REST_S)
     after = yield from _angles(devices)
     if before is not None and after is not None:
+        ended = context.commands.input.turned.until(context.clock.now())
+        slack_rad = 0.2 + speed * context.description.counter.block_s
+        slack_rad += ended.uncertain_rad - began.uncertain_rad
         turned = after - before
-        asked = float(np.copysign(path, output_deg * limits.ratio))
-        slack = 0.2 + 3.0 * speed * devices.context.description.counter.block_s
-        _check_ratio(limits, float(turned[0]), float(turned[1]), asked, slack)
+        commanded_rad = ended.angle_rad - began.angle_rad
+        _check_ratio(limits, float(turned[0]), float(turned[1]), commanded_rad, slack_rad)
 
 
 def _angles(devices: BenchDevices) -> Plan[NDArray[np.float64] | None]:
@@ -347,17 +350,17 @@ def _angles(devices: BenchDevices) -> Plan[NDArray[np.float64] | None]:
 
 
 def _check_ratio(
-    limits: ReducerLimits, input_rad: float, output_rad: float, asked_rad: float, slack_rad: float
+    limits: ReducerLimits, input_rad: float, output_rad: float, told_rad: float, slack_rad: float
 ) -> None:
-    """Compare the angles of both encoders over an unloaded movement; sleeps last whole blocks."""
-    if abs(input_rad - asked_rad) > 0.05 * abs(asked_rad) + slack_rad:
+    """Compare the angles of both encoders over an unloaded movement with the drive's commands."""
+    if abs(input_rad - told_rad) > 0.05 * abs(told_rad) + slack_rad:
         raise BenchError(
             Message(
-                "the input turned by {found:.1f}° when {asked:.1f}° were requested",
+                "the input turned by {found:.1f}° when {told:.1f}° were commanded",
                 input_rad * DEG_PER_RAD,
-                asked_rad * DEG_PER_RAD,
+                told_rad * DEG_PER_RAD,
             ),
-            "the requested angle within 5 %",
+            "the commanded angle within 5 %",
             "check the input drive for saturation and the input encoder",
         )
     expected = input_rad / limits.ratio
