@@ -14,10 +14,11 @@ from tests.peers.cia402_node import Cia402Peer
 from tests.system.networked import CAN_BUS, DRIVES, canopen, described, hasty
 from tests.system.test_station_runs import set_up
 
-from torquebench.bench.drivers.base import Drive, DriveLimits
+from torquebench.bench.drivers.base import Drive, DriveLimits, DriveState
 from torquebench.bench.drivers.instruments import open_role
 from torquebench.bench.drivers.simulated.driver import SimulatedDrive
 from torquebench.bench.safety import AlarmKind
+from torquebench.bench.safety.drives import DriveWorker
 from torquebench.calibration import load_profile
 from torquebench.campaign.measuring import rehearse_calibration
 from torquebench.cli.doctor.bench import _watchdog, instruments
@@ -176,22 +177,41 @@ def test_a_refused_command_is_withdrawn(tmp_path: Path, monkeypatch: pytest.Monk
         assert station.supervisor.history == (), "no alarm about a command that wasn't given"
 
 
-def test_a_drive_that_its_own_limit_stops_says_so(tmp_path: Path) -> None:
+def test_a_drive_that_goes_to_local_control_ends_the_run(tmp_path: Path) -> None:
     def loading(station: Station) -> Any:
         yield from set_up(station.devices)
         yield from bps.mv(station.devices.output.drive.torque, 100.0)
         simulators.misbehaviour.start("output_drive", "local")
-        yield from bps.mv(station.devices.output.drive.torque, 900.0)
-        yield from bps.sleep(5.0)
+        yield from bps.sleep(5.0)  # it keeps what it does, so nothing else shows it
 
     with (
         Simulators(described()) as simulators,
         Station.open(hasty(simulators.description, *DRIVES, drive_s=1.0), tmp_path) as station,
     ):
-        with pytest.raises(Exception, match="the drive states local control"):
+        with pytest.raises(Exception, match="went to local control"):
             station.run(loading(station), kind="loaded")
         assert station.supervisor.alarm is not None
-        assert station.supervisor.alarm.kind is AlarmKind.FOLLOWING
+        assert station.supervisor.alarm.kind is AlarmKind.DRIVE_FAULT
+        assert station.supervisor.wait_safe(20.0), "its watchdog has taken its power off"
+
+
+def test_a_drive_that_never_states_remote_control_but_obeys_is_used() -> None:
+    class Obeying:
+        remote = False
+
+        def state(self) -> DriveState:
+            return DriveState(True, 1.0, None, "", remote=self.remote)
+
+    drive: Any = Obeying()
+    worker = DriveWorker("output", drive, threaded=False)
+    worker.ask(feed=False)
+    assert worker.found_wrong(0.0, 1.0, 1.0) == ""
+    drive.remote = True
+    worker.ask(feed=False)
+    assert worker.found_wrong(0.0, 1.0, 1.0) == ""
+    drive.remote = False
+    worker.ask(feed=False)
+    assert "local control" in worker.found_wrong(0.0, 1.0, 1.0)
 
 
 def test_the_watchdog_is_timed_by_the_wall_although_a_counter_has_buffered(

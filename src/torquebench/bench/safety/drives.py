@@ -60,6 +60,7 @@ class DriveWorker:
         self.state: DriveState | None = None
         self.asked = 0.0
         self._put = 0.0
+        self._states_remote = False  # a drive that never does may obey the bus nevertheless
         self.failure = ""
         self._orders: queue.SimpleQueue[Order | None] = queue.SimpleQueue()
         self._idle = threading.Event()  # nobody polls it at the moment
@@ -138,7 +139,10 @@ class DriveWorker:
         state = self.state
         if state is None or self.asked < max(since, enabled):
             return ""
-        return state.fault or ("" if state.enabled else "lost its enable")
+        if state.fault or not state.enabled:
+            return state.fault or "lost its enable"
+        local = self._states_remote and not state.remote
+        return "it went to local control and takes no commands of the bus" if local else ""
 
     def wait_asked(self, patience_s: float | None = None) -> None:
         """Wait for the answer of the drive, at most for `patience_s`."""
@@ -200,6 +204,7 @@ class DriveWorker:
                 self.drive.feed_watchdog()
             asked = time.monotonic()
             self.state = self.drive.state()
+            self._states_remote |= self.state.remote
             self.asked = asked
         except Exception as error:  # a broken wire is treated as a broken drive
             self.failure = Message("{name}: {error}", type(error).__name__, error)

@@ -342,12 +342,9 @@ class SafetySupervisor:
         if violation.kind is not AlarmKind.FOLLOWING:
             return violation
         state = next(w.state for side, w in self._workers.items() if side == violation.source)
-        if state is not None and not state.remote:
-            words = Message("{found}; the drive states local control", violation.found)
-        elif state is not None and state.limited:
-            words = Message("{found}; the drive states that its own limit acts", violation.found)
-        else:
+        if state is None or not state.limited:
             return violation
+        words = Message("{found}; the drive states that its own limit acts", violation.found)
         return replace(violation, found=words)
 
     def check_lateness(self, late_s: float, allowed_s: float) -> None:
