@@ -66,7 +66,7 @@ CHOICES: list[list[tuple[str, ...]]] = [
 
 def drawn(stage: str) -> list[str]:
     """Return options of the command, others for each stage."""
-    draw = random.Random(stage)
+    draw = random.Random(f"{stage} 84")  # both stages by day get a parameter and a mounting
     return [each for choices in CHOICES for each in draw.choice(choices)]
 
 

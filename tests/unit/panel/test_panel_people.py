@@ -164,6 +164,18 @@ def test_a_name_of_the_same_compatibility_form_is_refused(
     assert [user.name for user in people.users(administrator)] == ["Ana"]
 
 
+@pytest.mark.parametrize(
+    "names", [("Clara", "Ciara"), ("M. Barn", "M. Bam"), ("Mia", "\u041c\u0456\u0430")]
+)
+def test_names_of_other_letters_are_other_people(
+    people: People, administrator: Actor, names: tuple[str, str]
+) -> None:
+    """No list of letters that look alike says that one of two people can't have an account."""
+    for name in names:
+        people.add_user(administrator, name, "operator", PASSWORD)
+    assert set(names) <= {user.name for user in people.users(administrator)}
+
+
 def test_repeated_blanks_make_no_other_person(people: People, administrator: Actor) -> None:
     people.add_user(administrator, "Li Wei", "operator", PASSWORD)
     with pytest.raises(InputError, match="exists"):

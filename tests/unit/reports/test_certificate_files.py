@@ -28,6 +28,7 @@ from torquebench.records import Registry
 from torquebench.reports.certificate import (
     CertificateRecord,
     Issue,
+    archive_folder,
     build_record,
     certificate_pdf,
     certificate_xml,
@@ -238,12 +239,16 @@ def test_second_certificate_replaces_the_first(
     registry: Registry, short: CertificateRecord
 ) -> None:
     first = issue_certificate(registry, short)
+    files = list(archive_folder(registry, short.number).iterdir())
+    before = {file: file.read_bytes() for file in files}
     calibration = registry.calibration(short.calibration_id)
     second = build_record(registry, calibration, Issue(["A. Boss"], refuse_unreviewed=False))
     assert second.supersedes == first.record.number
     assert second.number != first.record.number
     issue_certificate(registry, second)
     assert check_certificate(registry, short.payload).replaced_by == second.number
+    after = {file: file.read_bytes() for file in files}
+    assert after == before, "a signature of any other program stays valid"
 
 
 def test_number_is_given_once_and_files_are_never_overwritten(

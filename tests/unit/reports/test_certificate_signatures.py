@@ -133,6 +133,24 @@ def test_signed_acts_of_other_people_pass_and_are_printed(
     ]
 
 
+def test_a_certificate_says_what_its_signatures_prove_and_against_whom_nothing(
+    registry: Registry,
+) -> None:
+    bench = verified(registry)
+    review_and_use(registry, bench, Signature.typed())
+    record = build_record(registry, bench.calibration, Issue(["A. Boss"]))
+    stated = {
+        "en": ("gave the password", "Neither proves anything against persons who can write"),
+        "de": ("gab dafür das Passwort", "beweist nichts gegenüber Personen"),
+        "zh": ("输入了账户密码", "不能防范可写入实验室记录的人员"),
+    }
+    xml = " ".join(ElementTree.fromstring(certificate_xml(record)).itertext())
+    for language, words in stated.items():
+        text = str(certificate_content(record, language))
+        assert all(each in text for each in words)
+        assert all(each in xml for each in words) == (language in record.languages)
+
+
 @pytest.mark.parametrize("linked", ["", "Kim", "Sommer"])
 def test_who_measured_by_command_is_recognised_only_where_the_user_is_linked(
     registry: Registry, accounts: tuple[People, Actor], linked: str
