@@ -90,6 +90,7 @@ class Column:
         return f"{said[0].upper()}{said[1:]}{unit}{note}."
 
 
+_SIGNAL = "as its amplifier states it, in the unit that the bench's description gives"
 _FAULT = (
     "0: the value counts; 255: the channel was not in use; other codes: no pulses, pulses outside "
     "the valid range or irregular ones"
@@ -143,7 +144,9 @@ COLUMNS: Mapping[str, Column] = {
         Column("speed_rad_s", "speed", "mean over the acquired block"),
         Column("standard_drift_nm_per_s", "change of the standard's torque"),
         Column("standard_error_nm", "standard error of the mean"),
+        Column("signal", "signal of the transducer", _SIGNAL),
         Column("standard_frequency_hz", "frequency of the standard"),
+        Column("standard_signal", "signal of the standard", _SIGNAL),
         Column("standard_nm", "torque of the standard"),
         Column("standard_temperature_c", "temperature of the standard"),
         Column("standard_uncertainty_nm", "standard error of the standard's mean"),
@@ -154,7 +157,9 @@ COLUMNS: Mapping[str, Column] = {
         Column("tick", "time of the edge", "ticks of the timebase since its start"),
         Column("timebase_hz", "frequency of the timebase"),
         Column("torque_fault", "fault code of the transducer", _FAULT),
+        Column("reference_signal", "signal of the standard", _SIGNAL),
         Column("torque_hz", "frequency of the transducer"),
+        Column("torque_signal", "signal of the transducer", _SIGNAL),
         Column("torque_nm", "compensated torque"),
         Column("torque_uncertainty_nm", "standard uncertainty of the compensated torque"),
         Column("transducer_c", "temperature of the transducer"),

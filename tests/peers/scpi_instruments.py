@@ -1,79 +1,33 @@
 """A frequency counter and a read-out that speak SCPI, over bare sockets."""
 
-import contextlib
-import socket
 import threading
 import time
-from types import TracebackType
-from typing import Self
+
+from tests.peers.lines import LinePeer
 
 
-class _Peer:
-    """Lines on a port, a thread a client; the device is one, whoever asks."""
+class _Peer(LinePeer):
+    """The common commands and the error queue."""
 
     plate = ""
 
     def __init__(self) -> None:
-        self.lines: list[str] = []
+        super().__init__()
         self._errors: list[str] = []
-        self._lock = threading.Lock()
-        self._listener = socket.create_server(("127.0.0.1", 0))
-        self.address = f"127.0.0.1:{self._listener.getsockname()[1]}"
-        self._clients: list[tuple[threading.Thread, socket.socket]] = []
 
-    def __enter__(self) -> Self:
-        self._accepting = threading.Thread(target=self._accept, daemon=True)
-        self._accepting.start()
-        return self
-
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        traceback: TracebackType | None,
-    ) -> None:
-        self._listener.shutdown(socket.SHUT_RDWR)
-        self._accepting.join()
-        self._listener.close()
-        for thread, client in self._clients:
-            with contextlib.suppress(OSError):
-                client.shutdown(socket.SHUT_RDWR)
-            thread.join()
-            client.close()
-
-    def _accept(self) -> None:
-        with contextlib.suppress(OSError):
-            while True:
-                client, _ = self._listener.accept()
-                thread = threading.Thread(target=self._attend, args=(client,), daemon=True)
-                self._clients.append((thread, client))
-                thread.start()
-
-    def _attend(self, client: socket.socket) -> None:
-        rest = b""
-        with contextlib.suppress(OSError):
-            while data := client.recv(4096):
-                *whole, rest = (rest + data).split(b"\n")
-                for line in whole:
-                    answer = self._answer(line.decode("ascii").strip())
-                    if answer is not None:
-                        client.sendall(answer.encode("ascii") + b"\n")
-
-    def _answer(self, line: str) -> str | None:
-        with self._lock:
-            self.lines.append(line)
-            if line == "*IDN?":
-                return self.plate
-            if line == "SYST:ERR?":
-                return self._errors.pop(0) if self._errors else '+0,"No error"'
-            if line == "*CLS":
-                self._errors.clear()
-                return None
-            answer = self.obey(line)
-            if answer == "?":
-                self._errors.append('-113,"Undefined header"')
-                return None
-            return answer
+    def answer(self, line: str) -> str | None:
+        if line == "*IDN?":
+            return self.plate
+        if line == "SYST:ERR?":
+            return self._errors.pop(0) if self._errors else '+0,"No error"'
+        if line == "*CLS":
+            self._errors.clear()
+            return None
+        answer = self.obey(line)
+        if answer == "?":
+            self._errors.append('-113,"Undefined header"')
+            return None
+        return answer
 
     def obey(self, line: str) -> str | None:
         """Obey or answer; "?" where the line is unknown."""

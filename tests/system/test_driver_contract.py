@@ -3,11 +3,14 @@
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pytest
+from tests.peers.displays import DisplayPeer
+from tests.peers.hbm_amplifiers import HbmPeer
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
@@ -58,6 +61,63 @@ def _has_edges(block: Any) -> bool:
     return abs(len(edges) - 3000) < 40 and len(angle) == 50
 
 
+def _has_values(block: Any) -> bool:
+    """Whether every window is there, asked for in time or lost on a busy computer."""
+    values = block.records["input_torque"]["signal"]
+    return values.size == 5 and set(values[~np.isnan(values)]) <= {10.0}
+
+
+def _read_amplifier(readout: Any) -> Any:
+    """Read as often as its own thread needs to find out that nothing answers."""
+    for _ in range(25):
+        record = readout.read("input", 1.0, 1.0)
+        time.sleep(0.05)
+    return record
+
+
+@dataclass(frozen=True)
+class PeerSide:
+    """A peer in the place of the simulators."""
+
+    description: BenchDescription
+    misbehaviour: Any
+
+
+@contextmanager
+def _peers() -> Iterator[dict[str, PeerSide]]:
+    """Start an amplifier and a display; both serve all channels."""
+    values = {channel: (lambda: (10.0, 0)) for channel in (1, 2, 3, 4)}
+    with HbmPeer("PMX", values, False) as pmx, DisplayPeer(lambda: 10.0, serial=False) as display:
+        keys = {"protocol": "hbm", "family": "PMX", "address": pmx.address}
+        hbm = described(
+            counter=keys | {"channels": {"input_torque": 1, "output_torque": 2}},
+            reference=keys | {"channels": {"input_reference": 3, "output_reference": 4}},
+        )
+        plate = hbm.counter.model_copy(update={"serial": "0009E5004711"})
+        hbm = hbm.model_copy(
+            update={
+                "counter": plate,
+                "calibrator": hbm.calibrator.model_copy(update={"serial": plate.serial}),
+            }
+        )
+        channels = dict.fromkeys(("input_torque", "output_torque"), display.address)
+        shown = described(
+            counter={
+                "protocol": "serial",
+                "channels": channels,
+                "request": "P",
+                "terminator": "\r",
+                "serial": hbm.serials["input.encoder"],
+            }
+        )
+        shown = shown.model_copy(
+            update={
+                "counter": shown.counter.model_copy(update={"serial": hbm.serials["input.encoder"]})
+            }
+        )
+        yield {"hbm": PeerSide(hbm, pmx), "display": PeerSide(shown, display)}
+
+
 CASES = [
     Case("modbus-drive", "a", "input_drive", lambda i: i.state(), lambda s: not s.enabled),
     Case("canopen-drive", "a", "output_drive", lambda i: i.state(), lambda s: not s.enabled),
@@ -83,14 +143,14 @@ CASES = [
         "a",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["reading_nm"].shape,
+        lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case(
         "visa-readout",
         "a",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["reading_nm"].shape,
+        lambda s: s.time_s.shape == s["signal"].shape,
         visa=True,
     ),
     Case(
@@ -98,20 +158,29 @@ CASES = [
         "b",
         "reference",
         lambda i: i.read("input", 1.0, 1.0),
-        lambda s: s.time_s.shape == s["reading_nm"].shape,
+        lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case("scpi-counter", "a", "counter", _read_block, _has_pulses, lossy=True),
     Case("daqmx-counter", "b", "counter", _read_block, _has_edges, lossy=True),
+    Case("hbm-counter", "hbm", "counter", _read_block, _has_values, lossy=True),
+    Case(
+        "hbm-readout",
+        "hbm",
+        "reference",
+        _read_amplifier,
+        lambda s: s.time_s.shape == s["signal"].shape,
+    ),
+    Case("display-counter", "display", "counter", _read_block, _has_values, lossy=True),
 ]
 
 
 @pytest.fixture(scope="module")
-def simulated() -> Iterator[dict[str, Simulators]]:
+def simulated() -> Iterator[dict[str, Any]]:
     other = described(reference=modbus(), counter=daqmx())
-    with Simulators(described()) as first, Simulators(other) as second:
+    with Simulators(described()) as first, Simulators(other) as second, _peers() as peers:
         for each in (first, second):  # as if a counter was read: time goes on by `go_on` alone
             each.plant.reading(True)
-        yield {"a": first, "b": second}
+        yield {"a": first, "b": second, **peers}
 
 
 @pytest.fixture(params=CASES, ids=lambda case: case.name)

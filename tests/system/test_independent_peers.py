@@ -221,7 +221,7 @@ def test_a_read_out_states_every_sample_once() -> None:
         finally:
             readout.close()
     for side, sign in (("input", 1.0), ("output", -1.0)):
-        torque = np.concatenate([part["reading_nm"] for part in parts[side]])
+        torque = np.concatenate([part["signal"] for part in parts[side]])
         time_s = np.concatenate([part.time_s for part in parts[side]])
         np.testing.assert_allclose(torque, sign * 12.5)
         assert 0.8 * least - 3 <= torque.size <= most + 3

@@ -136,8 +136,10 @@ class Acquisition:
         """Compile the edge-counting kernels before the counter begins, whose buffer is limited."""
         name, timebase_hz = torque_channel(SIDES[0]), self._drivers.counter.timebase_hz
         channel = open_channel(name, self._description, self._drivers, self._mounted)
+        if channel.transducer.signal != "frequency":
+            return
         stop_tick = round(self._block_s * timebase_hz)
-        period = round(timebase_hz / channel.transducer.scale().nominal_zero_hz)
+        period = round(timebase_hz / channel.transducer.zero_hz)
         ticks = np.arange(period, stop_tick, period, dtype=np.int64)
         channel.push(EdgeBlock(ticks, 0, stop_tick, timebase_hz))
 
@@ -396,7 +398,7 @@ class Acquisition:
         }
         for name, channel in self._channels.items():
             if name in self._zeros:
-                channel.zero_hz = self._zeros[name]
+                channel.zero = self._zeros[name]
         timed = names if self._drivers.reference is None else names[: len(SIDES)]
         self._drivers.counter.select(frozenset(timed))
 
@@ -438,13 +440,13 @@ class Acquisition:
             raise SignalFault(Message("{name}: no sample yet", name), "a running acquisition")
         return record.raise_on_fault(name)
 
-    def zero_hz(self, name: str) -> float:
-        """Zero frequency in use of a channel, Hz; the last one of a channel that is idle."""
+    def zero(self, name: str) -> float:
+        """Zero in use of a channel, in its signal's unit; the last one of an idle channel."""
         channel = self._channels.get(name)
-        return channel.zero_hz if channel is not None else self._zeros.get(name, 0.0)
+        return channel.zero if channel is not None else self._zeros.get(name, 0.0)
 
-    def set_zero(self, name: str, frequency_hz: float, standard_uncertainty_nm: float) -> None:
-        """Take a frequency for zero torque from the next block on.
+    def set_zero(self, name: str, signal: float, standard_uncertainty_nm: float) -> None:
+        """Take a signal for zero torque from the next block on.
 
         Raises
         ------
@@ -454,8 +456,8 @@ class Acquisition:
         self._release_held()
         with self._lock:
             channel = self.channel(name)
-            channel.zero_hz = frequency_hz
-            self._zeros[name] = frequency_hz
+            channel.zero = signal
+            self._zeros[name] = signal
             if not channel.standard:
                 probe = self._description.module(channel.side).temperature_probe
                 self._zeroed[channel.side] = ZeroTaken(

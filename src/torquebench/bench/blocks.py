@@ -28,8 +28,9 @@ class Block:
     """Everything of one interval of bench time, first as measured, then evaluated.
 
     A driver delivers edges by channel, and records of those channels that its instrument counts
-    itself: torque channels with `frequency_hz`, `frequency_uncertainty_hz` and `fault`, encoders
-    with `angle_counts` (unwrapped, clockwise positive), each with `time_s`. The evaluation adds
+    itself: torque channels with `frequency_hz`, `frequency_uncertainty_hz` and `fault` or, of an
+    amplifier, with `signal`, encoders with `angle_counts` (unwrapped, clockwise positive), each
+    with `time_s`. The evaluation adds
     `reading_nm` and `counter_nm` of every torque channel, and `conditions`. In fast simulated time
     several blocks may be joined.
 

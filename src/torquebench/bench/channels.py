@@ -21,7 +21,14 @@ from torquebench.signals import (
     SignalFaultKind,
 )
 
-__all__ = ["FAST_WINDOW_S", "FINE_WINDOW_S", "Channel", "certificates", "open_channel"]
+__all__ = [
+    "FAST_WINDOW_S",
+    "FINE_WINDOW_S",
+    "Channel",
+    "certificates",
+    "described_transducer",
+    "open_channel",
+]
 
 FINE_WINDOW_S = 0.002
 """Windows of a finely resolved interval, s: they resolve a drive's ripple of some 10 Hz."""
@@ -41,6 +48,8 @@ NOISY = 10.0
 """
 CURVATURE_OF_NOISE = 0.6745 * math.sqrt(6.0)
 """Median of the second differences of white noise, in its standard deviations."""
+LARGEST_ZERO = 0.04
+"""Largest deviation of a zero from the nominal one, as a share of the signal at nominal torque."""
 MOVED_SHARE = 0.01
 """A transducer whose partner moves by this share of its range is stuck if it stands still."""
 
@@ -80,30 +89,34 @@ class Channel:
         self.certificate = certificate
         self._counter = counter
         self._scale = transducer.scale()
+        self._columns = self._scale.column, self._scale.uncertainty_column
         window_s = counter.window_ticks / counter.timebase_hz
         self.recent = History(round(KEPT_S / window_s))
         """The readings of the last two minutes; faults are among them."""
-        self._stuck = _StuckCheck(stuck_s, MOVED_SHARE * transducer.nominal_torque_nm)
+        moved_nm = MOVED_SHARE * transducer.nominal_torque_nm
+        self._stuck = _StuckCheck(stuck_s, moved_nm, *self._columns)
         self._fine: _FineWindows | None = None
 
     @property
-    def zero_hz(self) -> float:
-        """Zero in use, Hz."""
+    def zero(self) -> float:
+        """Zero in use, in the unit of the signal."""
         return self._scale.zero
 
-    @zero_hz.setter
-    def zero_hz(self, value: float) -> None:
-        nominal = self._scale.nominal_zero_hz
-        allowed = 0.02 * nominal
+    @zero.setter
+    def zero(self, value: float) -> None:
+        scale = self._scale
+        nominal, unit = scale.nominal_zero, scale.unit
+        allowed = LARGEST_ZERO * scale.sensitivity_cw * scale.nominal_torque_nm
         if not abs(value - nominal) <= allowed:
             raise SignalFault(
-                Message("{name}: zero at {value:.1f} Hz", self.name, value),
+                Message("{name}: zero at {value:.6g} {unit}", self.name, value, unit),
                 Message(
-                    "{low:g} to {high:g} Hz, within 2 % of nominal",
+                    "{low:g} to {high:g} {unit}, within 4 % of the nominal torque",
                     nominal - allowed,
                     nominal + allowed,
+                    unit,
                 ),
-                "unload the transducer before zeroing and check its option",
+                "unload the transducer before zeroing and check its signal",
             )
         self._scale = self._scale.with_zero(value)
 
@@ -114,43 +127,56 @@ class Channel:
         ----------
         measured : EdgeBlock or Record
             Edges to be counted, or a record with `frequency_hz` of an instrument that counts, or
-            with `reading_nm` of one that states torque by the nominal zero.
+            with `signal` of one that states values in the unit of the transducer's signal.
         partner : Channel, optional
             The other transducer that carries this one's torque: while that moves, this one must.
 
         Returns
         -------
         Record
-            `time_s`, `frequency_hz`, `reading_nm`, which a certificate corrects, its
-            uncertainty by the counter `counter_nm`, and `fault`.
+            `time_s`, the signal, `reading_nm`, which a certificate corrects, its uncertainty by
+            the counter or amplifier `counter_nm`, and `fault`.
         """
         if isinstance(measured, EdgeBlock):
             measured = self._counter.push(measured)
-        if "frequency_hz" not in measured:
-            measured = self._as_counted(measured)
+        if self.column not in measured:
+            raise InputError(
+                Message("{name} delivers {columns}", self.name, ", ".join(measured)),
+                Message("signal = {signal!r}, as described", self.transducer.signal),
+                "describe the transducer's signal as its instrument states it",
+            )
+        if self.column == "signal":
+            measured = self._with_uncertainty(measured)
         stuck = self._stuck.push(measured, partner)
         if stuck is not None:
-            rows = np.array(stuck)
-            values = "frequency_hz", "frequency_uncertainty_hz"
-            measured = measured.marked(rows, SignalFaultKind.STUCK, *values)
+            measured = measured.marked(np.array(stuck), SignalFaultKind.STUCK, *self._columns)
         record = self._scale.readings(measured)
         if self.certificate is not None:
             record = record.with_columns(reading_nm=self.certificate.correct(record["reading_nm"]))
         self.recent.append(record)
         return record
 
-    def _as_counted(self, stated: Record) -> Record:
-        """Return stated torques as the frequencies that would have stated them, for zeroing."""
-        torque = stated["reading_nm"]
-        lost = ~np.isfinite(torque)
+    def _with_uncertainty(self, stated: Record) -> Record:
+        """Return values that an instrument states with their uncertainty and faults."""
+        lost = ~np.isfinite(stated["signal"])
+        u = self.transducer.signal_uncertainty_nm * self._scale.sensitivity_cw
         return Record(
             {
                 "time_s": stated.time_s,
-                "frequency_hz": self.transducer.scale().frequency(torque),
-                "frequency_uncertainty_hz": np.where(lost, np.nan, 0.0),
+                "signal": np.where(lost, np.nan, stated["signal"]),
+                "signal_uncertainty": np.where(lost, np.nan, u),
                 "fault": np.where(lost, np.uint8(SignalFaultKind.LOST_DATA), np.uint8(0)),
             }
         )
+
+    @property
+    def column(self) -> str:
+        """Column of its records that has the signal."""
+        return self._scale.column
+
+    def signal_nm(self, signal: float) -> float:
+        """Torque of one signal by the nominal zero, without a certificate, N·m."""
+        return float(self.transducer.scale().torque(signal))
 
     def torque(self, frequency_hz: float) -> float:
         """Torque of one frequency by the present zero, N·m."""
@@ -207,9 +233,14 @@ class _StuckCheck:
         How long values may stand still, s.
     moved_nm : float
         Change of the partner's torque that this channel can't miss, N·m.
+    column, uncertainty_column : str
+        Columns of the signal and its uncertainty.
     """
 
-    def __init__(self, stuck_s: float, moved_nm: float) -> None:
+    def __init__(
+        self, stuck_s: float, moved_nm: float, column: str, uncertainty_column: str
+    ) -> None:
+        self._columns = column, uncertainty_column
         self._stuck_s = stuck_s
         self._moved_nm = moved_nm
         self._learned: list[float] | None = []
@@ -224,9 +255,9 @@ class _StuckCheck:
         if not len(record):
             return None
         long_still = []
-        u = float(record["frequency_uncertainty_hz"][-1])
+        u = float(record[self._columns[1]][-1])
         # Values as they were counted: windows marked as stuck would hide a lasting fault.
-        values, times = record["frequency_hz"].tolist(), record.time_s.tolist()
+        values, times = record[self._columns[0]].tolist(), record.time_s.tolist()
         for value, time_s in zip(values, times, strict=True):
             if math.isnan(value):  # another fault
                 self._low = value
@@ -290,20 +321,33 @@ def open_channel(
         drivers.counter.timebase_hz,
         edge_jitter_s=counting.edge_jitter_s,
     )
+    transducer = described_transducer(name, description, mounting, drivers.reference is not None)
+    if transducer is None:
+        raise InputError(
+            Message("channel {name} with {mounting} mounted", name, mounting), "a mounted standard"
+        )
+    side: Side = "input" if name.startswith("input") else "output"
+    standard, certificate = name == reference_channel(side), None
+    if standard:
+        certificate = certificates(description, drivers, mounting).get(side)
+    return Channel(name, side, standard, transducer, counter, stuck_s, certificate)
+
+
+def described_transducer(
+    name: str, description: BenchDescription, mounting: Mounting, readout: bool
+) -> TransducerDescription | None:
+    """Return the transducer of a channel; None for that of a standard that isn't mounted.
+
+    With `readout` the standard has a read-out, which states torque unless described otherwise.
+    """
     for side in SIDES:
-        if name == reference_channel(side):
-            standard = description.standard(mounting)
-            if standard is None:
-                raise InputError(
-                    Message("channel {name} with {mounting} mounted", name, mounting),
-                    "a mounted standard",
-                )
-            certificate = certificates(description, drivers, mounting).get(side)
+        if name == torque_channel(side):
+            return description.module(side).transducer
+        standard = description.standard(mounting)
+        if name == reference_channel(side) and standard is not None:
             transducer = standard.transducer(side)
-            return Channel(name, side, True, transducer, counter, stuck_s, certificate)
-    own: Side = "input" if name == torque_channel("input") else "output"
-    transducer = description.module(own).transducer
-    return Channel(name, own, False, transducer, counter, stuck_s, None)
+            return transducer.stated() if readout else transducer
+    return None
 
 
 def certificates(

@@ -15,7 +15,7 @@ from torquebench.bench.certificates.torque import ReferenceCertificate, read_cer
 from torquebench.bench.roles import SIDES, Mounting, Side
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.signals import FrequencyScale
+from torquebench.signals import SignalScale
 from torquebench.units import KHZ, RAD_S_PER_RPM, RPM_PER_RAD_S
 from torquebench.validation import ConflictError, parse_toml, validated
 
@@ -59,22 +59,37 @@ _GROUP_DELAY_S = {60: 220e-6, 240: 150e-6}
 
 
 class TransducerDescription(_Section):
-    """A torque transducer with frequency output, with nominal data from its data sheet.
+    """A torque transducer or the amplifier behind it, with nominal data from its data sheet.
 
-    `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120 kHz).
-    Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
-    nominal torque. The limits of its data sheet are shares of the nominal torque, those of the span
-    shares of the torque; zero drift, long-term drift and creep under load aren't known where they
-    aren't given, and then aren't in U either.
+    `signal` is what its instrument states: a frequency, a torque ("Nm"), a voltage ("V") or a
+    ratio ("mV/V"). `option_khz` is the frequency at zero torque: 60 (60 ± 30 kHz) or 240 (240 ± 120
+    kHz). Sensitivities that aren't given are the nominal ones: half the zero's frequency over the
+    nominal torque. `signal_at_nominal` is the voltage or ratio at nominal torque,
+    `signal_at_nominal_ccw` its magnitude counter-clockwise where it differs. `filter_delay_s` is by
+    how much the signal is later than the torque (the amplifier's filter),
+    `signal_uncertainty_percent` the standard uncertainty of one value by resolution and noise.
+
+    The limits of its data sheet are shares of the nominal torque, those of the span shares of the
+    torque; zero drift, long-term drift and creep under load aren't known where they aren't given,
+    and then aren't in U either.
     """
 
     serial: Text
     model: Text = "unknown"
     manufacturer: Text = "unknown"
     nominal_torque_nm: Torque
+    signal: Literal["frequency", "Nm", "V", "mV/V"] = "frequency"
     option_khz: Literal[60, 240] = 60
     sensitivity_cw_hz_per_nm: Sensitivity | None = None
     sensitivity_ccw_hz_per_nm: Sensitivity | None = None
+    signal_at_nominal: Annotated[float, Field(gt=0, le=1e3, description="V or mV/V")] | None = None
+    signal_at_nominal_ccw: Annotated[float, Field(gt=0, le=1e3, description="V or mV/V")] | None = (
+        None
+    )
+    filter_delay_s: Annotated[float, Field(ge=0, le=10, description="s")] | None = None
+    signal_uncertainty_percent: (
+        Annotated[float, Field(ge=0, le=1, description="% of nominal torque")] | None
+    ) = None
     temperature_zero_percent_per_10k: Annotated[float, Field(ge=0, le=10, description="%")] = 0.1
     temperature_span_percent_per_10k: Annotated[float, Field(ge=0, le=10, description="%")] = 0.1
     speed_zero_percent_per_1000rpm: Annotated[float, Field(ge=0, le=10, description="%")] = 0.01
@@ -88,6 +103,13 @@ class TransducerDescription(_Section):
         return self.option_khz * 500.0 / self.nominal_torque_nm
 
     @property
+    def signal_text(self) -> str:
+        """Its signal at nominal torque, for people."""
+        if self.signal == "frequency":
+            return f"{self.option_khz} kHz"
+        return "N·m" if self.signal == "Nm" else f"{self.signal_at_nominal:g} {self.signal}"
+
+    @property
     def zero_hz(self) -> float:
         """Nominal frequency at zero torque, Hz."""
         return KHZ * self.option_khz
@@ -98,9 +120,29 @@ class TransducerDescription(_Section):
         return 0.25 * self.zero_hz, 1.75 * self.zero_hz
 
     @property
+    def nominal_sensitivity(self) -> float:
+        """Nominal signal per N·m, in the unit of the signal."""
+        if self.signal == "frequency":
+            return self.nominal_sensitivity_hz_per_nm
+        return self.scale().sensitivity_cw
+
+    @property
     def group_delay_s(self) -> float:
-        """By how much its frequency is later than the torque (data sheet of the option), s."""
-        return _GROUP_DELAY_S[self.option_khz]
+        """By how much its signal is later than the torque, s."""
+        if self.filter_delay_s is not None:
+            return self.filter_delay_s
+        return _GROUP_DELAY_S[self.option_khz] if self.signal == "frequency" else 0.0
+
+    @property
+    def signal_uncertainty_nm(self) -> float:
+        """Standard uncertainty of one value that an amplifier states, N·m."""
+        return 1e-2 * (self.signal_uncertainty_percent or 0.0) * self.nominal_torque_nm
+
+    def stated(self) -> Self:
+        """Return it as a read-out states it: in N·m unless another signal is described."""
+        if self.signal != "frequency":
+            return self
+        return self.model_copy(update={"signal": "Nm", "filter_delay_s": 0.0})
 
     @model_validator(mode="after")
     def _plausible(self) -> Self:
@@ -120,15 +162,57 @@ class TransducerDescription(_Section):
                 )
         return self
 
-    def scale(self) -> FrequencyScale:
+    @model_validator(mode="after")
+    def _keys_of_its_signal(self) -> Self:
+        ratio = {"signal_at_nominal", "signal_at_nominal_ccw"}
+        amplifier = {"filter_delay_s", "signal_uncertainty_percent"}
+        required = set() if self.signal == "frequency" else set(amplifier)
+        foreign = set(ratio)
+        if self.signal in ("V", "mV/V"):
+            required.add("signal_at_nominal")
+            foreign = set()
+        if self.signal == "frequency":
+            foreign.add("signal_uncertainty_percent")
+        else:
+            foreign |= {"option_khz", "sensitivity_cw_hz_per_nm", "sensitivity_ccw_hz_per_nm"}
+        for key in sorted(required):
+            if getattr(self, key) is None:
+                raise ConflictError(
+                    key,
+                    "missing",
+                    Message("a value for signal = {signal!r}", self.signal),
+                    "take it from the amplifier's data sheet or settings",
+                )
+        defaults = {key: type(self).model_fields[key].default for key in foreign}
+        for key in sorted(key for key in foreign if getattr(self, key) != defaults[key]):
+            raise ConflictError(
+                key,
+                repr(getattr(self, key)),
+                Message("no such key for signal = {signal!r}", self.signal),
+                "remove it, or correct the signal",
+            )
+        return self
+
+    def scale(self) -> SignalScale:
         """Scale of this transducer with its nominal zero, before any zero was measured."""
-        nominal = self.nominal_sensitivity_hz_per_nm
-        return FrequencyScale(
+        if self.signal == "frequency":
+            nominal = self.nominal_sensitivity_hz_per_nm
+            return SignalScale(
+                nominal_torque_nm=self.nominal_torque_nm,
+                nominal_zero=self.zero_hz,
+                sensitivity_cw=self.sensitivity_cw_hz_per_nm or nominal,
+                sensitivity_ccw=self.sensitivity_ccw_hz_per_nm or nominal,
+                limits=self.modulation_hz,
+            )
+        full = self.signal_at_nominal or self.nominal_torque_nm
+        highest = 1.5 * max(full, self.signal_at_nominal_ccw or 0.0)
+        return SignalScale(
             nominal_torque_nm=self.nominal_torque_nm,
-            nominal_zero_hz=self.zero_hz,
-            sensitivity_cw_hz_per_nm=self.sensitivity_cw_hz_per_nm or nominal,
-            sensitivity_ccw_hz_per_nm=self.sensitivity_ccw_hz_per_nm or nominal,
-            modulation_hz=self.modulation_hz,
+            nominal_zero=0.0,
+            sensitivity_cw=full / self.nominal_torque_nm,
+            sensitivity_ccw=(self.signal_at_nominal_ccw or full) / self.nominal_torque_nm,
+            limits=(-highest, highest),
+            unit=self.signal.replace("Nm", "N·m"),
         )
 
 
@@ -473,8 +557,13 @@ class BenchDescription(_Section):
     power_supply: PowerSupplyDescription | None = None
 
     def counter_nm(self, side: Side) -> float:
-        """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009)."""
+        """Return the standard uncertainty of one window due to counting, N·m (arXiv:1506.05009).
+
+        Where an amplifier states values, it is that of a value.
+        """
         transducer, counter = self.module(side).transducer, self.counter
+        if transducer.signal != "frequency":
+            return transducer.signal_uncertainty_nm
         edge_s = hypot(counter.edge_jitter_s, 1.0 / (counter.timebase_hz * sqrt(12.0)))
         edges = transducer.zero_hz * counter.window_s
         relative = sqrt(12.0 / edges) * edge_s / counter.window_s

@@ -137,8 +137,7 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
     start_s = station.clock.now()
     station.clock.wait(REST_S)
     window = acquisition.window(channel.name, start_s, start_s + REST_S)
-    zero_hz = float(window["frequency_hz"].mean())
-    zero_nm = float(standard.transducer(side).scale().torque(zero_hz))
+    zero_nm = channel.signal_nm(float(window[channel.column].mean()))
     check_zero(description, side, standard, zero_nm)
     return zero_nm
 

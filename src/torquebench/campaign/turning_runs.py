@@ -243,9 +243,9 @@ def _write(target: Path, table: EmptyTable, station: Station, profile: TurningPr
     scale = station.description.module(table.side).transducer.scale()
     remarks = {
         **_remarks(station, table.side, profile, table.series_done),
-        "zero_hz": repr(table.zero_hz),
+        "zero": repr(table.zero),
         "zero_uncertainty_nm": repr(table.zero_uncertainty_nm),
-        "zero_nm": f"{scale.torque(table.zero_hz):.9g}",
+        "zero_nm": f"{scale.torque(table.zero):.9g}",
     }
     absolute = station.description.module(table.side).encoder.absolute
     by_angle = absolute and bool(np.isfinite(table.rows[:, -1]).all())
@@ -307,7 +307,7 @@ def read_begun(
     )
     begun = EmptyTable(side)
     begun.begin_with(rows, int(done))
-    begun.zero_hz, begun.zero_uncertainty_nm = (
-        float(table.remarks.get(name, "nan")) for name in ("zero_hz", "zero_uncertainty_nm")
+    begun.zero, begun.zero_uncertainty_nm = (
+        float(table.remarks.get(name, "nan")) for name in ("zero", "zero_uncertainty_nm")
     )
     return begun

@@ -102,9 +102,10 @@ class VerificationRequest(MountedRequest):
 
 @dataclass(frozen=True)
 class ZeroOfSide:
-    """The zero of one side, and its deviation from the nominal one."""
+    """The zero of one side in the unit of its signal, and its deviation from the nominal one."""
 
-    frequency_hz: float
+    signal: float
+    unit: str
     zero_nm: float
 
 
@@ -119,11 +120,11 @@ class ZeroResult(Result):
         """Return its description."""
         sides = (("input", self.input), ("output", self.output))
         rows = [
-            (side, f"{zero.frequency_hz:.3f}", f"{zero.zero_nm:+.4g}")
+            (side, f"{zero.signal:.8g} {zero.unit}", f"{zero.zero_nm:+.4g}")
             for side, zero in sides
             if zero is not None
         ]
-        table = Table(("module", "frequency, Hz", "difference from the nominal zero, N·m"), rows)
+        table = Table(("module", "signal", "difference from the nominal zero, N·m"), rows)
         run = Facts([("Run", self.run_ids[0])])
         return Page("Zero", "", [Section("", "", [table, run])], simulated=self.simulated)
 
@@ -142,11 +143,9 @@ def run_zero(place: Place, request: ZeroRequest, progress: Progress) -> ZeroResu
     zeros: dict[Side, ZeroOfSide] = {}
     for side in sides:
         transducer = station.description.module(side).transducer
-        frequency_hz = record.result[side].frequency_hz
-        deviation_hz = frequency_hz - transducer.scale().nominal_zero_hz
-        zeros[side] = ZeroOfSide(
-            frequency_hz, deviation_hz / transducer.nominal_sensitivity_hz_per_nm
-        )
+        signal, scale = record.result[side].signal, transducer.scale()
+        away_nm = (signal - scale.nominal_zero) / transducer.nominal_sensitivity
+        zeros[side] = ZeroOfSide(signal, scale.unit, away_nm)
     words = Message.joined(
         Message("{side} {zero_nm:+.3g} N·m", side, zeros[side].zero_nm) for side in sides
     )

@@ -309,11 +309,12 @@ class _Stage:
 
     def _steady(self, side: Side) -> dict[str, Any]:
         state, (torque_nm, speed_rad_s) = self.sides[side], self.books.commanded(side)
+        scale = self.description.module(side).transducer.scale()
         fields = {
             "reading_nm": torque_nm,
             "reading_standard_error_nm": 0.0,
             "zero_nm": 0.0,
-            "frequency_hz": self.description.module(side).transducer.scale().zero,
+            scale.column: scale.zero,
             "settled": True,
             "commanded_nm": torque_nm,
             "speed_rpm": speed_rad_s * RPM_PER_RAD_S,

@@ -105,7 +105,7 @@ class _Loader:
         yield from self._stamp(step)
         side = self.setup.side
         zeroed = yield from zero(self.devices, side, duration_s=step.duration_s, standard=True)
-        yield from self._checked(TakenStep(step, standard_zero_hz=zeroed.standard_frequency_hz))
+        yield from self._checked(TakenStep(step, standard_zero=zeroed.standard_signal))
         self.settings = None  # a zero has its own
 
     def _load(self, step: Step) -> Plan[None]:

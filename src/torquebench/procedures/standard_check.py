@@ -184,13 +184,13 @@ class TakenStep(NamedTuple):
     step : Step
     row : mapping, optional
         Steady value of a point by field.
-    standard_zero_hz : float, optional
+    standard_zero : float, optional
         Measured zero of the standard.
     """
 
     step: Step
     row: Mapping[str, Any] | None = None
-    standard_zero_hz: float | None = None
+    standard_zero: float | None = None
 
 
 class StandardCheck(Movable[TakenStep]):
@@ -233,9 +233,10 @@ class StandardCheck(Movable[TakenStep]):
     @AsyncStatus.wrap
     async def set(self, value: TakenStep) -> None:
         """Take a step. Raises BenchError, see `check_zero` and `check_pair`."""
-        step, row, zero_hz = value
-        if zero_hz is not None:
-            zero_nm = float(self._standard.transducer(self._side).scale().torque(zero_hz))
+        step, row, zero = value
+        if zero is not None:
+            channel = self._context.acquisition.channel(reference_channel(self._side))
+            zero_nm = channel.signal_nm(zero)
             check_zero(self._context.description, self._side, self._standard, zero_nm)
         elif row is not None:
             self._compare(step.nominal_nm, _point(row))

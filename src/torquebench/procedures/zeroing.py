@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import bluesky.preprocessors as bpp
 
-from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings
+from torquebench.bench.devices import BenchDevices, MeasuredZero, SteadySettings, signal_of
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.procedures.messages import checkpoint, move, prepare, take
 from torquebench.procedures.setup import (
@@ -25,21 +25,21 @@ __all__ = ["ZeroResult", "zero", "zero_modules"]
 
 @dataclass(frozen=True)
 class ZeroResult:
-    """Measured zero frequencies of one side.
+    """Measured zeros of one side.
 
     Parameters
     ----------
-    frequency_hz : float
-        Of the module's transducer, unloaded, Hz.
+    signal : float
+        Of the module's transducer, unloaded, in the unit of its signal.
     standard_uncertainty_nm : float
         Standard error of that mean, N·m.
-    standard_frequency_hz : float or None
+    standard_signal : float or None
         Of the mounted standard's transducer; None without one on the counters.
     """
 
-    frequency_hz: float
+    signal: float
     standard_uncertainty_nm: float
-    standard_frequency_hz: float | None
+    standard_signal: float | None
 
 
 def zero(
@@ -83,16 +83,15 @@ def measure_zero(
     )
     yield from prepare(module.steady, settings, wait=True)
     reading = yield from take(module.steady, devices.point, stream=f"zero_{side}")
-    taken = MeasuredZero(
-        float(reading["frequency_hz"]), float(reading["reading_standard_error_nm"])
-    )
+    signal = signal_of(reading)
+    assert signal is not None
+    taken = MeasuredZero(signal, float(reading["reading_standard_error_nm"]))
     yield from move(module.transducer.zero, taken)
-    standard_frequency = None
-    if standard and "standard_frequency_hz" in reading:
-        standard_frequency = float(reading["standard_frequency_hz"])
-        of_standard = MeasuredZero(standard_frequency, float(reading["standard_uncertainty_nm"]))
+    standard_signal = signal_of(reading, "standard_") if standard else None
+    if standard_signal is not None:
+        of_standard = MeasuredZero(standard_signal, float(reading["standard_uncertainty_nm"]))
         yield from move(getattr(devices.reference, f"{side}_zero"), of_standard)
-    return ZeroResult(*taken, standard_frequency)
+    return ZeroResult(*taken, standard_signal)
 
 
 def zero_modules(

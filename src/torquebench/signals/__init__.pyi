@@ -20,7 +20,7 @@ from .record import (
     Record as Record,
 )
 from .scale import (
-    FrequencyScale as FrequencyScale,
+    SignalScale as SignalScale,
 )
 from .steady import (
     SteadyValue as SteadyValue,

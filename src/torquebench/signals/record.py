@@ -232,7 +232,7 @@ class History:
             time_s, parts = self._columns["time_s"], []
             for segment in self._segments():
                 first, stop = time_s[segment].searchsorted((start_s, stop_s)).tolist()
-                parts.append(slice(segment.start + first, segment.start + stop))
+                parts.append(slice(segment.start + first, segment.start + max(first, stop)))
             return self._copied(parts)
 
     def latest(self, count: int = 1) -> Record | None:

@@ -174,7 +174,7 @@ class Plant:
         if readout is None:
             return
         for side in SIDES:
-            new = readout.read(side, block.stop_s, block.timed_s)["reading_nm"].tolist()
+            new = readout.read(side, block.stop_s, block.timed_s)["signal"].tolist()
             if not new and not readout.channels:  # nothing mounted: an amplifier without signal
                 windows = round(block.stop_s / self.window_s) - round(block.start_s / self.window_s)
                 new = [float("nan")] * windows

@@ -109,14 +109,14 @@ def _zeroings(folder: RunFolder) -> Iterator[Zeroing]:
         if side is None:
             continue
         transducer = description.module(side).transducer
-        zero_hz = float(event["data"][f"{side}-steady-frequency_hz"])
-        away_hz = zero_hz - transducer.scale().nominal_zero_hz
+        scale = transducer.scale()
+        zero = float(event["data"][f"{side}-steady-{scale.column}"])
         temperature = event["data"].get(f"{side}-steady-temperature_c")
         yield Zeroing(
             transducer_serial=transducer.serial,
             performed=datetime.fromtimestamp(event["time"], UTC),
-            zero_hz=zero_hz,
-            zero_nm=away_hz / transducer.nominal_sensitivity_hz_per_nm,
+            zero_hz=zero,
+            zero_nm=(zero - scale.nominal_zero) / transducer.nominal_sensitivity,
             temperature_c=None if temperature is None else float(temperature),
             run_id=folder.run_id,
             simulated=description.simulated,

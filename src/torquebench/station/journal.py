@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import queue
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,9 +29,9 @@ NO_COUNTS = int(np.iinfo(np.int64).min)
 class RunJournal:
     """Writes one row a counter window, and every edge where the bench is described so.
 
-    A row holds the time; of each channel frequency, torque and fault; of each side angle, mean
-    speed over the block, compensated torque and its standard uncertainty; the probes. Frequencies
-    are the counter's; torque is computed with the zero in use, a standard's also with its
+    A row holds the time; of each channel its signal, torque and fault; of each side angle, mean
+    speed over the block, compensated torque and its standard uncertainty; the probes. Signals
+    are as measured; torque is computed with the zero in use, a standard's also with its
     certificate. There is NaN where `fault` isn't 0 and if nothing is compensated. A channel that
     isn't in use has the code `NOT_IN_USE`; an encoder without samples has `NO_COUNTS` and a probe
     that doesn't answer NaN, so that the loss of one signal doesn't end the recording of all others.
@@ -41,13 +41,23 @@ class RunJournal:
     writer : RunWriter
     probes : sequence of str
         Temperature probes of the bench, as described.
+    signals : mapping of channel to str
+        Column of the signal of each channel; a frequency where it isn't given.
     edges : bool
         Whether to keep the edges.
     """
 
-    def __init__(self, writer: RunWriter, probes: Sequence[str], *, edges: bool = False) -> None:
+    def __init__(
+        self,
+        writer: RunWriter,
+        probes: Sequence[str],
+        signals: Mapping[str, str] | None = None,
+        *,
+        edges: bool = False,
+    ) -> None:
         self._writer = writer
         self._probes = tuple(probes)
+        self._signals = dict.fromkeys(CHANNELS, "frequency_hz") | dict(signals or {})
         self._edges = edges
 
     def write(self, block: Block) -> None:
@@ -63,8 +73,9 @@ class RunJournal:
         row = conditions.time_s.searchsorted(time_s).clip(max=len(conditions) - 1)
         columns: dict[str, NDArray[np.generic]] = {"time_s": time_s}
         for name in CHANNELS:
-            frequency, torque, fault = _on_axis(time_s, block.records.get(name))
-            columns[f"{name}_hz"] = frequency
+            column = self._signals[name]
+            signal, torque, fault = _on_axis(time_s, block.records.get(name), column)
+            columns[f"{name}_{column.removeprefix('frequency_')}"] = signal
             columns[f"{name}_nm"] = torque
             columns[f"{name}_fault"] = fault
         for side in SIDES:
@@ -100,20 +111,21 @@ def _compensated(
 
 
 def _on_axis(
-    time_s: NDArray[np.float64], record: Record | None
+    time_s: NDArray[np.float64], record: Record | None, column: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint8]]:
-    """Frequency, torque and fault of a channel at the windows of another one."""
-    if record is not None and np.array_equal(record.time_s, time_s):
-        return record["frequency_hz"], record["reading_nm"], record["fault"]
-    frequency = np.full(time_s.shape, np.nan)
+    """Signal, torque and fault of a channel at the windows of another one."""
+    if record is not None and column in record and np.array_equal(record.time_s, time_s):
+        return record[column], record["reading_nm"], record["fault"]
+    signal = np.full(time_s.shape, np.nan)
     torque = np.full(time_s.shape, np.nan)
     fault = np.full(time_s.shape, NOT_IN_USE, dtype=np.uint8)
     if record is not None:
         there, here = _places(time_s, record.time_s)
-        frequency[there] = record["frequency_hz"][here]
+        if column in record:
+            signal[there] = record[column][here]
         torque[there] = record["reading_nm"][here]
         fault[there] = record["fault"][here]
-    return frequency, torque, fault
+    return signal, torque, fault
 
 
 def _places(

@@ -80,6 +80,12 @@ def compensation_for(
     stored.check_fits(transducer.serial, counter, module.range_nm)
     if fitted is not None and fitted.get_state() == stored.model.get_state():
         stored = replace(stored, model=fitted)
+    if accepted is not None and transducer.signal != "frequency":
+        raise ModelMismatchError(
+            Message("a model made with {counter}", counter),
+            Message("one that was made with {own}: an amplifier is a part of the chain", own),
+            Message("calibrate the {side} module with this amplifier", side),
+        )
     zero_nm = transducer.zero_hz / transducer.nominal_sensitivity_hz_per_nm
     chain = with_stated_limits(MeasuringChain.of(stored), description, side)
     if accepted is not None:

@@ -8,7 +8,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from torquebench.bench.audit.entries import AuditLog
+from torquebench.bench.channels import described_transducer
 from torquebench.bench.devices.context import BenchContext
+from torquebench.bench.roles import CHANNELS
 from torquebench.bench.safety import AlarmKind
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -79,7 +81,14 @@ class Recording:
         audit.begin_run(self.writer.run_id, operator, self.writer.path)
         audit.write("run begins", kind=kind, side=str(self.known.get("side", "")))
         described = context.description
-        journal = RunJournal(self.writer, described.temperatures, edges=described.recording.edges)
+        readout = context.drivers.reference is not None
+        signals = {
+            name: transducer.scale().column
+            for name in CHANNELS
+            if (transducer := described_transducer(name, described, "calibrator", readout))
+        }
+        edges = described.recording.edges
+        journal = RunJournal(self.writer, described.temperatures, signals, edges=edges)
         # Fast simulated time waits for the disk; real time doesn't.
         past = ceil(before_s / described.counter.block_s)  # acquisition doesn't wait for it
         self._queued = None if context.clock.fast else QueuedJournal(journal, WAITING_BLOCKS + past)

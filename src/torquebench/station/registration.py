@@ -46,7 +46,12 @@ def _parts(description: BenchDescription) -> dict[str, Equipment]:
                 "side": side,
                 "bench": description.name,
                 "nominal_torque_nm": transducer.nominal_torque_nm,
-                "option_khz": transducer.option_khz,
+                "signal": transducer.signal,
+                **(
+                    {"option_khz": transducer.option_khz}
+                    if transducer.signal == "frequency"
+                    else {}
+                ),
             },
         )
         parts[f"{side}.drive"] = Equipment("drive", drive.serial, model=drive.model)

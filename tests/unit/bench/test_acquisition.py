@@ -98,9 +98,9 @@ def test_a_measured_zero_holds_until_another_standard_is_mounted(bench: LowBench
     reading = bench.acquisition.window("output_torque", 0.35, 0.5)["reading_nm"]
     assert abs(reading.mean()) < 0.5
     bench.acquisition.select_for("verification_standard")
-    assert bench.acquisition.channel("output_reference").zero_hz == 60e3
-    assert bench.acquisition.channel("output_torque").zero_hz != 60e3
-    with pytest.raises(SignalFault, match="2 % of nominal"):
+    assert bench.acquisition.channel("output_reference").zero == 60e3
+    assert bench.acquisition.channel("output_torque").zero != 60e3
+    with pytest.raises(SignalFault, match="4 % of the nominal torque"):
         bench.acquisition.set_zero("output_torque", 70e3, 0.0)
 
 
@@ -135,7 +135,8 @@ def test_a_standard_with_its_own_readout_gives_the_same_torque(open_bench: OpenB
             bench.load_output(300.0)
             bench.clock.wait_until(0.8)
             channel = bench.acquisition.channel("output_reference")
-            channel.zero_hz = 60_010.0
+            counted = channel.transducer.scale().signal(10.0 / 15.0)
+            channel.zero = float(counted)  # in Hz, or in N·m
             bench.clock.wait_until(1.0)
             return channel.recent.window(0.5, 1.0)
 

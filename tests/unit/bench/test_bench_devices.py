@@ -110,7 +110,7 @@ def test_every_reading_is_described_with_its_unit(bench: Any) -> None:
             assert units["point-nominal_nm"] == "N·m"
             configuration = await devices.output.transducer.read_configuration()
             assert configuration["output-transducer-serial"]["value"] == "SIM-T2000"
-            assert configuration["output-transducer-zero-frequency"]["value"] == 60e3
+            assert configuration["output-transducer-zero-signal"]["value"] == 60e3
 
     play(bench, scene)
 
@@ -516,9 +516,9 @@ def test_a_zero_is_set_on_module_and_standard(bench: Any) -> None:
     async def scene() -> None:
         async with ready(bench) as devices:
             await devices.output.transducer.zero.set(MeasuredZero(60_012.5, 0.01))
-            assert bench.acquisition.zero_hz("output_torque") == 60_012.5
+            assert bench.acquisition.zero("output_torque") == 60_012.5
             await devices.reference.output_zero.set(MeasuredZero(60_001.0, 0.01))
-            assert bench.acquisition.zero_hz("output_reference") == 60_001.0
+            assert bench.acquisition.zero("output_reference") == 60_001.0
             reading = await devices.reference.read()
             assert reading["reference-serial"]["value"] == "SIM-CAL-1"
 

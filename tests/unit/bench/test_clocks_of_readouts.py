@@ -43,7 +43,7 @@ def test_samples_have_their_times_although_a_computer_catches_up(behind_s: float
         assert (samples.time_s <= until_s + 1e-9).all(), "none later than asked for"
         found.append(samples)
     time_s = np.concatenate([each.time_s for each in found])
-    stated_s = np.concatenate([each["reading_nm"] for each in found])
+    stated_s = np.concatenate([each["signal"] for each in found])
     assert stated_s.size > 0.9 * handed
     np.testing.assert_array_equal(np.diff(stated_s).round(9), PERIOD_S)
     np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
@@ -59,7 +59,7 @@ def test_samples_have_their_times_although_a_computer_is_behind_for_good() -> No
         handed = made
         found.append(clock.take(values, until_s, timed_s))
     time_s = np.concatenate([each.time_s for each in found])
-    stated_s = np.concatenate([each["reading_nm"] for each in found])
+    stated_s = np.concatenate([each["signal"] for each in found])
     assert stated_s.size > 100
     np.testing.assert_allclose(time_s, stated_s, atol=PERIOD_S)
 
@@ -245,7 +245,7 @@ class Slow:
 
     def read(self, side: str, until_s: float, timed_s: float) -> Record:
         waiting = self._waiting.setdefault(side, [])
-        waiting += self._readout.read(side, until_s, timed_s)["reading_nm"].tolist()
+        waiting += self._readout.read(side, until_s, timed_s)["signal"].tolist()
         count = len(waiting) // 10
         means = np.array(waiting[: 10 * count]).reshape(count, 10).mean(axis=1)
         del waiting[: 10 * count]
@@ -267,7 +267,7 @@ def test_a_read_out_every_100_ms_is_neither_lost_nor_disagrees(open_bench: OpenB
         assert read.time_s.size >= 30
         np.testing.assert_allclose(np.diff(read.time_s), 0.1, atol=0.01)
         bench.drivers.reference._clocks["output"].take = lambda *_: Record(
-            {"time_s": np.empty(0), "reading_nm": np.empty(0)}
+            {"time_s": np.empty(0), "signal": np.empty(0)}
         )
         with pytest.raises(SignalFault, match="output_reference"):
             bench.clock.wait(1.0)

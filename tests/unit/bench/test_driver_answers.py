@@ -111,7 +111,7 @@ def test_whatever_a_modbus_amplifier_states_has_a_time_for_each_sample(words: li
         assert error.remedy  # noqa: PT017
         return
     for samples in (first, second):
-        assert samples.time_s.shape == samples["reading_nm"].shape
+        assert samples.time_s.shape == samples["signal"].shape
         assert np.isfinite(samples.time_s).all()
 
 

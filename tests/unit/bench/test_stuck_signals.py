@@ -14,17 +14,18 @@ BLOCK_S = 0.05
 PERIOD_S = 0.01
 
 
-def channel(name: str, *, standard: bool = False) -> Channel:
+def channel(name: str, *, standard: bool = False, states: bool = False) -> Channel:
     bench = default_bench()
     transducer = bench.calibrator.transducer("output") if standard else bench.output.transducer
     counter = FrequencyCounter("regression", PERIOD_S, 100e6)
+    transducer = transducer.stated() if states else transducer
     return Channel(name, "output", standard, transducer, counter, STUCK_S, None)
 
 
 def stated(block: int, torque_nm: Any) -> Record:
     """A block of a read-out that states N·m."""
     time_s = BLOCK_S * block + PERIOD_S * (np.arange(5) + 0.5)
-    return Record({"time_s": time_s, "reading_nm": np.broadcast_to(torque_nm, 5).astype(float)})
+    return Record({"time_s": time_s, "signal": np.broadcast_to(torque_nm, 5).astype(float)})
 
 
 def counted(block: int, frequency_hz: Any, u_hz: float) -> Record:
@@ -62,13 +63,13 @@ def test_a_quiet_output_at_constant_torque_is_not_stuck(
 
 
 def test_a_read_out_of_few_digits_at_constant_torque_is_not_stuck() -> None:
-    coarse = channel("output_reference", standard=True)
+    coarse = channel("output_reference", standard=True, states=True)
     assert not any(is_stuck(coarse.push(stated(block, 123.4))) for block in range(400))
 
 
 @pytest.mark.parametrize("by", ["counter", "read-out"])
 def test_an_output_that_loses_its_noise_is_stuck_until_it_lives_again(by: str) -> None:
-    draw, live = np.random.default_rng(2), channel("output_torque")
+    draw, live = np.random.default_rng(2), channel("output_torque", states=by == "read-out")
 
     def push(block: int, noise: Any) -> bool:
         if by == "counter":
@@ -86,8 +87,12 @@ def test_an_output_that_loses_its_noise_is_stuck_until_it_lives_again(by: str) -
 def test_a_quiet_output_is_stuck_while_its_partner_moves(
     standard: bool, rate_nm_per_s: float, stuck: bool
 ) -> None:
-    one = channel("output_reference" if standard else "output_torque", standard=standard)
-    other = channel("output_torque" if standard else "output_reference", standard=not standard)
+    one = channel(
+        "output_reference" if standard else "output_torque", standard=standard, states=True
+    )
+    other = channel(
+        "output_torque" if standard else "output_reference", standard=not standard, states=True
+    )
     draw, found = np.random.default_rng(3), []
     for block in range(60):
         ramp = rate_nm_per_s * stated(block, 0.0).time_s + 0.05 * draw.standard_normal(5)
@@ -101,7 +106,8 @@ def test_a_quiet_output_is_stuck_while_its_partner_moves(
 
 
 def test_a_coarse_read_out_that_follows_its_partner_is_not_stuck() -> None:
-    coarse, module = channel("output_reference", standard=True), channel("output_torque")
+    coarse = channel("output_reference", standard=True, states=True)
+    module = channel("output_torque", states=True)
     for block in range(200):
         torque = 20.0 * stated(block, 0.0).time_s
         module.push(stated(block, torque), coarse)

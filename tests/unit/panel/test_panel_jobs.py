@@ -67,7 +67,7 @@ def test_zero_check_and_stop_in_one_sitting(service: BenchService) -> None:
     view = ended(service, service.jobs.start(BEN, "zero", {}))
     assert view.state == "done", view.problem
     assert view.result is not None
-    assert view.result.input.frequency_hz > 0.0 < view.result.output.frequency_hz
+    assert view.result.input.signal > 0.0 < view.result.output.signal
     assert service.records.run(view.result.run_ids[0]).run.operator == "ben (client)"
     view = service.jobs.start(BEN, "check", {"side": "input"})
     with pytest.raises(BusyError):

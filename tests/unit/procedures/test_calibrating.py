@@ -58,7 +58,7 @@ def test_the_bench_is_left_without_torque_and_drives_off(station: Station) -> No
 def test_the_zero_is_measured_and_used(station: Station) -> None:
     nominal = station.description.input.transducer.scale().zero
     station.run(calibrate(station.devices, "input", PROFILE), kind="calibrate-input")
-    measured = station.acquisition.zero_hz("input_torque")
+    measured = station.acquisition.zero("input_torque")
     assert measured != nominal
     assert measured == pytest.approx(nominal, rel=0.01)
 
@@ -66,7 +66,7 @@ def test_the_zero_is_measured_and_used(station: Station) -> None:
 def test_points_state_the_zero_that_they_count_from(station: Station) -> None:
     scale = station.description.input.transducer.scale()
     record = station.run(calibrate(station.devices, "input", PROFILE), kind="calibrate-input")
-    measured = scale.torque(station.acquisition.zero_hz("input_torque"))
+    measured = scale.torque(station.acquisition.zero("input_torque"))
     np.testing.assert_allclose(record.result.data.zero_nm, measured, rtol=0.0, atol=1e-6)
 
 

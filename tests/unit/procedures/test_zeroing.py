@@ -16,8 +16,8 @@ def test_zeroed_modules_read_zero(station: Station) -> None:
     station.clock.wait(0.2)
     for side, range_nm in (("input", 50.0), ("output", 2000.0)):
         found = record.result[side]
-        assert found.standard_frequency_hz is None
-        assert station.acquisition.zero_hz(f"{side}_torque") == found.frequency_hz
+        assert found.standard_signal is None
+        assert station.acquisition.zero(f"{side}_torque") == found.signal
         assert abs(station.acquisition.reading_nm(f"{side}_torque")) < 0.1e-2 * range_nm
 
 

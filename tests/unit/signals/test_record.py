@@ -91,3 +91,11 @@ def test_a_fault_takes_the_number_and_keeps_the_first_reason():
     with pytest.raises(PulseTrainFault, match=r"input: no pulses .* at 0 s \(2 of 3 windows"):
         marked.raise_on_fault("input")
     assert marked.at(slice(2, None)).raise_on_fault() is not None
+
+
+def test_a_window_that_ends_before_it_begins_is_empty():
+    history = History(8)
+    history.append(Record({"time_s": np.arange(6.0)}))
+    for start_s, stop_s in ((4.0, 1.0), (9.0, -1.0), (2.0, 2.0)):
+        assert len(history.window(start_s, stop_s)) == 0
+        assert len(history.latest().window(start_s, stop_s)) == 0

@@ -31,4 +31,5 @@ from .sensors import (
 from .steady import (
     SteadySettings as SteadySettings,
     SteadyTorque as SteadyTorque,
+    signal_of as signal_of,
 )

@@ -20,27 +20,27 @@ __all__ = ["Encoder", "MeasuredZero", "Reference", "TemperatureProbes", "Transdu
 
 
 class MeasuredZero(NamedTuple):
-    """Frequency of an unloaded transducer, Hz, and the standard uncertainty of this zero, N·m."""
+    """Signal of an unloaded transducer and the standard uncertainty of this zero, N·m."""
 
-    frequency_hz: float
+    signal: float
     standard_uncertainty_nm: float
 
 
 class Zero(StandardReadable):
-    """Zero of a transducer: `set(MeasuredZero(...))` takes one, `frequency` is that in use, Hz."""
+    """Zero of a transducer: `set(MeasuredZero(...))` takes one, `signal` is that in use."""
 
     def __init__(self, context: BenchContext, channel: str) -> None:
         self._context = context
         self._channel = channel
         with self.add_children_as_readables(StandardReadableFormat.CONFIG_SIGNAL):
-            self.frequency, _ = soft_signal_r_and_setter(
-                float, units="Hz", getter=lambda: context.acquisition.zero_hz(channel)
+            self.signal, _ = soft_signal_r_and_setter(
+                float, getter=lambda: context.acquisition.zero(channel)
             )
         super().__init__()
 
     @AsyncStatus.wrap
     async def set(self, value: MeasuredZero) -> None:
-        """Take this frequency for zero torque.
+        """Take this signal for zero torque.
 
         Raises
         ------
@@ -48,7 +48,7 @@ class Zero(StandardReadable):
             It deviates too much from the nominal zero.
         """
         self._context.acquisition.set_zero(
-            self._channel, value.frequency_hz, value.standard_uncertainty_nm
+            self._channel, value.signal, value.standard_uncertainty_nm
         )
 
 

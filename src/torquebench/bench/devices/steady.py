@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import chain
 
@@ -13,6 +14,7 @@ from numpy.typing import NDArray
 from ophyd_async.core import AsyncConfigurable, AsyncReadable, AsyncStatus, Device
 
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.channels import described_transducer
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.devices.data_keys import data_key
 from torquebench.bench.roles import Side, reference_channel, torque_channel
@@ -22,7 +24,7 @@ from torquebench.message import Message
 from torquebench.signals import Record, SteadyValue, steady_value
 from torquebench.units import RPM_PER_RAD_S
 
-__all__ = ["SteadySettings", "SteadyTorque"]
+__all__ = ["SteadySettings", "SteadyTorque", "signal_of"]
 
 FloatArray = NDArray[np.float64]
 
@@ -35,7 +37,6 @@ _ALWAYS = {
     "reading_standard_error_nm": float,
     "reading_drift_nm_per_s": float,
     "zero_nm": float,
-    "frequency_hz": float,
     "settled": bool,
     "samples": int,
     "commanded_nm": float,
@@ -43,21 +44,31 @@ _ALWAYS = {
     "temperature_c": float,
     "time_s": float,
 }
+SIGNALS = ("frequency_hz", "signal", "standard_frequency_hz", "standard_signal")
+"""The transducers' own signals: a frequency, or a value in the unit that the bench describes."""
 _COMPENSATED = ("torque_nm", "torque_uncertainty_nm")
 _OF_STANDARD = (
     "standard_nm",
     "standard_uncertainty_nm",
     "standard_drift_nm_per_s",
-    "standard_frequency_hz",
 )
 STEADY_FIELDS = (
     *_ALWAYS,
+    *SIGNALS,
     *_COMPENSATED,
     *_OF_STANDARD,
     "standard_temperature_c",
     "true_torque_nm",
 )
 """All fields of a steady value."""
+
+
+def signal_of(reading: Mapping[str, float], prefix: str = "") -> float | None:
+    """Return the signal of a steady value, of the standard with "standard_"; None without one."""
+    names = (f"{prefix}frequency_hz", f"{prefix}signal")
+    return next((float(reading[name]) for name in names if name in reading), None)
+
+
 SETTINGS = {"settle_s": float, "window_s": float, "limit_s": float, "reference": bool}
 """Those of `SteadySettings` that documents state."""
 
@@ -108,10 +119,11 @@ class SteadySettings:
 
 @dataclass(frozen=True)
 class _Evaluated:
-    """Steady value of one channel, and its mean frequency."""
+    """Steady value of one channel, and its mean signal under the column's name."""
 
     steady: SteadyValue
-    frequency_hz: float
+    signal: float
+    column: str
 
 
 class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Preparable, HasHints):
@@ -121,9 +133,9 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     `read()` returns fields of `STEADY_FIELDS`, which `torquebench.columns` describes (data key by
     `key(field)`):
 
-    - always reading, zero, frequency, set point, speed, temperature and bench time;
+    - always reading, zero, signal, set point, speed, temperature and bench time;
     - torque and its standard uncertainty by the whole chain, with an active model;
-    - the standard's torque, frequency and temperature, with `reference`;
+    - the standard's torque, signal and temperature, with `reference`;
     - the true torque over what was settled, on a simulated bench.
 
     A fault of the signal raises `SignalFault`: there is never a number without pulses. The
@@ -195,7 +207,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         context, side = self._context, self.side
         acquisition, module = context.acquisition, context.description.module(side)
         reading = self._steady(torque_channel(side), start_s, stop_s)
-        zero_hz = acquisition.zero_hz(torque_channel(side))
+        zero = acquisition.zero(torque_channel(side))
         commands = context.commands.side(side)
         speed_rpm = acquisition.mean_speed_rad_s(side, start_s, stop_s) * RPM_PER_RAD_S
         temperature_c = acquisition.temperature_c(module.temperature_probe)
@@ -203,8 +215,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             "reading_nm": reading.steady.value,
             "reading_standard_error_nm": reading.steady.standard_error,
             "reading_drift_nm_per_s": reading.steady.drift_per_s,
-            "zero_nm": float(module.transducer.scale().torque(zero_hz)),
-            "frequency_hz": reading.frequency_hz,
+            "zero_nm": float(module.transducer.scale().torque(zero)),
+            reading.column: reading.signal,
             "settled": reading.steady.settled,
             "samples": reading.steady.samples,
             "commanded_nm": commands.torque_nm,
@@ -225,7 +237,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
                 "standard_nm": standard.steady.value,
                 "standard_uncertainty_nm": standard.steady.standard_error,
                 "standard_drift_nm_per_s": standard.steady.drift_per_s,
-                "standard_frequency_hz": standard.frequency_hz,
+                f"standard_{standard.column}": standard.signal,
             }
             probe = self._standard_probe()
             if probe is not None:
@@ -243,7 +255,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         record = self._context.acquisition.window(channel, start_s, stop_s)
         self._check_complete(channel, record, start_s, stop_s)
         steady = self._steady_value(record.time_s, record["reading_nm"])
-        return _Evaluated(steady, float(record["frequency_hz"].mean()))
+        column = self._context.acquisition.channel(channel).column
+        return _Evaluated(steady, float(record[column].mean()), column)
 
     def _steady_value(self, time_s: FloatArray, torque_nm: FloatArray) -> SteadyValue:
         return steady_value(
@@ -347,6 +360,14 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
             ),
             ("true_torque_nm",): context.drivers.truth is not None,
         }
+        names = [("", torque_channel(self.side))]
+        if self._settings.reference:
+            names.append(("standard_", reference_channel(self.side)))
+        mounting, readout = context.state.mounted(), context.drivers.reference is not None
+        for prefix, name in names:
+            transducer = described_transducer(name, context.description, mounting, readout)
+            if transducer is not None:
+                conditions[(prefix + transducer.scale().column,)] = True
         parts = (fields for fields, applies in conditions.items() if applies)
         return (*_ALWAYS, *chain.from_iterable(parts))
 

@@ -111,7 +111,8 @@ class CounterCard(Protocol):
 
         A selected channel without pulses has an entry without edges: the signal path reports the
         fault. An instrument that counts by itself delivers records of frequencies instead of edges,
-        one row a window. Real counters block until the time has passed; simulated ones compute it.
+        one row a window; an amplifier delivers records with `time_s` and `signal`.
+        Real counters block until the time has passed; simulated ones compute it.
         """
 
     def close(self) -> None:
@@ -203,7 +204,8 @@ class ReferenceReadout(Protocol):
     def read(self, side: Side, until_s: float, timed_s: float) -> Record:
         """Return the samples since the last call up to bench time `until_s`, none later.
 
-        The columns are `time_s` and `reading_nm`, NaN where there is no signal. A sample whose time
+        The columns are `time_s` and `signal` (N·m, or as the transducer's `signal` is described),
+        NaN where there is none. A sample whose time
         isn't known yet may come with a later call. `timed_s` is the bench time that has passed at
         least: later than `until_s` if the computer lags behind the counter.
         """

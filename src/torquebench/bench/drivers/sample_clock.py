@@ -94,9 +94,9 @@ class SampleClock:
             self._quiet += 1
             self._settled = self._settled or self._quiet > SETTLED_BY
         if not self._settled:
-            return Record({"time_s": np.empty(0), "reading_nm": np.empty(0)})
+            return Record({"time_s": np.empty(0), "signal": np.empty(0)})
         time_s = self._begun_s + self.period_s * (self._numbers + np.float64(0.5))
         ready = int(np.searchsorted(time_s, until_s + 1e-9))
-        known = Record({"time_s": time_s[:ready], "reading_nm": self._torque[:ready]})
+        known = Record({"time_s": time_s[:ready], "signal": self._torque[:ready]})
         self._numbers, self._torque = self._numbers[ready:], self._torque[ready:]
         return known

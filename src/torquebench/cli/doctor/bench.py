@@ -25,8 +25,10 @@ __all__ = ["Finding", "clock", "drives", "instruments", "signals"]
 SETTLING_S = 0.3
 STANDARD_S = 1.0
 WATCHDOG_MARGIN_S = 0.5
-ZERO_TOLERANCE = 0.05
-"""Largest deviation of an unloaded transducer's output from its zero, as a share of that."""
+ZERO_TOLERANCE = 0.1
+"""Largest deviation of an unloaded transducer's signal from its zero, as a share of that at nominal
+torque.
+"""
 ROOM_C = (-10.0, 60.0)
 
 
@@ -228,7 +230,7 @@ def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
         known = has_registry(data)
         with Station.open(description, data if known else Path(scratch)) as station:
             station.clock.wait(SETTLING_S)
-            yield from _pulses(station)
+            yield from _signals_at_rest(station)
             yield from _encoders(station)
             yield from _temperatures(station)
             yield from _standard(station)
@@ -236,25 +238,26 @@ def signals(description: BenchDescription, data: Path) -> Iterator[Finding]:
             yield from _compensations(station)
 
 
-def _pulses(station: Station) -> Iterator[Finding]:
+def _signals_at_rest(station: Station) -> Iterator[Finding]:
     from torquebench.bench.drivers.base import SIDES, torque_channel
 
     for side in SIDES:
-        what = f"{side} pulses"
+        what = f"{side} signal"
         try:
             latest = station.acquisition.channel(torque_channel(side)).latest()
         except TorquebenchError as error:
             yield Finding(what, "problem", error.found, error.remedy)
             continue
-        zero_hz = station.description.module(side).transducer.zero_hz
-        frequency_hz = float(latest["frequency_hz"][0])
-        found = f"{frequency_hz:.2f} Hz"
-        if abs(frequency_hz - zero_hz) > ZERO_TOLERANCE * zero_hz:
+        scale = station.description.module(side).transducer.scale()
+        signal = float(latest[scale.column][0])
+        found = f"{signal:.7g} {scale.unit}"
+        full = scale.sensitivity_cw * scale.nominal_torque_nm
+        if abs(signal - scale.nominal_zero) > ZERO_TOLERANCE * full:
             yield Finding(
                 what,
                 "problem",
-                f"{found}, far from {zero_hz:g} Hz unloaded",
-                "unload the side, or check option_khz and whether the cables are swapped",
+                f"{found}, far from {scale.nominal_zero:g} {scale.unit} unloaded",
+                "unload the side, or check the described signal and whether the cables are swapped",
             )
         else:
             yield Finding(what, "ok", found)
@@ -338,7 +341,7 @@ def _readout(station: Station) -> Iterator[Finding]:
             for _ in range(round(STANDARD_S / block_s)):
                 station.clock.wait(block_s)
                 now_s = station.clock.now()
-                read.append(reference.read(side, now_s, now_s)["reading_nm"])
+                read.append(reference.read(side, now_s, now_s)["signal"])
             torque = np.concatenate(read)
         except TorquebenchError as error:
             yield _problem(what, error)

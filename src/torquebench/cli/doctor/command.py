@@ -169,7 +169,7 @@ def configuration(bench: Path | None, data: Path) -> Iterator[Finding]:
             side,
             "ok",
             f"{module.range_nm:g} N·m, transducer {module.transducer.serial}, "
-            f"{module.transducer.option_khz} kHz",
+            f"{module.transducer.signal_text}",
         )
     yield Finding("counter", "ok", description.counter.identity)
     yield from _records(data)

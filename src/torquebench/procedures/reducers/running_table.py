@@ -100,26 +100,26 @@ class RunningTable:
     zeros: dict[Side, list[tuple[float, float, float]]] = field(
         default_factory=lambda: {side: [] for side in SIDES}
     )
-    """For each zeroing: bench time, frequency, and the compensated torque of a reading of 0."""
+    """For each zeroing: bench time, signal, and the compensated torque of a reading of 0."""
 
     def zero(self, duration_s: float) -> Plan[None]:
         """Zero all sides in use; the last of them is driven afterwards, drive on."""
         for side in self.sides[:-1]:
             found = yield from measure_zero(self.devices, side, duration_s=duration_s)
-            self._zero(side, found.frequency_hz)
+            self._zero(side, found.signal)
         side = self.sides[-1]
         found = yield from zero(self.devices, side, duration_s=duration_s)
-        self._zero(side, found.frequency_hz)
+        self._zero(side, found.signal)
         for other in self.sides[:-1]:
             yield from set_mode(self.devices, other, "driven")
             yield from power_on(self.devices, other)
 
-    def _zero(self, side: Side, frequency_hz: float) -> None:
+    def _zero(self, side: Side, signal: float) -> None:
         context = self.devices.context
         active, standing = context.acquisition.compensation(side), 0.0
         if active is not None:
             standing = float(_in_small_cycles(active.standing()).value_nm[0])
-        self.zeros[side].append((context.clock.now(), frequency_hz, standing))
+        self.zeros[side].append((context.clock.now(), signal, standing))
 
     def take(self, asked: Asked, settings: SteadySettings) -> Plan[None]:
         """Take the steady torques of all sides in use over the same window."""

@@ -58,7 +58,7 @@ class EmptySummary:
     ----------
     side : {"input", "output"}
     series, rows : int
-    zero_hz : float
+    zero : float
         Frequency of the zero that all readings count from.
     lowest_c, highest_c : float
         Temperatures of the transducer; NaN without a probe.
@@ -67,7 +67,7 @@ class EmptySummary:
     side: Side
     series: int
     rows: int
-    zero_hz: float
+    zero: float
     lowest_c: float
     highest_c: float
 
@@ -116,14 +116,14 @@ class EmptyTable(SeriesTable):
     Parameters
     ----------
     side : {"input", "output"}
-    zero_hz, zero_uncertainty_nm : float
+    zero, zero_uncertainty_nm : float
         Frequency of the zero that all readings count from, and its standard uncertainty; NaN before
         it was taken.
     """
 
     COLUMNS: ClassVar = ("time_s", "reading_nm", "speed_rpm", "temperature_c", "angle_deg")
     side: Side
-    zero_hz: float = float("nan")
+    zero: float = float("nan")
     zero_uncertainty_nm: float = float("nan")
 
     def add(self, found: Record, before_c: float, after_c: float) -> None:
@@ -145,7 +145,7 @@ class EmptyTable(SeriesTable):
         rows = self.rows
         warm = rows[:, 3] if rows.size else np.full(1, np.nan)
         lowest, highest = float(np.min(warm)), float(np.max(warm))
-        return EmptySummary(self.side, self.series_done, len(rows), self.zero_hz, lowest, highest)
+        return EmptySummary(self.side, self.series_done, len(rows), self.zero, lowest, highest)
 
 
 def run_metadata(
@@ -282,12 +282,12 @@ class _Runner:
     def take_zero(self) -> Plan[None]:
         """Take the zero that all readings count from, once; the drive is on afterwards."""
         module = self.devices.module(self.side)
-        if np.isnan(self.table.zero_hz):
+        if np.isnan(self.table.zero):
             found = yield from zero(self.devices, self.side, duration_s=self.profile.zero_s)
-            self.table.zero_hz = found.frequency_hz
+            self.table.zero = found.signal
             self.table.zero_uncertainty_nm = found.standard_uncertainty_nm
             return
-        taken = MeasuredZero(self.table.zero_hz, self.table.zero_uncertainty_nm)
+        taken = MeasuredZero(self.table.zero, self.table.zero_uncertainty_nm)
         yield from move(module.transducer.zero, taken)
         yield from power_on(self.devices, self.side)
 

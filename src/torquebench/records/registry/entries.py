@@ -522,7 +522,8 @@ class Zeroing(Registered, kw_only=True):
     Parameters
     ----------
     zero_hz, zero_nm : float
-        Frequency, and its deviation from the nominal zero in N·m.
+        Frequency (of a transducer that states another signal, that in its own unit), and its
+        deviation from the nominal zero in N·m.
     """
 
     __tablename__ = "zeroings"

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import re
-import socket
-import time
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Any
 
 from pydantic import Field
 
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.drivers.links import Link, TimeOut, WireError, split_address
+from torquebench.bench.drivers.lines import LineConnection, SocketLines
+from torquebench.bench.drivers.links import Link, TimeOut, WireError
 from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.errors import BenchError
 from torquebench.message import Message
@@ -21,7 +20,6 @@ __all__ = ["NO_NUMBER", "ScpiAddress", "ScpiLink", "ScpiOptions", "numbers"]
 
 NO_NUMBER = 9.91e37
 """Number that SCPI instruments send for "not a number" (SCPI-1999, 7.2.1.5)."""
-LONGEST_ANSWER = 16_000_000
 LONGEST_QUEUE = 100
 """Largest number of errors in an instrument's queue."""
 _NUMBER = re.compile(r"[+-]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][+-]?[0-9]+)?")
@@ -37,50 +35,6 @@ class ScpiOptions(Options):
 
     address: ScpiAddress
     timeout_s: TimeOut = 1.0
-
-
-class _Connection(Protocol):
-    def send(self, line: str) -> None: ...
-
-    def receive(self, timeout_s: float) -> str: ...
-
-    def close(self) -> None: ...
-
-
-class _SocketConnection:
-    """Lines over a TCP socket."""
-
-    def __init__(self, address: str, timeout_s: float) -> None:
-        self._socket = socket.create_connection(split_address(address), timeout_s)
-        self._socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self._rest = b""
-
-    def send(self, line: str) -> None:
-        self._socket.sendall(line.encode("ascii") + b"\n")
-
-    def receive(self, timeout_s: float) -> str:
-        deadline = time.monotonic() + timeout_s
-        while b"\n" not in self._rest:
-            # What has arrived is taken even if this process was late.
-            self._socket.settimeout(max(0.0, deadline - time.monotonic()))
-            try:
-                data = self._socket.recv(65536)
-            except (BlockingIOError, TimeoutError):
-                part = "a part of an answer" if self._rest else "no answer"
-                raise WireError(Message("{part} in {timeout_s:g} s", part, timeout_s)) from None
-            if not data:
-                raise WireError("the instrument closed the connection")
-            self._rest += data
-            if len(self._rest) > LONGEST_ANSWER:
-                raise WireError("an answer without end")
-        line, _, self._rest = self._rest.partition(b"\n")
-        try:
-            return line.decode("ascii").strip()
-        except UnicodeDecodeError as error:
-            raise WireError(Message("garbled answer {line!r}", line[:20])) from error
-
-    def close(self) -> None:
-        self._socket.close()
 
 
 class _VisaConnection:
@@ -117,7 +71,7 @@ class _VisaConnection:
             self._manager.close()
 
 
-class ScpiLink(Link[_Connection]):
+class ScpiLink(Link[LineConnection]):
     """One SCPI instrument.
 
     Parameters
@@ -133,23 +87,23 @@ class ScpiLink(Link[_Connection]):
     def __init__(self, name: str, address: str, timeout_s: float, attempts: int = 2) -> None:
         super().__init__(name, address, timeout_s, attempts)
 
-    def _open(self) -> _Connection:
-        connection: _Connection
+    def _open(self) -> LineConnection:
+        connection: LineConnection
         if "::" in self.address:
             connection = _VisaConnection(self.address, self.timeout_s)
         else:
-            connection = _SocketConnection(self.address, self.timeout_s)
+            connection = SocketLines(self.address, self.timeout_s)
         connection.send("*CLS")  # errors of earlier sessions
         return connection
 
-    def _close(self, connection: _Connection) -> None:
+    def _close(self, connection: LineConnection) -> None:
         connection.close()
 
     def query(self, line: str, *, within_s: float | None = None) -> str:
         """Ask and return the answer; it may take `within_s` instead of the link's time-out."""
         timeout_s = self.timeout_s if within_s is None else within_s
 
-        def exchange(connection: _Connection) -> str:
+        def exchange(connection: LineConnection) -> str:
             connection.send(line)
             return connection.receive(timeout_s)
 
@@ -164,14 +118,14 @@ class ScpiLink(Link[_Connection]):
             The instrument reports an error.
         """
 
-        def exchange(connection: _Connection) -> str:
+        def exchange(connection: LineConnection) -> str:
             for _ in range(LONGEST_QUEUE):  # errors in the queue aren't this command's
                 if _no_error(error(connection)):
                     break
             connection.send(line)
             return error(connection)
 
-        def error(connection: _Connection) -> str:
+        def error(connection: LineConnection) -> str:
             connection.send("SYST:ERR?")
             return connection.receive(self.timeout_s)
 

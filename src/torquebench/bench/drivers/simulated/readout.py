@@ -68,9 +68,9 @@ class SimulatedReadout:
         del until_s, timed_s  # later times have not been simulated yet
         samples, self._samples[side] = self._samples[side], []
         if not samples:
-            return Record({"time_s": np.empty(0), "reading_nm": np.empty(0)})
+            return Record({"time_s": np.empty(0), "signal": np.empty(0)})
         stated = Record.join(samples)
-        return Record({name: stated[name] for name in ("time_s", "reading_nm")})
+        return Record({"time_s": stated.time_s, "signal": stated["reading_nm"]})
 
     def close(self) -> None:
         """Disconnect."""

@@ -1,4 +1,5 @@
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,18 +10,18 @@ from tests.counting import counted
 from torquebench.errors import InputError, SignalFault
 from torquebench.signals import (
     EdgeBlock,
-    FrequencyScale,
     PulseTrainFault,
     SignalFaultKind,
+    SignalScale,
 )
 
-SCALE = FrequencyScale(
+SCALE = SignalScale(
     nominal_torque_nm=2000.0,
-    nominal_zero_hz=60e3,
-    sensitivity_cw_hz_per_nm=15.0,
-    sensitivity_ccw_hz_per_nm=14.9,
-    modulation_hz=(15e3, 105e3),
-    zero_hz=60_012.5,
+    nominal_zero=60e3,
+    sensitivity_cw=15.0,
+    sensitivity_ccw=14.9,
+    limits=(15e3, 105e3),
+    measured_zero=60_012.5,
 )
 
 
@@ -31,7 +32,7 @@ def test_each_direction_has_its_sensitivity():
 
 def test_it_equals_the_sources_form():
     # M = M_nom (f − f₀)/(f_nom − f₀) with f_nom the frequency at nominal torque
-    scale = FrequencyScale.symmetric(2000.0).with_zero(60_030.0)
+    scale = replace(SCALE, sensitivity_ccw=15.0).with_zero(60_030.0)
     frequency_nominal = scale.zero + 2000.0 * 15.0
     frequency = np.array([65e3, 72_345.6])
     expected = 2000.0 * (frequency - scale.zero) / (frequency_nominal - scale.zero)
@@ -40,7 +41,7 @@ def test_it_equals_the_sources_form():
 
 @given(st.floats(-2400.0, 2400.0))
 def test_frequency_and_torque_are_inverse(torque):
-    assert float(SCALE.torque(SCALE.frequency(torque))) == pytest.approx(torque, abs=1e-8)
+    assert float(SCALE.torque(SCALE.signal(torque))) == pytest.approx(torque, abs=1e-8)
 
 
 @pytest.mark.parametrize("frequency", [14_999.0, 105_001.0, 0.0, np.nan, np.inf])
@@ -80,19 +81,36 @@ def test_samples_become_torque_with_uncertainty_and_faults(pulse_train):
     "change",
     [
         {"nominal_torque_nm": 0.0},
-        {"sensitivity_cw_hz_per_nm": -15.0},
-        {"sensitivity_ccw_hz_per_nm": np.nan},
-        {"modulation_hz": (105e3, 15e3)},
-        {"zero_hz": 10e3},
+        {"sensitivity_cw": -15.0},
+        {"sensitivity_ccw": np.nan},
+        {"limits": (105e3, 15e3)},
+        {"measured_zero": 10e3},
     ],
 )
 def test_impossible_scales_are_refused(change):
     values = {
         "nominal_torque_nm": 2000.0,
-        "nominal_zero_hz": 60e3,
-        "sensitivity_cw_hz_per_nm": 15.0,
-        "sensitivity_ccw_hz_per_nm": 15.0,
-        "modulation_hz": (15e3, 105e3),
+        "nominal_zero": 60e3,
+        "sensitivity_cw": 15.0,
+        "sensitivity_ccw": 15.0,
+        "limits": (15e3, 105e3),
     }
     with pytest.raises(InputError):
-        FrequencyScale(**(values | change))
+        SignalScale(**(values | change))
+
+
+@pytest.mark.parametrize(("unit", "full"), [("V", 10.0), ("mV/V", 2.0), ("N·m", 2000.0)])
+def test_a_voltage_a_ratio_and_a_torque_have_the_same_scale(unit, full):
+    scale = SignalScale(
+        nominal_torque_nm=2000.0,
+        nominal_zero=0.0,
+        sensitivity_cw=full / 2000.0,
+        sensitivity_ccw=0.99 * full / 2000.0,
+        limits=(-1.5 * full, 1.5 * full),
+        measured_zero=0.01 * full,
+        unit=unit,
+    )
+    torque = scale.torque([0.51 * full, 0.01 * full, (0.01 - 0.99 / 2.0) * full])
+    np.testing.assert_allclose(torque, [1000.0, 0.0, -1000.0], atol=1e-9)
+    with pytest.raises(PulseTrainFault, match=f"-{1.5 * full:g} to {1.5 * full:g} {unit}"):
+        scale.torque(1.6 * full)

@@ -1,0 +1,124 @@
+"""Displays and boards that state a value as text on a serial line, each with one channel."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+from pydantic import AfterValidator, Field
+
+from torquebench.bench.drivers.amplifiers import AmplifierOptions, ChannelName, answer_s, opened
+from torquebench.bench.drivers.base import Identity
+from torquebench.bench.drivers.lines import LineConnection, LineLink
+from torquebench.bench.drivers.links import WireError
+from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
+from torquebench.message import Message
+
+__all__ = ["PLUGIN", "SerialDisplays"]
+
+
+def _pattern(text: str) -> str:
+    try:
+        found = re.compile(text)
+    except re.error as error:
+        raise ValueError(f"not a regular expression: {error}") from error
+    if "value" not in found.groupindex:
+        raise ValueError("without a group (?P<value>...)")
+    return text
+
+
+class DisplayOptions(AmplifierOptions):
+    """Displays by the channel that each serves; all are alike.
+
+    `request` is what each is asked with; without it they send by themselves. `pattern` finds the
+    number in a line, `no_value` a line that states none. `scale` is the signal's unit (N·m, V,
+    mV/V) a number.
+    """
+
+    address: str = ""
+    channels: Mapping[ChannelName, Annotated[str, Field(min_length=3, max_length=200)]] = Field(
+        min_length=1
+    )
+    request: str = ""
+    pattern: Annotated[str, AfterValidator(_pattern)] = (
+        r"^\s*(?P<value>[+-]?\s*\d+(?:[.,]\d+)?(?:[eE][+-]?\d+)?)\s*(?:N\.?m)?\s*$"
+    )
+    no_value: str = r"^\W*(?:OL|OVER|ERR)?\W*$"
+    terminator: Annotated[str, Field(min_length=1, max_length=4)] = "\n"
+    scale: Annotated[float, Field(ge=-1e9, le=1e9)] = 1.0
+    manufacturer: str = "unknown"
+    model: str = "display"
+    serial: Annotated[str, Field(min_length=1)]
+
+
+class _Display(LineLink):
+    def __init__(self, name: str, options: DisplayOptions, address: str, timeout_s: float) -> None:
+        terminator = options.terminator.encode("ascii")
+        at = options.model_copy(update={"address": address})
+        super().__init__(name, at, timeout_s, terminator)
+        self._display = options
+
+    def _open(self) -> LineConnection:
+        connection = super()._open()
+        if not self._display.request:  # listening begins within a line
+            connection.receive(self.timeout_s)
+        return connection
+
+    def value(self) -> float:
+        """Return the newest value; NaN where the display states none."""
+        return self.call(self._exchange)
+
+    def _exchange(self, connection: LineConnection) -> float:
+        options = self._display
+        if options.request:
+            connection.send(options.request)
+        line = connection.receive(self.timeout_s)
+        if not options.request:
+            with contextlib.suppress(WireError):  # nothing newer has arrived whole
+                while True:
+                    line = connection.receive(0.0)
+        found = re.search(options.pattern, line)
+        if found is not None:
+            return options.scale * float(found["value"].replace(" ", "").replace(",", "."))
+        if re.search(options.no_value, line):
+            return math.nan
+        raise WireError(Message("{line!r} doesn't match the pattern", line[:40]))
+
+
+class SerialDisplays:
+    """One display a channel."""
+
+    def __init__(self, name: str, options: DisplayOptions, timeout_s: float) -> None:
+        self._options = options
+        self._displays = {
+            channel: _Display(f"{name} of {channel}", options, address, timeout_s)
+            for channel, address in options.channels.items()
+        }
+
+    def identity(self, role: str) -> Identity:
+        """Return the described identity: displays don't state theirs."""
+        options = self._options
+        details = {str(channel): address for channel, address in options.channels.items()}
+        return Identity(role, options.manufacturer, options.model, options.serial, "", details)
+
+    def values(self) -> Mapping[str, float]:
+        """Ask every display."""
+        return {str(channel): display.value() for channel, display in self._displays.items()}
+
+    def close(self) -> None:
+        """Release the ports. A second call does nothing."""
+        for display in self._displays.values():
+            display.close()
+
+
+def _open(request: InstrumentRequest) -> Any:
+    options: DisplayOptions = request.read(DisplayOptions)
+    displays = SerialDisplays("display", options, answer_s(request, options.timeout_s))
+    return opened(displays, request, options)
+
+
+PLUGIN = DriverPlugin("serial", {"counter": _open, "reference": _open})
+"""Plug-in for `protocol = "serial"`."""
