@@ -21,6 +21,8 @@ from torquebench.bench.description import DEFAULT_BENCH
 
 GAIN, ZERO_SHARE, NOISE_SHARE = 1.003, 2e-3, 2e-5
 """Of a module against its standard; shares of the range."""
+GEAR = {"input": -2.0, "output": 1.0}
+"""Turns of the motor per turn of the shaft: the input module's gear reverses."""
 RANGE_NM = {"input": 50.0, "output": 2000.0}
 
 
@@ -37,7 +39,7 @@ class PeerBench:
         with motor.lock:
             motor.look()
             clamped = self.contacts.bits[READ_COILS][4]
-            return motor.torque.present if motor.on and clamped else 0.0
+            return GEAR[side] * motor.torque.present if motor.on and clamped else 0.0
 
     def module_nm(self, side: str) -> float:
         """Reading of a module's own transducer."""
@@ -99,7 +101,7 @@ def peer_bench() -> Iterator[tuple[PeerBench, dict[str, Any]]]:
         values["input"]["drive"]["serial"] = "OWN-1"
         values["output"]["drive"]["serial"] = "1234567"
         for side in ("input", "output"):  # time for a busy computer
-            values[side]["drive"]["watchdog_s"] = WATCHDOG_S
+            values[side]["drive"] |= {"watchdog_s": WATCHDOG_S, "gear_ratio": GEAR[side]}
         values["safety"] = {"signal_loss_s": 2.0, "stall_s": 10.0}
         values["counter"] |= {"window_s": 0.05, "block_s": 0.2}
         modbus, patient = {"protocol": "modbus"}, {"timeout_s": PATIENT_DRIVE_S}

@@ -120,6 +120,39 @@ def test_a_drive_gets_nothing_beyond_its_own_limits(motor_and_drive: tuple[Motor
     assert motor.largest_torque == 0.0
 
 
+@pytest.mark.parametrize("ratio", [25.0, -4.0])
+def test_a_drive_behind_a_gear_is_commanded_in_values_of_the_shaft(ratio: float) -> None:
+    with ModbusDrivePeer("OWN-1") as peer:
+        bench = described(input_drive={"protocol": "modbus", "address": peer.address})
+        geared = bench.input.drive.model_copy(update={"gear_ratio": ratio})
+        module = bench.input.model_copy(update={"drive": geared})
+        drive = open_role(bench.model_copy(update={"input": module}), "input_drive")
+        try:
+            assert drive.limits().torque_nm == pytest.approx(60.0 * abs(ratio))
+            assert drive.limits().speed_rad_s == pytest.approx(150.0 / abs(ratio))
+            drive.enable()
+            drive.command_torque(100.0, 2000.0)
+            torque = peer.motor.torque
+            wait_for(lambda: torque.present == torque.target, drive)
+            assert torque.present == pytest.approx(100.0 / ratio)
+            assert drive.state().torque_nm == pytest.approx(100.0, rel=1e-5)
+            drive.command_speed(2.0, 40.0)
+            speed = peer.motor.speed
+            wait_for(lambda: speed.present == speed.target, drive)
+            assert speed.present == pytest.approx(2.0 * ratio)
+            assert drive.state().speed_rad_s == pytest.approx(2.0, rel=1e-5)
+            with pytest.raises(LimitError, match=rf"±{60.0 * abs(ratio):g} N·m"):
+                drive.command_torque(61.0 * ratio, 2000.0)
+            drive.ramp_to_zero(0.1)
+            wait_for(lambda: drive.state().speed_rad_s == 0.0, drive)
+            motor = peer.motor
+            motor.starve(WATCHDOG_S)
+            wait_for(lambda: not drive.state().enabled)
+            assert "watchdog" in drive.state().fault
+        finally:
+            drive.close()
+
+
 # -- counters and read-out --------------------------------------------------------------------
 
 

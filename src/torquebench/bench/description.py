@@ -217,13 +217,29 @@ class TransducerDescription(_Section):
 
 
 class DriveDescription(_Section):
-    """A servo drive and how fast it may change torque and speed."""
+    """A servo drive and how fast it may change torque and speed at the module's shaft.
+
+    `gear_ratio` is how many turns of the motor make one turn of the shaft, negative where the gear
+    reverses. Its losses aren't known to the drive: the shaft's torque is what the transducer says.
+    """
 
     serial: Text
     model: Text = "unknown"
     torque_rate_nm_per_s: Annotated[float, Field(gt=0, le=1e7, description="N·m/s")]
     speed_rate_rpm_per_s: Annotated[float, Field(gt=0, le=1e6, description="rpm/s")]
     watchdog_s: Annotated[float, Field(ge=0.1, le=10.0, description="s")] = 0.5
+    gear_ratio: Annotated[float, Field(ge=-1e4, le=1e4, description="motor turns a shaft turn")] = 1
+
+    @model_validator(mode="after")
+    def _turns(self) -> Self:
+        if abs(self.gear_ratio) < 1e-3:
+            raise ConflictError(
+                "gear_ratio",
+                Message("{ratio:g} motor turns a shaft turn", self.gear_ratio),
+                "at least 0.001, or at most -0.001",
+                "give the gear's ratio; 1 without one",
+            )
+        return self
 
     @property
     def speed_rate_rad_per_s2(self) -> float:

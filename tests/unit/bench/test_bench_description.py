@@ -26,7 +26,7 @@ def test_the_default_is_a_simulated_bench_with_the_sources_ranges() -> None:
     assert bench.simulated
     assert (bench.input.range_nm, bench.output.range_nm) == (50.0, 2000.0)
     assert bench.bench.reducer_ratio == 80.0
-    assert bench.input.transducer.scale().sensitivity_cw_hz_per_nm == 600.0
+    assert bench.input.transducer.scale().sensitivity_cw == 600.0
     assert bench.output.transducer.scale().limits == (15e3, 105e3)
 
 

@@ -1,5 +1,6 @@
 """A module's torque as N·m, V or mV/V: described, scaled and checked like a frequency."""
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from torquebench.bench.channels import open_channel
 from torquebench.bench.description import BenchDescription, TransducerDescription, default_bench
 from torquebench.bench.drivers.simulated.driver import open_simulated
 from torquebench.errors import InputError, SignalFault
+from torquebench.procedures.reducers.running_table import RunningTable
 from torquebench.signals import Record, SignalFaultKind
 from torquebench.validation import validated
 
@@ -99,3 +101,23 @@ def test_an_instrument_that_states_another_signal_than_described_is_named() -> N
 def test_a_recorded_description_is_read_again() -> None:
     description = on_bench(signal="mV/V", signal_at_nominal=1.5, **AMPLIFIER)
     assert BenchDescription.model_validate(description.model_dump(mode="json")) == description
+
+
+def test_a_zero_that_drifts_is_the_same_torque_in_every_signal() -> None:
+    """A module's zero moved by 2 N·m between two zeroings of a reducer test."""
+    keys: tuple[dict[str, Any], ...] = (
+        {},
+        {"signal": "Nm", **AMPLIFIER},
+        {"signal": "V", "signal_at_nominal": 10.0, **AMPLIFIER},
+        {"signal": "mV/V", "signal_at_nominal": 1.5, **AMPLIFIER},
+    )
+    for signal in keys:
+        devices: Any = SimpleNamespace(context=SimpleNamespace(description=on_bench(**signal)))
+        scale = transducer(**signal).scale()
+        table = RunningTable(devices, ("output",))
+        zeros = [(time_s, float(scale.signal(torque)), 0.0) for time_s, torque in ((0, 0), (10, 2))]
+        table.zeros["output"] += zeros
+        table.rows += [{"output": {"time_s": time_s}} for time_s in (2.5, 5.0)]
+        standing, u = table._drift("output")
+        np.testing.assert_allclose(standing, [0.5, 1.0], atol=1e-9)
+        assert u == pytest.approx(0.5 * 2.0 / np.sqrt(3.0))

@@ -17,14 +17,15 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.angles import with_angles
-from torquebench.bench.drivers.base import Drive, DriverSet
-from torquebench.bench.drivers.links import Address
+from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet, DriveState, Identity
+from torquebench.bench.drivers.links import Address, check_drive_order
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
 from torquebench.bench.drivers.simulated.control import (
     SimulatedOperator,
@@ -42,6 +43,7 @@ from torquebench.validation import validated
 
 __all__ = [
     "ROLES",
+    "GearedDrive",
     "InstrumentsOptions",
     "SimulationOptions",
     "open_instruments",
@@ -230,8 +232,79 @@ def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -
         )
     request = InstrumentRequest(role, f"driver.{key}", values, description, side)
     try:
-        return opener(request)
+        opened = opener(request)
     except BenchError as error:
         raise BenchError(
             Message("driver.{key}: {found}", key, error.found), error.allowed, error.remedy
         ) from error
+    ratio = 1.0 if side is None else description.module(side).drive.gear_ratio
+    return opened if ratio == 1.0 else GearedDrive(opened, ratio, key.replace("_", " "))
+
+
+@dataclass(frozen=True)
+class GearedDrive:
+    """A drive with a gear to the module's shaft, in torques and speeds of the shaft.
+
+    Parameters
+    ----------
+    drive : Drive
+    ratio : float
+        Turns of the motor per turn of the shaft, negative where the gear reverses.
+    name : str
+        For messages.
+    """
+
+    drive: Drive
+    ratio: float
+    name: str
+
+    def identity(self) -> Identity:
+        """Read the identity of the drive."""
+        return self.drive.identity()
+
+    def limits(self) -> DriveLimits:
+        """Return the drive's own limits at the shaft."""
+        own, turns = self.drive.limits(), abs(self.ratio)
+        return DriveLimits(own.torque_nm * turns, own.speed_rad_s / turns)
+
+    def enable(self) -> None:
+        """Power the motor."""
+        self.drive.enable()
+
+    def disable(self) -> None:
+        """Take the power off the motor."""
+        self.drive.disable()
+
+    def command_torque(self, torque_nm: float, ramp_nm_per_s: float) -> None:
+        """Go to a torque of the shaft."""
+        check_drive_order(self.name, torque_nm, ramp_nm_per_s, self.limits().torque_nm, "N·m")
+        self.drive.command_torque(torque_nm / self.ratio, ramp_nm_per_s / abs(self.ratio))
+
+    def command_speed(self, speed_rad_s: float, ramp_rad_per_s2: float) -> None:
+        """Go to a speed of the shaft."""
+        check_drive_order(
+            self.name, speed_rad_s, ramp_rad_per_s2, self.limits().speed_rad_s, "rad/s"
+        )
+        self.drive.command_speed(speed_rad_s * self.ratio, ramp_rad_per_s2 * abs(self.ratio))
+
+    def ramp_to_zero(self, duration_s: float) -> None:
+        """Bring torque and speed to zero."""
+        self.drive.ramp_to_zero(duration_s)
+
+    def feed_watchdog(self) -> None:
+        """Tell the drive that the supervisor lives."""
+        self.drive.feed_watchdog()
+
+    def state(self) -> DriveState:
+        """Ask for the set points, at the shaft."""
+        state, ratio = self.drive.state(), self.ratio
+        torque, speed = state.torque_nm, state.speed_rad_s
+        return replace(
+            state,
+            torque_nm=None if torque is None else torque * ratio,
+            speed_rad_s=None if speed is None else speed / ratio,
+        )
+
+    def close(self) -> None:
+        """Release the drive."""
+        self.drive.close()

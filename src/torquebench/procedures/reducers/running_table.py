@@ -211,12 +211,11 @@ class RunningTable:
         zeros = self.zeros[side]
         if not zeros or not self.rows:
             return np.zeros(len(self.rows)), 0.0
-        at, frequency, standing = np.array(zeros).T
-        scale = self.devices.context.description.module(side).transducer
-        per_nm = scale.nominal_sensitivity_hz_per_nm
+        at, signal, standing = np.array(zeros).T
+        per_nm = self.devices.context.description.module(side).transducer.nominal_sensitivity
         before = self._interval(side)
-        moved = np.interp(self._column(side, "time_s"), at, frequency) - frequency[before]
-        spread = float(np.sqrt(np.mean(np.diff(frequency) ** 2))) if len(zeros) > 1 else 0.0
+        moved = np.interp(self._column(side, "time_s"), at, signal) - signal[before]
+        spread = float(np.sqrt(np.mean(np.diff(signal) ** 2))) if len(zeros) > 1 else 0.0
         return moved / per_nm + standing[before], 0.5 * spread / per_nm / np.sqrt(3.0)
 
 
