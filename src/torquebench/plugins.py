@@ -3,6 +3,7 @@
 ========================  ========================================================================
 group                     an entry point gives
 ========================  ========================================================================
+torquebench.operations    a `torquebench.operations.Operation`, by its name
 torquebench.commands      a command: a `typer.Typer` application or a function, by its name
 torquebench.services      a `torquebench.panel.beside.PanelService`, an option of `panel`
 torquebench.translations  a package with folders of texts, such as `translations/zh`
@@ -20,9 +21,10 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoint
 
-__all__ = ["COMMANDS", "DRIVERS", "SERVICES", "TRANSLATIONS", "entry_points", "load"]
+__all__ = ["COMMANDS", "DRIVERS", "OPERATIONS", "SERVICES", "TRANSLATIONS", "entry_points", "load"]
 
 COMMANDS = "torquebench.commands"
+OPERATIONS = "torquebench.operations"
 SERVICES = "torquebench.services"
 TRANSLATIONS = "torquebench.translations"
 DRIVERS = "torquebench.drivers"

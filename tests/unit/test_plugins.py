@@ -29,8 +29,8 @@ def project(plugin: Path) -> dict[str, Any]:
     return tomllib.loads((plugin / "pyproject.toml").read_text(encoding="utf-8"))["project"]
 
 
-def sources(plugin: Path) -> Iterator[tuple[Path, ast.Module]]:
-    for path in sorted((plugin / "src").rglob("*.py")):
+def sources(folder: Path) -> Iterator[tuple[Path, ast.Module]]:
+    for path in sorted(folder.rglob("*.py")):
         yield path, ast.parse(path.read_text(encoding="utf-8"))
 
 
@@ -52,9 +52,16 @@ def test_there_are_plugins() -> None:
     assert {path.name for path in PLUGINS} == {"opcua", "plant", "sparkplug", "teds"}
 
 
-def test_a_plugin_imports_public_names_of_documented_modules_only(plugin: Path) -> None:
+@pytest.mark.parametrize(
+    "folder",
+    [*(path / "src" for path in PLUGINS), ROOT / "examples" / "operations"],
+    ids=lambda path: path.parent.name,
+)
+def test_what_is_beside_the_core_imports_public_names_of_documented_modules_only(
+    folder: Path,
+) -> None:
     wrong = []
-    for path, tree in sources(plugin):
+    for path, tree in sources(folder):
         for module, name in imported(tree):
             if module.partition(".")[0] != "torquebench":
                 continue
@@ -67,7 +74,9 @@ def test_a_plugin_imports_public_names_of_documented_modules_only(plugin: Path) 
 def test_a_plugin_knows_no_other_plugin(plugin: Path) -> None:
     others = {f"torquebench_{path.name}" for path in PLUGINS} - {f"torquebench_{plugin.name}"}
     roots = {
-        module.partition(".")[0] for _, tree in sources(plugin) for module, _ in imported(tree)
+        module.partition(".")[0]
+        for _, tree in sources(plugin / "src")
+        for module, _ in imported(tree)
     }
     assert not roots & others
 
@@ -109,7 +118,7 @@ def test_every_translated_text_is_in_the_plugin_source(plugin: Path) -> None:
     from tests.unit.panel.test_panel_core_words import constants, key
 
     said = set()
-    for _, tree in sources(plugin):
+    for _, tree in sources(plugin / "src"):
         for node in ast.walk(tree):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 said.add(node.value)

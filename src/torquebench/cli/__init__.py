@@ -169,6 +169,15 @@ def _print_version(wanted: bool) -> None:
         raise typer.Exit
 
 
+def _add_operations(paths: str | None) -> str | None:
+    """Let the catalogue of operations know the files of the option."""
+    from torquebench.operations.catalogue import OWN_FILES
+
+    if paths:
+        os.environ[OWN_FILES] = paths
+    return paths
+
+
 @app.callback()
 def options(
     version: Annotated[  # noqa: ARG001 - its callback prints it
@@ -193,6 +202,16 @@ def options(
         typer.Option(
             envvar=REGISTRY_URL,
             help="URL of a registry on a server, instead of the data folder's: postgresql://…",
+        ),
+    ] = None,
+    operations: Annotated[  # noqa: ARG001 - its callback takes it
+        str | None,
+        typer.Option(
+            metavar="FILE",
+            envvar="TORQUEBENCH_OPERATIONS",
+            help="Python file with operations of one's own; several as in PATH.",
+            callback=_add_operations,
+            is_eager=True,
         ),
     ] = None,
 ) -> None:

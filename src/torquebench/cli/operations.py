@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import inspect
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
@@ -122,6 +123,8 @@ def _option(asked: Parameter) -> inspect.Parameter:
     kind: Any = str if asked.numbered else TYPES.get(asked.kind, str)
     metavar = {"number": "<float>", "whole": "<int>", "text": "<str>"}.get(asked.kind)
     words = asked.help
+    stated = re.search(rf"(?<!\w){re.escape(asked.unit)}(?!\w)", words)
+    unit = "" if stated else asked.unit
     if asked.kind == "choice":
         metavar = f"<{'|'.join(asked.choices)}>"
         if asked.argument:
@@ -132,8 +135,8 @@ def _option(asked: Parameter) -> inspect.Parameter:
         metavar = "NAME=VALUE"
         words += " May be repeated"
         words += f": {', '.join(asked.record.model_fields)}." if asked.record else "."
-    elif asked.limits:
-        words = f"{words.removesuffix('.')} ({asked.limits})."
+    elif asked.limits or unit:
+        words = f"{words.removesuffix('.')} ({f'{asked.limits} {unit}'.strip()})."
     several = asked.several or asked.kind in ("record", "values")
     default: Any = asked.default
     if asked.kind in ("record", "values"):

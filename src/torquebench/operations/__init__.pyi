@@ -35,6 +35,7 @@ from .place import (
 from .preview import (
     Preview as Preview,
     duration_words as duration_words,
+    plan_preview as plan_preview,
 )
 from .result import (
     Integers as Integers,

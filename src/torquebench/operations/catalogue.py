@@ -2,24 +2,30 @@
 
 from __future__ import annotations
 
+import os
 import re
+import sys
+import traceback
 from collections.abc import Iterator, Mapping
 from functools import cached_property
 from importlib import import_module
-from importlib.metadata import entry_points
 from importlib.resources import files
+from importlib.util import module_from_spec, spec_from_file_location
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.plugins import OPERATIONS as ADDED
+from torquebench.plugins import entry_points, load
 
 if TYPE_CHECKING:
     from torquebench.operations.operation import Operation
 
-__all__ = ["ENTRY_POINTS", "OPERATIONS", "find_operation", "summary_of"]
+__all__ = ["OPERATIONS", "OWN_FILES", "find_operation", "summary_of"]
 
-ENTRY_POINTS = "torquebench.operations"
-"""Group of the entry points by which an installed package adds operations."""
+OWN_FILES = "TORQUEBENCH_OPERATIONS"
+"""Environment variable with the paths of Python files that add operations, as in PATH."""
 
 _PACKAGED: Mapping[str, str] = {
     "zero": "checking:ZERO",
@@ -46,27 +52,86 @@ _PACKAGED: Mapping[str, str] = {
 class _Operations(Mapping[str, "Operation"]):
     """Operations by name; a module is imported when one of its operations is needed."""
 
-    @cached_property
-    def _places(self) -> dict[str, str]:
-        package = "torquebench.operations"
-        places = {name: f"{package}.{place}" for name, place in _PACKAGED.items()}
-        for point in entry_points(group=ENTRY_POINTS):
-            places.setdefault(point.name.replace("_", " "), point.value)
-        return places
-
     def __getitem__(self, name: str) -> Operation:
-        module, _, attribute = self._places[name].partition(":")
-        operation: Operation = getattr(import_module(module), attribute)
-        return operation
+        if place := _PACKAGED.get(name):
+            module, _, attribute = place.partition(":")
+            operation: Operation = getattr(
+                import_module(f"torquebench.operations.{module}"), attribute
+            )
+            return operation
+        return self._added[name]
+
+    @cached_property
+    def _added(self) -> dict[str, Operation]:
+        """Operations of installed packages and of files."""
+        added: dict[str, Operation] = {}
+        for origin, operation in (*_of_packages(), *_of_files()):
+            if operation.name in _PACKAGED or operation.name in added:
+                raise InputError(
+                    Message("{origin}: an operation {name!r}", origin, operation.name),
+                    "a name that no other operation has",
+                    "choose another name",
+                )
+            added[operation.name] = operation
+        return added
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places
+        return name in _PACKAGED or name in self._added
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places)
+        yield from _PACKAGED
+        yield from self._added
 
     def __len__(self) -> int:
-        return len(self._places)
+        return len(_PACKAGED) + len(self._added)
+
+
+def _of_packages() -> Iterator[tuple[str, Operation]]:
+    for point in entry_points(ADDED):
+        yield point.value, load(point)
+
+
+def _of_files() -> Iterator[tuple[str, Operation]]:
+    """Yield the operations of the files in the environment, each with its file's path.
+
+    Raises
+    ------
+    InputError
+        A file is missing, fails, or has no operation.
+    """
+    from torquebench.operations.operation import Operation
+
+    for path in filter(None, os.environ.get(OWN_FILES, "").split(os.pathsep)):
+        if not Path(path).is_file():
+            raise InputError(
+                Message("{path}: no such file", path),
+                "Python files with operations",
+                Message("see --operations and the environment variable {name}", OWN_FILES),
+            )
+        name = f"torquebench_operations_{Path(path).stem}"
+        spec = spec_from_file_location(name, path)
+        assert spec is not None
+        assert spec.loader is not None
+        module = sys.modules[name] = module_from_spec(spec)
+        try:
+            spec.loader.exec_module(module)
+        except Exception as error:  # a file of somebody else may raise anything
+            frames = traceback.extract_tb(error.__traceback__)
+            lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
+            line = getattr(error, "lineno", None) or (lines or ["?"])[-1]
+            raise InputError(
+                Message(
+                    "{path}, line {line}: {kind}: {error}", path, line, type(error).__name__, error
+                ),
+                "a Python file that can be imported",
+            ) from error
+        own = [value for value in vars(module).values() if isinstance(value, Operation)]
+        own = [operation for operation in own if operation.request.__module__ == name]
+        if not own:
+            raise InputError(
+                Message("{path}: no operation", path), "a variable with an `Operation`"
+            )
+        yield from ((path, operation) for operation in own)
 
 
 def summary_of(name: str) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from torquebench.bench.roles import SIDES, Side
 from torquebench.message import Message
 from torquebench.reports.page import Facts, Page, Section, Table
-from torquebench.units import HOUR, MINUTE
+from torquebench.units import HOUR, MINUTE, RPM_PER_RAD_S
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
@@ -25,6 +25,7 @@ __all__ = [
     "joined_previews",
     "limits_of",
     "loading_preview",
+    "plan_preview",
 ]
 
 
@@ -223,6 +224,33 @@ def limits_of(description: BenchDescription) -> tuple[dict[str, float], dict[str
     )
 
 
+def plan_preview(title: str, description: BenchDescription, rehearsal: Rehearsal[Any]) -> Preview:
+    """Return the preview of a rehearsed plan: its duration, points, mountings and largest loads.
+
+    Parameters
+    ----------
+    title : str
+        What is done, in a few words.
+    description : BenchDescription
+        Whose limits stand beside the loads.
+    rehearsal : Rehearsal
+        Of `procedures.rehearse`.
+    """
+    torque_nm, speed_rpm = limits_of(description)
+    mounted = [move.value for move in rehearsal.moves if move.device == "mounting"]
+    torques, speeds = rehearsal.largest("torque"), rehearsal.largest("speed")
+    return Preview(
+        title=title,
+        duration_s=rehearsal.duration_s,
+        points=rehearsal.points,
+        largest_torque_nm={side: value for side, value in torques.items() if value},
+        limit_torque_nm=torque_nm,
+        largest_speed_rpm={side: value * RPM_PER_RAD_S for side, value in speeds.items() if value},
+        limit_speed_rpm=speed_rpm,
+        mounts=tuple(str(value).replace("_", " ") for value in mounted),
+    )
+
+
 def loading_preview(
     title: str,
     description: BenchDescription,
@@ -235,11 +263,8 @@ def loading_preview(
     moves = [
         (move.time_s, float(move.value))
         for move in rehearsal.moves
-        if move.device.startswith(side)
-        and "torque" in move.device
-        and isinstance(move.value, int | float)
+        if move.device == f"{side} torque" and isinstance(move.value, int | float)
     ]
-    mounted = [move.value for move in rehearsal.moves if move.device == "mounting"]
     remarks: list[str] = [
         Message("Setup: {moves}.", Message.joined(_setup(rehearsal))),
         Message(
@@ -252,17 +277,10 @@ def loading_preview(
     steps = steps or profile.staircase(description.module(side).range_nm)
     if profile.adaptive is not None:
         remarks.append(_placing(profile, sum(step.recorded for step in steps)))
-    torque_nm, speed_rpm = limits_of(description)
-    return Preview(
-        title=title,
-        duration_s=rehearsal.duration_s,
-        points=rehearsal.points,
-        largest_torque_nm={side: max((abs(value) for _, value in moves), default=0.0)},
-        limit_torque_nm=torque_nm,
-        limit_speed_rpm=speed_rpm,
+    return replace(
+        plan_preview(title, description, rehearsal),
         time_s=tuple(time for time, _ in moves),
         nominal_nm=tuple(value for _, value in moves),
-        mounts=tuple(str(value).replace("_", " ") for value in mounted),
         series=tuple(_series(steps)),
         remarks=tuple(remarks),
     )

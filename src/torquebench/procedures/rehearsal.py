@@ -82,6 +82,15 @@ class Rehearsal(Generic[Result]):
     duration_s: float
     result: Result
 
+    def largest(self, quantity: Quantity) -> dict[Side, float]:
+        """Return the largest commanded magnitude of each side, N·m or rad/s."""
+        largest = dict.fromkeys(SIDES, 0.0)
+        for side in SIDES:
+            for move in self.moves:
+                if move.device == f"{side} {quantity}" and isinstance(move.value, int | float):
+                    largest[side] = max(largest[side], abs(float(move.value)))
+        return largest
+
 
 def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
     """Rehearse a plan without moving anything, and refuse it where the bench would.

@@ -108,20 +108,12 @@ def _rehearsed(
     longest_s: float = 0.0,
     warm_up_s: float = 0.0,
 ) -> ReducerTestRehearsal:
-    torque: dict[str, float] = dict.fromkeys(SIDES, 0.0)
-    speed: dict[str, float] = dict.fromkeys(SIDES, 0.0)
     modes: dict[str, list[str]] = {side: [] for side in SIDES}
     for move in found.moves:
         side, _, what = move.device.partition(" ")
-        if side not in modes:
-            continue
-        value = move.value
-        if what == "mode" and modes[side][-1:] != [str(value)]:
-            modes[side].append(str(value))
-        elif what == "speed" and isinstance(value, int | float):
-            speed[side] = max(speed[side], abs(value) * RPM_PER_RAD_S)
-        elif what == "torque" and isinstance(value, int | float):
-            torque[side] = max(torque[side], abs(value))
+        if what == "mode" and modes[side][-1:] != [str(move.value)]:
+            modes[side].append(str(move.value))
+    speed = {side: value * RPM_PER_RAD_S for side, value in found.largest("speed").items()}
     return ReducerTestRehearsal(
         name=name,
         title=title,
@@ -129,7 +121,7 @@ def _rehearsed(
         longest_s=max(found.duration_s, longest_s),
         longest_warm_up_s=warm_up_s,
         points=found.points,
-        largest_torque_nm=torque,
+        largest_torque_nm=found.largest("torque"),
         largest_speed_rpm=speed,
         modes={side: tuple(seen) for side, seen in modes.items()},
     )
