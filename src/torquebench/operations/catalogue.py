@@ -118,7 +118,7 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
         except Exception as error:  # a file of somebody else may raise anything
             frames = traceback.extract_tb(error.__traceback__)
             lines = [frame.lineno for frame in frames if frame.filename == spec.origin]
-            line = getattr(error, "lineno", None) or (lines or ["?"])[-1]
+            line = error.lineno if isinstance(error, SyntaxError) else (lines or [0])[-1]
             raise InputError(
                 Message(
                     "{path}, line {line}: {kind}: {error}", path, line, type(error).__name__, error

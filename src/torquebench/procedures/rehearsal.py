@@ -82,9 +82,9 @@ class Rehearsal(Generic[Result]):
     duration_s: float
     result: Result
 
-    def largest(self, quantity: Quantity) -> dict[Side, float]:
+    def largest(self, quantity: Quantity) -> dict[str, float]:
         """Return the largest commanded magnitude of each side, N·m or rad/s."""
-        largest = dict.fromkeys(SIDES, 0.0)
+        largest: dict[str, float] = dict.fromkeys(SIDES, 0.0)
         for side in SIDES:
             for move in self.moves:
                 if move.device == f"{side} {quantity}" and isinstance(move.value, int | float):
