@@ -23,7 +23,7 @@ STATES = {
     "quick stop active": 0x07,
     "fault": 0x08,
 }
-READ_ONLY = (0x1008, 0x1018, 0x603F, 0x6041, 0x6061, 0x6074, 0x6077, 0x606B, 0x606C)
+READ_ONLY = (0x1008, 0x1018, 0x603F, 0x6041, 0x6061, 0x6064, 0x6074, 0x6077, 0x606B, 0x606C)
 WRITABLE = {
     **{(0x1016, 1): "<I", (0x6007, 0): "<h", (0x6040, 0): "<H", (0x6060, 0): "<b"},
     **{(0x6071, 0): "<h", (0x6083, 0): "<I", (0x6084, 0): "<I", (0x6085, 0): "<I"},
@@ -44,6 +44,7 @@ class Cia402Peer:
         self._texts = {0x1008: b"drive of its own"}
         self._identity = {1: 0xAFFE, 2: 7, 3: 1, 4: serial}
         self._segments = b""
+        self.position = 0
         self.largest_permille = LARGEST_PERMILLE
         self.bits = 0x210  # voltage enabled, remote
         self.missing: set[tuple[int, int]] = set()
@@ -164,6 +165,7 @@ class Cia402Peer:
             0x6076: struct.pack("<I", RATED_MNM),
             0x6077: struct.pack("<h", torque),
             0x6080: struct.pack("<I", LARGEST_RPM),
+            0x6064: struct.pack("<i", self.position),
             0x606B: struct.pack("<i", velocity),
             0x606C: struct.pack("<i", velocity),
         }

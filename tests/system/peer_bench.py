@@ -78,12 +78,6 @@ def _probes() -> ModbusDevicePeer:
     return peer
 
 
-def _angles() -> ModbusDevicePeer:
-    peer = ModbusDevicePeer()
-    peer.registers[READ_INPUT] = dict.fromkeys(range(4), 0)
-    return peer
-
-
 @contextlib.contextmanager
 def peer_bench() -> Iterator[tuple[PeerBench, dict[str, Any]]]:
     """Start the peers; yield them and a description without counter and reference."""
@@ -91,7 +85,7 @@ def peer_bench() -> Iterator[tuple[PeerBench, dict[str, Any]]]:
         drive = peers.enter_context(ModbusDrivePeer("OWN-1"))
         node = peers.enter_context(Cia402Peer(9, 1234567, 0.0))
         contacts = peers.enter_context(_contacts())
-        probes, angles = peers.enter_context(_probes()), peers.enter_context(_angles())
+        probes = peers.enter_context(_probes())
         bench = PeerBench(
             {"input": drive.motor, "output": node.motor}, contacts, random.Random(20261127)
         )
@@ -117,7 +111,7 @@ def peer_bench() -> Iterator[tuple[PeerBench, dict[str, Any]]]:
                 "map": "moxa-e1260",
                 "probes": {name: k for k, name in enumerate(values["temperatures"])},
             },
-            "angles": modbus | {"address": angles.address, "registers": {"input": 0, "output": 2}},
+            "angles": {"protocol": "drives"},
         }
         yield bench, values
 

@@ -153,6 +153,29 @@ def test_a_drive_behind_a_gear_is_commanded_in_values_of_the_shaft(ratio: float)
             drive.close()
 
 
+def test_the_drives_state_the_angles_across_the_end_of_their_32_bits() -> None:
+    with ModbusDrivePeer("OWN-1") as peer, Cia402Peer(9, 1234567) as node:
+        section = canopen() | {"node": 9, "bus": CAN_BUS | {"port": node.port}}
+        bench = described(
+            input_drive={"protocol": "modbus", "address": peer.address},
+            output_drive=section,
+            angles={"protocol": "drives"},
+        )
+        geared = bench.output.drive.model_copy(update={"gear_ratio": -3.0})
+        module = bench.output.model_copy(update={"drive": geared})
+        angles = open_role(bench.model_copy(update={"output": module}), "angles")
+        try:
+            node.position = 2**31 - 5
+            assert angles.counts() == {"input": 4711, "output": 5 - 2**31}
+            node.position = -(2**31) + 5
+            assert angles.counts()["output"] == 5 - 2**31 - 10
+        finally:
+            angles.close()
+            angles.close()
+        with pytest.raises(BenchError):
+            angles.counts()
+
+
 # -- counters and read-out --------------------------------------------------------------------
 
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
-from torquebench.bench.drivers.base import Block, CounterCard, Identity
+from torquebench.bench.drivers.base import Block, CounterCard, Drive, Identity
 from torquebench.bench.roles import SIDES, Side, angle_channel
+from torquebench.errors import InputError
+from torquebench.message import Message
 from torquebench.signals import Record
 
-__all__ = ["AngleSource", "CounterWithAngles", "with_angles"]
+__all__ = ["AngleSource", "CounterWithAngles", "DriveAngles", "unwrapped", "with_angles"]
 
 POLLS = 2
 """Positions a block: the fewest that give a speed. Each ends a part of the block."""
@@ -95,6 +97,56 @@ class CounterWithAngles:
         """Release both."""
         self.source.close()
         self.counter.close()
+
+
+def unwrapped(word: int, before: int | None) -> int:
+    """Return the counts of a 32-bit position that continues those before.
+
+    Examples
+    --------
+    >>> unwrapped(-(2**31), 2**31 - 1), unwrapped(7, None)
+    (2147483648, 7)
+    """
+    if before is None:
+        return word
+    return before + (word - before + 2**31) % 2**32 - 2**31
+
+
+class DriveAngles:
+    """The positions that the drives' own encoders state, clockwise positive at the shaft.
+
+    Parameters
+    ----------
+    drives : mapping of side to Drive
+        Each states `position_counts`.
+
+    Raises
+    ------
+    InputError
+        A drive's protocol states no position.
+    """
+
+    def __init__(self, drives: Mapping[Side, Drive]) -> None:
+        self._drives: Mapping[Side, Any] = drives
+        self._position: dict[Side, int] = {}
+        for side, drive in drives.items():
+            motor = getattr(drive, "drive", drive)  # behind a gear
+            if not hasattr(motor, "position_counts"):
+                raise InputError(
+                    Message("driver.{side}_drive states no position", side),
+                    "a drive that does, for driver.angles.protocol = 'drives'",
+                    "choose another source of the angles",
+                )
+
+    def counts(self) -> Mapping[Side, int]:
+        """Ask both drives; the wrapping of 32 bits is undone."""
+        for side, drive in self._drives.items():
+            word = drive.position_counts()
+            self._position[side] = unwrapped(word, self._position.get(side))
+        return dict(self._position)
+
+    def close(self) -> None:
+        """Do nothing: the drives are closed by those who opened them."""
 
 
 def with_angles(counter: CounterCard, source: AngleSource, window_s: float) -> CounterWithAngles:

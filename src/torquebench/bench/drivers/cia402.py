@@ -43,6 +43,7 @@ MODE, MODE_DISPLAY = 0x6060, 0x6061
 TARGET_TORQUE, TORQUE_DEMAND, TORQUE_SLOPE = 0x6071, 0x6074, 0x6087
 MAXIMUM_TORQUE, RATED_TORQUE, MAXIMUM_SPEED = 0x6072, 0x6076, 0x6080
 TARGET_VELOCITY, VELOCITY_DEMAND = 0x60FF, 0x606B
+POSITION = 0x6064
 ACCELERATION, DECELERATION, QUICK_STOP_DECELERATION = 0x6083, 0x6084, 0x6085
 ABORT_OPTION, HEARTBEAT_CONSUMER, IDENTITY = 0x6007, 0x1016, 0x1018
 DEVICE_NAME, QUICK_STOP_OPTION, FAULT_REACTION = 0x1008, 0x605A, 0x605E
@@ -532,6 +533,10 @@ class Cia402Drive:
             limited=bool(word & INTERNAL_LIMIT),
             remote=bool(word & REMOTE),
         )
+
+    def position_counts(self) -> int:
+        """Ask for the position of its encoder, 32 bits."""
+        return int(self._link.read(POSITION))
 
     def close(self) -> None:
         """Release the drive. A second call does nothing."""

@@ -16,6 +16,7 @@ protocol = "modbus"
 from __future__ import annotations
 
 import contextlib
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -23,7 +24,7 @@ from typing import Any, Literal
 from pydantic import BaseModel, ConfigDict, Field
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.angles import with_angles
+from torquebench.bench.drivers.angles import DriveAngles, with_angles
 from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet, DriveState, Identity
 from torquebench.bench.drivers.links import Address, check_drive_order
 from torquebench.bench.drivers.plugins import InstrumentRequest, Role, find_plugin
@@ -36,7 +37,7 @@ from torquebench.bench.drivers.simulated.control import (
     simulated_reducer_certificate,
 )
 from torquebench.bench.prompts import PromptQueue, QueuedOperator
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.validation import validated
@@ -62,6 +63,8 @@ _ROLES: dict[str, tuple[Role, Side | None]] = {
     "guide_rail": ("rail", None),
     "power_supply": ("supply", None),
 }
+BY_DRIVES = "drives"
+"""Protocol of `[driver.angles]` where the drives' own encoders state the angles."""
 ROLES = tuple(_ROLES)
 """Sections of a bench description, one an instrument."""
 
@@ -134,7 +137,9 @@ def open_instruments(description: BenchDescription) -> DriverSet:
         if options.angles is not None:
             _check_needs_angles(counter)
             window_s = description.counter.window_s
-            counter = with_angles(counter, open_one("angles"), window_s)
+            by_drives = options.angles.get("protocol") == BY_DRIVES
+            encoders = DriveAngles(drives) if by_drives else open_one("angles")
+            counter = with_angles(counter, encoders, window_s)
         return DriverSet(
             name="instruments",
             counter=counter,
@@ -204,6 +209,8 @@ def open_role(description: BenchDescription, key: str) -> Any:
     section = getattr(options, key)
     if section is None:
         raise InputError(Message("{source}.{key} is missing", source, key), "a section", "add it")
+    if key == "angles" and section.get("protocol") == BY_DRIVES:
+        return _OwnDriveAngles(description)
     return _open(description, key, section)
 
 
@@ -239,6 +246,23 @@ def _open(description: BenchDescription, key: str, section: Mapping[str, Any]) -
         ) from error
     ratio = 1.0 if side is None else description.module(side).drive.gear_ratio
     return opened if ratio == 1.0 else GearedDrive(opened, ratio, key.replace("_", " "))
+
+
+class _OwnDriveAngles(DriveAngles):
+    """The drives' positions over connections of their own."""
+
+    def __init__(self, description: BenchDescription) -> None:
+        with contextlib.ExitStack() as opened:
+            drives: dict[Side, Drive] = {}
+            for side in SIDES:
+                drives[side] = open_role(description, f"{side}_drive")
+                opened.callback(drives[side].close)
+            super().__init__(drives)
+            self._opened = opened.pop_all()
+
+    def close(self) -> None:
+        """Release the drives. A second call does nothing."""
+        self._opened.close()
 
 
 @dataclass(frozen=True)
@@ -304,6 +328,11 @@ class GearedDrive:
             torque_nm=None if torque is None else torque * ratio,
             speed_rad_s=None if speed is None else speed / ratio,
         )
+
+    def position_counts(self) -> int:
+        """Ask for the motor's position, in the direction of the shaft."""
+        drive: Any = self.drive
+        return int(math.copysign(1.0, self.ratio)) * int(drive.position_counts())
 
     def close(self) -> None:
         """Release the drive."""

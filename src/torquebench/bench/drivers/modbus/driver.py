@@ -171,6 +171,10 @@ class ModbusDrive:
             )
         return DriveState(bool(status & DriveStatus.ENABLED), torque, speed, fault)
 
+    def position_counts(self) -> int:
+        """Ask for the position of its encoder, 32 bits."""
+        return register_map.integer_of(self._link.input_registers(DriveReport.POSITION, 2))
+
     def close(self) -> None:
         """Release the drive. A second call does nothing."""
         self._link.close()

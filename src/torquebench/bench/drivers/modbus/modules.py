@@ -10,6 +10,7 @@ from typing import Annotated, ClassVar, Literal, cast
 import numpy as np
 from pydantic import Field
 
+from torquebench.bench.drivers.angles import unwrapped
 from torquebench.bench.drivers.base import Identity, Mode, RailPosition, Side
 from torquebench.bench.drivers.modbus import register_map
 from torquebench.bench.drivers.modbus.device_map import DeviceMap, MappedOptions, ValueMap
@@ -491,14 +492,9 @@ class ModbusAngles:
         """Ask for the counts of both sides; the wrapping of 32 bits is undone."""
         for side, place in self._registers.items():
             word = register_map.integer_of(self._link.input_registers(place, 2))
-            before = self._position.get(side, word)
-            self._position[side] = before + _signed32(word - before)
+            self._position[side] = unwrapped(word, self._position.get(side))
         return dict(self._position)
 
     def close(self) -> None:
         """Release the module. A second call does nothing."""
         self._link.close()
-
-
-def _signed32(difference: int) -> int:
-    return (difference + 2**31) % 2**32 - 2**31
