@@ -121,3 +121,9 @@ def test_one_english_text_has_one_translation(language: str) -> None:
         translations.setdefault(same(english), set()).add(same(translation))
     several = {english: said for english, said in translations.items() if len(said) > 1}
     assert {english: said for english, said in several.items() if english not in HOMONYMS} == {}
+
+
+def test_every_page_has_a_title() -> None:
+    pages = set(re.findall(r'\b(?:frame|tabs)\(\s*visitor, "(\w+)"', sources()))
+    assert {"live", "operations", "settings"} <= pages
+    assert {f"navigation.{page}" for page in pages} <= set(words("en"))

@@ -275,7 +275,7 @@ def frame(
     `current` is the page's name, or that of the page in the rail that it belongs to.
     """
     text = visitor.text
-    title = title or text(f"{current}.title")
+    title = title or text(f"navigation.{current}")
     head(text, visitor.look, title)
     around = _Frame(visitor, current)
 

@@ -53,7 +53,7 @@ def tabs(visitor: Visitor, page: str, views: Mapping[str, Callable[[Visitor], Vi
     """Make the tabs of a page; the query parameter `part` names the first one shown."""
     titles = {name: visitor.text(f"{page}.{name}") for name in views}
     parts = {name: partial(_build, view, visitor) for name, view in views.items()}
-    Tabs(visitor.text(f"{page}.title"), titles, parts, visitor.query.get("part", ""))
+    Tabs(visitor.text(f"navigation.{page}"), titles, parts, visitor.query.get("part", ""))
 
 
 def _build(view: Callable[[Visitor], View], visitor: Visitor) -> None:

@@ -44,8 +44,8 @@ def show_result(visitor: Visitor, result: Any) -> None:
 
 
 def describe(text: Text, operation: Operation) -> None:
-    """Say what an operation does."""
-    for paragraph in operation.paragraphs:
+    """State what an operation does; its summary is the page's heading."""
+    for paragraph in operation.paragraphs[1:]:
         if isinstance(paragraph, str):
             words("p", text.core(paragraph), "muted")
             continue
@@ -183,8 +183,8 @@ def operations_page(visitor: Visitor) -> None:
     with frame(visitor, "operations"), panel(), box("ul", "stack operations"):
         for operation in offered(visitor):
             with box("li"):
-                words("a", operation.name, href=f"/operations/{operation.key}")
-                words("div", text.core(operation.summary), "small muted")
+                words("a", text.core(operation.summary), href=f"/operations/{operation.key}")
+                words("div", operation.name, "small muted")
 
 
 @page("operation", "/operations/{key}")
