@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from torquebench.errors import InputError
 from torquebench.message import Message
+from torquebench.tables.units import unit_named
 from torquebench.uncertainty import CertifiedUncertainty
 
 __all__ = ["DccQuantity", "DigitalCertificate", "is_dcc", "parse_dcc", "read_dcc"]
@@ -31,7 +32,7 @@ _UNCERTAINTY = re.compile(
     r"uncertainty|unsicherheit|incertitude|incertidumbre|不确定度|不確かさ", re.I
 )
 _REFERENCE = re.compile(
-    r"reference|nominal|calibrationvalue|bezug|sollwert|normal|标准|référence", re.I
+    r"reference|applied|nominal|calibrationvalue|bezug|sollwert|normal|标准|référence", re.I
 )
 
 
@@ -118,10 +119,13 @@ class DigitalCertificate:
 
     def torques(self) -> Iterator[tuple[str, FloatArray, FloatArray]]:
         """Yield title, torques and U (k = 2) of each table of torques, N·m."""
-        for title, quantities in self.results:
-            found = _torques(quantities)
-            if found is not None:
-                yield (title, *found)
+        found = [(title, pair) for title, each in self.results if (pair := _torques(each))]
+        if not found:  # each column may be a result of its own, of single values
+            columns = [one for title, each in self.results if (one := _column(title, each))]
+            pair = _torques(columns)
+            found = [("", pair)] if pair else []
+        for title, (torque, expanded) in found:
+            yield title, torque, expanded
 
     def uncertainty(self) -> CertifiedUncertainty:
         """Return U (k = 2) over the torque; of several tables the larger one counts.
@@ -375,11 +379,15 @@ def _repeated(values: FloatArray, like: FloatArray) -> FloatArray:
 
 
 def _newton_metres(unit: str) -> float | None:
-    r"""Return the N·m of a unit as the D-SI writes it; None for another kind of unit.
+    r"""Return the N·m of a unit as the D-SI or a person writes it; None for another kind.
 
-    >>> _newton_metres(r"\kilo\newton\metre"), _newton_metres(r"\newton\metre\tothe{-1}")
-    (1000.0, None)
+    >>> units = r"\kilo\newton\metre", r"\newton\metre\tothe{-1}", "kN·m"
+    >>> [_newton_metres(each) for each in units]
+    [1000.0, None, 1000.0]
     """
+    if not unit.startswith("\\"):
+        plain = unit_named(unit, "torque") if unit else None
+        return plain.factor if plain else None
     parts = [part for part in unit.strip().split("\\") if part]
     factor, units = 1.0, []
     for part in parts:
@@ -405,6 +413,17 @@ def _torques(quantities: Sequence[DccQuantity]) -> tuple[FloatArray, FloatArray]
     return (torque, np.max(fitting, axis=0)) if fitting else None
 
 
+def _column(title: str, quantities: Sequence[DccQuantity]) -> DccQuantity | None:
+    """Return a result's single values of one unit as a column with its title."""
+    units = {each.unit for each in quantities}
+    if len(units) != 1 or any(each.values.size != 1 or each.relative for each in quantities):
+        return None
+    values = np.concatenate([each.values for each in quantities])
+    known = [each.expanded for each in quantities if each.expanded is not None]
+    expanded = np.concatenate(known) if len(known) == len(quantities) else None
+    return DccQuantity(title, (), units.pop(), values, expanded)
+
+
 def _is_uncertainty(quantity: DccQuantity) -> bool:
     return any(_UNCERTAINTY.search(text) for text in (*quantity.kinds, quantity.name))
 
@@ -415,7 +434,7 @@ def _of_item(quantity: DccQuantity, torque: FloatArray) -> FloatArray | None:
     if _is_uncertainty(quantity) and values.shape == torque.shape:
         if quantity.nm is not None:
             return values * quantity.nm
-        shares = {r"\percent": 1e-2, r"\one": 1.0}
+        shares = {r"\percent": 1e-2, "%": 1e-2, r"\one": 1.0}
         if quantity.unit in shares:
             return np.abs(torque) * values * shares[quantity.unit]
     if expanded is None or expanded.shape != torque.shape:

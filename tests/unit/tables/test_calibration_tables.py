@@ -151,6 +151,7 @@ def test_simulated_tables_say_so(read):
         ("# only a comment\n\n", "is empty"),
         ("reading_nm,standard_nm\n", "a header but no values"),
         (b"\x89PNG\r\n\x1a\n\xff\xff", r"line 1: byte 0x89 isn't UTF-8"),
+        (b"\x1f\x8b\x08\x00\x00", "is compressed"),
         (b"reading_nm,standard_nm\n1\x00,2\n", "line 2: a NUL character"),
         ("reading_nm,series\n1,1\n", "no column standard_nm; it has reading_nm, series"),
         ("reading,standard_nm\n1,1\n", "rename reading to reading_nm if it is in that unit"),

@@ -3,6 +3,7 @@
 The certificates are written here, from the schemas, and validated by them; U is known beforehand.
 """
 
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,18 @@ import pytest
 from dcclib.validation import XsdValidator
 from dcclib.validation.xsd import SchemaVersion
 from lxml import etree
-from tests.digital_certificates import BRIDGE, KNM, NM, VERSIONS, certificate, new_list, quantity
+from tests.digital_certificates import (
+    BRIDGE,
+    KNM,
+    NM,
+    VERSIONS,
+    certificate,
+    dcc,
+    named,
+    new_list,
+    quantity,
+    tag,
+)
 
 from torquebench.bench.certificates.torque import read_uncertainty
 from torquebench.errors import InputError
@@ -70,6 +82,85 @@ def test_u_is_that_of_the_certificate(tmp_path: Path, version: str, form: str) -
     assert not found.signed
 
 
+RELEASES = [each.name[1:].replace("_", ".") for each in SchemaVersion if each.name >= "v2_4"]
+NEWTON_METRES = {
+    NM: 1.0,
+    r"\metre\newton": 1.0,
+    KNM: 1e3,
+    r"\milli\newton\metre": 1e-3,
+    r"\newton\centi\metre": 1e-2,
+    r"\mega\newton\metre": 1e6,
+}
+SIGNALS = {BRIDGE: "Anzeige", r"\hertz": "Frequency", r"\volt": "Output", r"\kilo\hertz": "f"}
+
+
+def drawn(seed: int) -> tuple[str, list[list[str]], dict[float, float]]:
+    """Draw a release of the schema, its lists, and U (k = 2) at each torque, N·m."""
+    rng = np.random.default_rng(seed)
+    version = RELEASES[seed % len(RELEASES)]
+    write = next(VERSIONS[each] for each in sorted(VERSIONS, reverse=True) if each <= version)
+    largest, known = 10.0 ** rng.uniform(-1.0, 4.0), dict[float, float]()
+
+    def of(values: Any, words: str, kind: str, unit: str, u: Any = None, k: float = 2.0) -> str:
+        return quantity(write(values, unit, u, k), words, kind, version)
+
+    def tables() -> Iterator[list[str]]:
+        for _ in range(rng.integers(1, 4)):
+            size = int(rng.integers(2, 12))
+            torque = largest * rng.uniform(0.02, 1.0, size) * rng.choice([-1.0, 1.0])
+            unit, other = rng.choice(list(NEWTON_METRES), 2)
+            here, there = torque / NEWTON_METRES[unit], torque / NEWTON_METRES[other]
+            k = float(rng.choice([1.0, 2.0, 2.13, 3.0]))
+            share = rng.uniform(1e-4, 5e-3, size)
+            u = np.full(size, share[0] * largest) if rng.random() < 0.3 else share * np.abs(torque)
+            stated = u * k / 2.0 / NEWTON_METRES[other]
+            reference = of(here, "Bezugswert", "basic_referenceValue", unit)
+            form = rng.integers(5)
+            if form == 0:
+                item = [of(there, "Indication", "basic_measuredValue", other, stated, k)]
+            elif form == 1:
+                error = [of(1e-3 * there, "Abweichung", "basic_measurementError", other, stated, k)]
+                item = [of(there, "Anzeige", "basic_measuredValue", other), *error]
+            elif form == 2:
+                signal, slope = str(rng.choice(list(SIGNALS))), rng.uniform(1e-4, 1e4)
+                value, zero = slope * torque, rng.choice([0.0, 100.0 * slope * largest])
+                read = of(zero + value, SIGNALS[signal], "x_y", signal, u * slope * k / 2.0, k)
+                item = [read]
+            elif form == 3:
+                column = u / NEWTON_METRES[other]
+                item = [of(column, "erweiterte Messunsicherheit U", "x_u", other)]
+            else:
+                percent = bool(rng.random() < 0.5)
+                relative = u / np.abs(torque) * (100.0 if percent else 1.0)
+                said = of(
+                    relative, "expanded uncertainty", "x_w", r"\percent" if percent else r"\one"
+                )
+                item = [of(there, "Anzeige", "basic_measuredValue", other), said]
+            yield [reference, *item] if form == 3 or rng.random() < 0.7 else [*item, reference]
+            for at, u_nm in zip(torque.tolist(), u.tolist(), strict=True):
+                known[at] = u_nm
+        if rng.random() < 0.5:
+            yield [of([20.1, 20.4], "Temperature", "basic_measuredValue", r"\degreecelsius", 0.2)]
+
+    return version, list(tables()), known
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_sixty_certificates_of_every_release(tmp_path: Path, seed: int) -> None:
+    """Units, coverage factors, directions, orders, forms of U, lists beside them are drawn."""
+    version, lists, known = drawn(seed)
+    xml = certificate(version, *lists)
+    schema = SchemaVersion[f"v{version.replace('.', '_')}"]
+    checked = XsdValidator.from_version(schema).validate_tree(etree.fromstring(xml))
+    assert checked.is_valid, [each.message for each in checked.errors]
+    path = tmp_path / "standard.xml"
+    path.write_text(xml, encoding="utf-8")
+    torque = list(known)
+    np.testing.assert_allclose(
+        read_uncertainty(path).at(torque), [known[at] for at in torque], rtol=1e-5
+    )
+
+
 def test_of_both_directions_each_counts_and_of_several_results_the_larger(tmp_path: Path) -> None:
     def pair(torque: Any, u: Any) -> list[str]:
         columns = (("Reference", "basic_referenceValue", None), ("Measured", "basic_measured", u))
@@ -80,6 +171,30 @@ def test_of_both_directions_each_counts_and_of_several_results_the_larger(tmp_pa
     path.write_text(certificate("3.3.0", *lists), encoding="utf-8")
     found = read_dcc(path).uncertainty().at([100.0, 400.0, 1000.0, -100.0, -1000.0])
     np.testing.assert_allclose(found, [0.05, 0.7, 0.3, 0.2, 0.9])
+
+
+@pytest.mark.parametrize("unit", [NM, "N·m", "kN·m"])
+def test_columns_that_are_results_of_their_own_are_one_table(tmp_path: Path, unit: str) -> None:
+    """So a national institute states forces: plain units, a result with single values each."""
+    factor = 1e3 if unit == "kN·m" else 1.0
+    columns = {
+        "Indicated Torque": (np.array(TORQUE) * 1.001 / factor, unit),
+        "Applied Torque": (np.array(TORQUE) / factor, unit),
+        "Relative Expanded Uncertainty": (100.0 * np.array(U) / TORQUE, "%"),
+        "Relative Repeatability Error": (np.full(3, 0.01), "%"),
+    }
+    results = ""
+    for words, (values, of) in columns.items():
+        singles = [
+            dcc("quantity", tag("si:real", tag("si:value", f"{value:.9g}"), tag("si:unit", of)))
+            for value in values
+        ]
+        results += dcc("result", named(words, words), dcc("data", *singles))
+    xml = certificate("3.3.0", [])
+    start, end = xml.index("<dcc:result>"), xml.index("</dcc:results>")
+    path = tmp_path / "standard.xml"
+    path.write_text(xml[:start] + results + xml[end:], encoding="utf-8")
+    np.testing.assert_allclose(read_uncertainty(path).at(TORQUE), U, rtol=1e-6)
 
 
 KELVIN = [quantity(new_list([1, 2], r"\kelvin", 0.1), "T", "x", "3.3")]

@@ -49,6 +49,8 @@ _HIGH_BYTES = re.compile(rb"[\x80-\xff]+")
 _NOTHING = re.compile(rb"(?:[ \t\r]*+(?:#[ \t][^\n]*+)?+\n)*+[ \t\r]*+")
 """Lines without a cell."""
 _NUMERIC = re.compile(r"[-+]?[0-9.,]+(?:[eE][-+]?[0-9]+)?")
+_COMPRESSED = (b"\x1f\x8b", b"BZh91AY", b"\xfd7zXZ\0", b"\x28\xb5\x2f\xfd", b"7z\xbc\xaf")
+"""Beginnings of gzip, bzip2, xz, Zstandard and 7-Zip."""
 _MINUS = str.maketrans({"\N{MINUS SIGN}": "-", "\N{NO-BREAK SPACE}": " "})
 
 
@@ -70,6 +72,10 @@ def text_encoding(content: bytes, origin: str) -> str:
     ... )]
     ['utf-8-sig', 'cp1252', 'gb18030']
     """
+    if content.startswith(_COMPRESSED):
+        raise InputError(
+            Message("{origin} is compressed", origin), "a CSV file, best in UTF-8", "unpack it"
+        )
     if content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
         return "utf-16"
     head = content[:_FIRST_BYTES]
