@@ -52,7 +52,7 @@ class Loop:
         }
 
 
-SHAPES = ("line", "lens", "play", "gap", "stiffening", "friction")
+SHAPES = ("line", "lens", "play", "gap", "stiffening", "friction", "steep")
 
 
 def loop(shape: str, rng: Generator) -> Loop:
@@ -85,6 +85,9 @@ def loop(shape: str, rng: Generator) -> Loop:
     gap = rng.uniform(low, high) * twist
     # Torque of the idle parts, by which both branches pass the gap apart from each other.
     lag = {"play": rng.uniform(0.01, 0.015), "gap": rng.uniform(0.07, 0.1)}.get(shape, 0.0)
+    if shape == "steep":
+        gap, lag = rng.uniform(0.05, 0.5) * twist, rng.uniform(0.0, 0.02)
+        soft = 0.01 * 12.0 ** rng.uniform()
 
     def branch(torque: Floats, side: float) -> Floats:
         share = torque / rated

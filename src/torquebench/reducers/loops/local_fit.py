@@ -15,8 +15,11 @@ Floats = NDArray[np.float64]
 GROWTH = 1.3
 CONFIDENCE = 1.5
 """Standard errors within which fits of neighbouring windows must agree."""
+NARROWER = 2
+"""Steps of the window's growth back from the widest that agrees: the biases of several readings
+add up, and each step takes half of them at a tenth more scatter."""
 BIAS = 2.0**0.5
-"""Factor on the standard error: a window that just agrees has a bias of about one of them."""
+"""Factor on the standard error: what remains of the bias is at most one of them."""
 LEAST_KNOTS = 3
 """Knots of a branch."""
 
@@ -72,9 +75,9 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
 
     The window grows as long as the means of all fits so far agree within their standard errors
     (intersection of confidence intervals: Goldenshluger and Nemirovski, Mathematical Methods of
-    Statistics 6 (1997) 135), up to a half width of `widest`: so its bias is no larger than the
-    error of the mean. What may happen between the knots beside the place is bounded by the chord
-    between them and the lines that lead to them from either side.
+    Statistics 6 (1997) 135), up to a half width of `widest`. A somewhat narrower one is taken, so
+    that its bias is smaller than the error of the mean. What may happen between the knots beside
+    the place is bounded by the chord between them and the lines that lead to them from either side.
     """
     knots = []
     for branch in branches:
@@ -85,7 +88,8 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
         np.abs(x[k - 1 : k + 1] - place).max() for (x, _), k in zip(knots, after, strict=True)
     ]
     half, noise = float(max(beside)) * (1.0 + 1e-9), [each.noise for each in branches]
-    low, high, best = -np.inf, np.inf, None
+    low, high = -np.inf, np.inf
+    agreeing: list[list[tuple[float, float, float]]] = []
     while True:
         inside = [np.abs(x - place) <= half for x, _ in knots]
         fits = [_parabola(x[m] - place, y[m]) for (x, y), m in zip(knots, inside, strict=True)]
@@ -94,14 +98,15 @@ def read(branches: Sequence[Branch], place: float, widest: float) -> list[Readin
         step = float(np.mean(gain * [each.step for each in branches]))
         reach = CONFIDENCE * float(np.hypot(scatter, step))
         low, high = max(low, value.mean() - reach), min(high, value.mean() + reach)
-        if best is not None and low > high:
+        if agreeing and low > high:
+            agreeing = agreeing[: max(1, len(agreeing) - NARROWER)]
             break
-        best = fits
+        agreeing.append(fits)
         if half >= widest or all(each.all() for each in inside):
             break
         half = min(half * GROWTH, max(widest, half))
     readings = []
-    for branch, (x, y), (angle, slope, factor) in zip(branches, knots, best, strict=True):
+    for branch, (x, y), (angle, slope, factor) in zip(branches, knots, agreeing[-1], strict=True):
         between = _between(x, y, place, angle, float(np.hypot(branch.noise, branch.step)))
         errors = (BIAS * branch.noise * factor, BIAS * branch.step * factor)
         readings.append(Reading(angle, slope, *errors, between))
