@@ -34,11 +34,14 @@ _Kind = Literal["row", "zero", "scale", "both"]
 FALSE_ALARM = 1e-2
 """Largest probability that a part of a healthy table is taken for a disagreement."""
 
-FALSE_DOUBT = 0.5
-"""The same of a doubt, as measured one healthy table in a hundred."""
+FALSE_DOUBT = 10.0
+"""Factor of the odds of a doubt; as measured, one healthy table in twenty shows one."""
 
-FALSE_ROW = 0.1
-"""The same of a single row, which is only weighted down."""
+FALSE_ROW = 0.05
+"""Largest probability that a row of a healthy table is taken for a wrong one, and left out."""
+
+FALSE_ROW_DOUBT = 1.0
+"""Factor of the odds of a doubtful row, which stays."""
 
 SINGLED_OUT = 0.95
 """A cause is named from this posterior probability on, and a row is credible to this in sum."""
@@ -150,7 +153,10 @@ class Examination:
     disagreements : tuple of Disagreement
         The clearest first; none is smaller than `expanded_nm`.
     doubts : tuple of Disagreement
-        Less probable ones, as one of a hundred healthy tables shows.
+        Less probable ones, as about one of ten healthy tables shows; single rows among them.
+    from_zeros : bool
+        Whether the points agree only if each series counts from its own zero; then `doubts` begin
+        with the parts that don't agree otherwise.
     """
 
     scatter_nm: float
@@ -158,6 +164,7 @@ class Examination:
     wrong_rows: tuple[WrongRow, ...] = ()
     disagreements: tuple[Disagreement, ...] = ()
     doubts: tuple[Disagreement, ...] = ()
+    from_zeros: bool = False
 
 
 def examine(data: CalibrationData) -> Examination:
@@ -257,6 +264,7 @@ class _Table:
 
     `unit_nm` is that scatter and `largest_nm` the largest torque; `weight` is the number of rows
     that a point is the mean of, and `rows` the first row of each point and, at last, their number.
+    `step_nm` is the step of which all errors are multiples, next to nothing if there is none.
     """
 
     u: FloatArray
@@ -270,6 +278,7 @@ class _Table:
     rows: NDArray[np.intp]
     unit_nm: float
     largest_nm: float
+    step_nm: float
 
     @classmethod
     def of(cls, data: CalibrationData, kept: NDArray[np.intp]) -> "_Table":
@@ -287,8 +296,8 @@ class _Table:
         legs = np.stack([data.series, direction, branch, condition], axis=1)[kept]
         small = (np.abs(u) < _STEEP)[kept]
         block = _blocks(legs, small, MOST_POINTS)
-        rounding = _resolution(error[kept], largest) / np.sqrt(12.0)
-        unit = max(_scatter(u[kept], error[kept], legs), rounding, _FINEST * largest)
+        step = _resolution(error[kept], largest)
+        unit = max(_scatter(u[kept], error[kept], legs), step / np.sqrt(12.0), _FINEST * largest)
         count = np.bincount(block)
 
         def mean(values: FloatArray) -> FloatArray:
@@ -307,6 +316,7 @@ class _Table:
             np.append(kept[first], kept[-1] + 1),
             unit,
             largest,
+            step,
         )
 
 
@@ -476,7 +486,12 @@ def _parts(table: _Table) -> Iterator[tuple[str, FloatArray]]:
         for name, sign in (("loop", 1.0), ("lag", table.direction)):
             elastic, dry = sign * branch * inside, sign * friction
             yield name, np.outer(elastic, elastic) * alike_in_size
-            yield f"{name} of friction", np.outer(dry, dry) * either * alike_in_size
+            # Dry friction has a part that is the same at all torques and one that grows with them.
+            with_torque = 0.49 * (1.0 + np.outer(size, size)) + 0.02 * alike_in_size
+            # It may rest, partly, at the turn itself.
+            rest = sign * np.exp(-turning)
+            shape = np.outer(dry, dry) + np.outer(rest, rest)
+            yield f"{name} of friction", shape * either * with_torque
         yield "slip", np.outer(branch, branch) * alike * jagged(0.1)
     time = np.arange(u.size) / max(u.size - 1, 1)
     # Drift is smooth in time, or in its logarithm: settling and creep.
@@ -522,6 +537,25 @@ class _Explanation:
         return self.kind, self.first, self.end
 
 
+@dataclass(frozen=True, eq=False)
+class _Tested:
+    """An explanation beside others, with the evidence and amplitudes of all of them."""
+
+    odds: float
+    evidence: float
+    explanation: _Explanation
+    amplitudes: FloatArray
+    others: tuple[_Explanation, ...]
+
+
+def _least(explanation: _Explanation) -> float:
+    """Return the logarithm of the odds from which on an explanation is stated."""
+    certain, doubtful = (
+        (FALSE_ROW, FALSE_ROW_DOUBT) if explanation.kind == "row" else (FALSE_ALARM, FALSE_DOUBT)
+    )
+    return float(np.log(certain / doubtful))
+
+
 class _Search:
     """The search for the explanations with which a table is most probable."""
 
@@ -536,6 +570,7 @@ class _Search:
         keep = ((end - first >= FEWEST_ROWS) & (first > 0)) | (end - first == 1)
         # A beginning and the end after it are one change: the later part is named.
         self.first, self.end = first[keep], end[keep]
+        self.doubtful: list[_Tested] = []
         self.prior = self._priors(self.first, self.end)
 
     def _priors(self, first: NDArray[np.intp], end: NDArray[np.intp]) -> FloatArray:
@@ -627,120 +662,153 @@ class _Search:
         prior = self.prior + np.log(_BOTH) - _DECADE
         yield "both", np.where(told, odds + prior, none), zero, scale
 
-    def run(self) -> tuple[list[tuple[float, _Explanation]], FloatArray]:
-        """Return the accepted explanations with the logarithm of their odds, and the amplitudes."""
+    def run(self) -> tuple[list[_Explanation], FloatArray]:
+        """Return the accepted explanations, and the amplitudes.
+
+        What is only doubtful isn't accepted, so that nothing follows from it.
+        """
         accepted: list[_Explanation] = []
         evidence, amplitudes = self.description.fit(self.columns(accepted))
         while len(accepted) < _MOST_EXPLANATIONS:
-            # Amplitudes that a fault has inflated hide it: usual ones show it, too.
-            candidates = self.candidates(amplitudes, accepted)[:_TESTED]
-            places = {each.place for _, each in candidates}
-            usual = self.candidates(self.description.prior_mean, accepted)
-            candidates += [each for each in usual if each[1].place not in places][:_TESTED]
-            best: tuple[float, _Explanation, float, FloatArray] | None = None
-            for _, explanation in candidates:
+            tested = []
+            for explanation in self._promising(amplitudes, accepted):
                 columns = self.columns([*accepted, explanation])
                 more, fitted = self.description.fit(columns, amplitudes, 40)
                 odds = more - evidence + self.prior_of(explanation)
-                least = 0.0 if explanation.kind == "row" else np.log(FALSE_ALARM / FALSE_DOUBT)
-                if odds > max(least, best[0] if best else -np.inf):
-                    best = odds, explanation, more, fitted
-            if best is None:
+                tested.append(_Tested(odds, more, explanation, fitted, tuple(accepted)))
+            best = max(tested, key=lambda one: one.odds, default=None)
+            if best is None or best.odds <= 0.0:
+                self._doubt(tested)
                 break
-            _, explanation, evidence, amplitudes = best
-            accepted.append(explanation)
+            if best.explanation.kind == "row":  # a part may explain it as well
+                self._doubt([one for one in tested if one.evidence > best.evidence])
+            evidence, amplitudes = best.evidence, best.amplitudes
+            accepted.append(best.explanation)
         return self._pruned(accepted, evidence, amplitudes)
+
+    def _doubt(self, tested: Sequence[_Tested]) -> None:
+        """Keep the most probable explanation of each of some rows, if it is a doubt."""
+        for one in sorted(tested, key=lambda each: -each.odds):
+            first, end = one.explanation.first, one.explanation.end
+            apart = all(
+                end <= each.explanation.first or each.explanation.end <= first
+                for each in self.doubtful
+            )
+            if apart and one.odds > _least(one.explanation):
+                self.doubtful.append(one)
+
+    def _promising(
+        self, amplitudes: FloatArray, accepted: Sequence[_Explanation]
+    ) -> list[_Explanation]:
+        """Return explanations to test; what a fault has inflated hides it, and its size."""
+        found: dict[tuple[str, int, int], _Explanation] = {}
+        for assumed in (amplitudes, self.description.prior_mean):
+            for _, one in self.candidates(assumed, accepted)[:_TESTED]:
+                other = found.get(one.place, one)
+                found[one.place] = replace(
+                    one, zero=max(one.zero, other.zero), scale=max(one.scale, other.scale)
+                )
+        return list(found.values())
 
     def _pruned(
         self, accepted: list[_Explanation], evidence: float, amplitudes: FloatArray
-    ) -> tuple[list[tuple[float, _Explanation]], FloatArray]:
+    ) -> tuple[list[_Explanation], FloatArray]:
         """Leave out explanations that later ones made superfluous."""
-        rated = []
         for explanation in tuple(accepted):
             others = [each for each in accepted if each is not explanation]
             less, fitted = self.description.fit(self.columns(others), amplitudes, 40)
-            odds = evidence - less + self.prior_of(explanation)
-            least = 0.0 if explanation.kind == "row" else np.log(FALSE_ALARM / FALSE_DOUBT)
-            if odds > least:
-                rated.append((odds, explanation))
-            else:
+            if evidence - less + self.prior_of(explanation) <= 0.0:
                 accepted, evidence, amplitudes = others, less, fitted
-        return rated, amplitudes
+        return accepted, amplitudes
 
     def examination(self) -> Examination:
         """Return what the table says about itself."""
-        rated, amplitudes = self.run()
-        accepted, table = [explanation for _, explanation in rated], self.table
-        columns = self.columns(accepted)
-        precision = self.description.precision(amplitudes, columns)
+        accepted, amplitudes = self.run()
+        table = self.table
+        precision = self.description.precision(amplitudes, self.columns(accepted))
         scatter = float(np.exp(amplitudes[-2])) * table.unit_nm
-        expanded = 2.0 * table.unit_nm / np.sqrt(np.diag(precision))
-        typical = float(np.median(expanded))
-        coefficients = columns.T @ (precision @ table.error)
-        spread = np.eye(columns.shape[1]) - columns.T @ precision @ columns
+        typical = float(np.median(2.0 * table.unit_nm / np.sqrt(np.diag(precision))))
         wrong: list[WrongRow] = []
         parts: list[Disagreement] = []
-        doubts: list[Disagreement] = []
-        begin = 0
-        for odds, explanation in rated:
-            own = explanation.columns(table.u)
-            mine = slice(begin, begin + own.shape[1])
-            effect = table.unit_nm * own @ coefficients[mine]
-            begin = mine.stop
+        for explanation in accepted:
+            others = [each for each in accepted if each is not explanation]
             if explanation.kind == "row":
-                wrong.append(WrongRow(int(table.rows[explanation.first]), float(np.sum(effect))))
-            elif np.max(np.abs(effect)) > typical:
-                found = self._disagreement(
-                    explanation, accepted, amplitudes, coefficients[mine], spread[mine, mine]
-                )
-                (parts if odds > 0.0 else doubts).append(found)
+                (size,), _ = self._sizes(explanation, others, amplitudes)
+                wrong.append(WrongRow(int(table.rows[explanation.first]), size))
+            else:
+                parts.append(self._disagreement(explanation, others, amplitudes))
+        parts = [part for part in parts if part.size_nm > typical]
         parts.sort(key=lambda each: -each.size_nm)
+        doubtful = [
+            self._disagreement(one.explanation, one.others, one.amplitudes) for one in self.doubtful
+        ]
+        # One step of a display is no contradiction.
+        doubtful += [part for part in parts if part.size_nm <= 1.5 * table.step_nm]
+        parts = [part for part in parts if part.size_nm > 1.5 * table.step_nm]
+        doubts = [
+            doubt
+            for doubt in doubtful
+            if doubt.size_nm > typical
+            and not any(part.first <= doubt.last and doubt.first <= part.last for part in parts)
+        ]
         return Examination(scatter, typical, tuple(wrong), tuple(parts), tuple(doubts))
+
+    def _sizes(
+        self, explanation: _Explanation, others: Sequence[_Explanation], amplitudes: FloatArray
+    ) -> tuple[list[float], list[float]]:
+        """Return an explanation's zero and scale, those that it has, and their U (k = 2), N·m."""
+        columns = self.columns([explanation, *others])
+        precision = self.description.precision(amplitudes, columns)
+        count = 2 if explanation.kind == "both" else 1
+        prior = [explanation.zero, explanation.scale]
+        own = columns[:, :count]
+        # Coefficients are in units of their prior standard deviations.
+        units = self.table.unit_nm * np.array(
+            prior if count == 2 else prior[explanation.kind == "scale" :][:1]
+        )
+        left = 1.0 - np.einsum("ik,ij,jk->k", own, precision, own)
+        values = units * (own.T @ (precision @ self.table.error))
+        return values.tolist(), (2.0 * units * np.sqrt(np.maximum(left, 0.0))).tolist()
 
     def _disagreement(
         self,
         explanation: _Explanation,
-        accepted: Sequence[_Explanation],
+        others: Sequence[_Explanation],
         amplitudes: FloatArray,
-        coefficients: FloatArray,
-        spread: FloatArray,
     ) -> Disagreement:
         """Return an explanation with its cause and its credible place."""
-        others = [each for each in accepted if each is not explanation]
-        kinds: dict[str, float] = {}
-        places = np.zeros(self.first.size)
-        scans = [(kind, odds) for kind, odds, *_ in self._scan(amplitudes, others) if kind != "row"]
-        largest = max(float(odds.max()) for _, odds in scans)
-        for kind, odds in scans:
-            weight = np.exp(odds - largest)
-            kinds[kind] = float(weight.sum())
-            places += weight
-        total = places.sum()
-        single: tuple[Cause, ...] = ("zero", "scale")
-        cause: Cause = next((k for k in single if kinds[k] >= SINGLED_OUT * total), "unknown")
+        cause: Cause = "unknown"
+        first, end = (explanation.first,) * 2, (explanation.end,) * 2
+        if explanation.kind != "row":
+            scans = self._scan(amplitudes, others)
+            chosen = {kind: odds for kind, odds, *_ in scans if kind != "row"}
+            largest = max(float(odds.max()) for odds in chosen.values())
+            weights = {kind: np.exp(odds - largest) for kind, odds in chosen.items()}
+            places = sum(weights.values(), np.zeros(self.first.size))
+            single: tuple[Literal["zero", "scale"], ...] = ("zero", "scale")
+            clear = SINGLED_OUT * float(places.sum())
+            cause = next((name for name in single if float(weights[name].sum()) >= clear), cause)
+            first = _credible(self.first, places, explanation.first)
+            end = _credible(self.end, places, explanation.end)
         rows = self.table.rows
-        first = _credible(self.first, places, explanation.first)
-        end = _credible(self.end, places, explanation.end)
-        # Coefficients are in units of their prior standard deviations.
         table, u = self.table, self.table.u[explanation.first : explanation.end]
-        value, expanded = [0.0, 0.0], [0.0, 0.0]
-        prior = {"zero": explanation.zero, "scale": explanation.scale}
-        names = ("zero", "scale") if explanation.kind == "both" else (explanation.kind,)
-        for k, name in enumerate(names):
-            at, unit = ("zero", "scale").index(name), prior[name] * table.unit_nm
-            value[at] = float(coefficients[k]) * unit
-            expanded[at] = 2.0 * float(np.sqrt(max(spread[k, k], 0.0))) * unit
+        names = {"both": ("zero", "scale"), "row": ("zero",)}.get(
+            explanation.kind, (explanation.kind,)
+        )
+        values, uncertainties = self._sizes(explanation, others, amplitudes)
+        value = {"zero": 0.0, "scale": 0.0, **dict(zip(names, values, strict=True))}
+        expanded = {"zero": 0.0, "scale": 0.0, **dict(zip(names, uncertainties, strict=True))}
         return Disagreement(
             cause,
             int(rows[explanation.first]),
             int(rows[explanation.end]) - 1,
             (int(rows[first[0]]), int(rows[first[1]])),
             (int(rows[end[0]]) - 1, int(rows[end[1]]) - 1),
-            value[0] if "zero" in names else None,
-            100.0 * value[1] / table.largest_nm if "scale" in names else None,
-            float(np.max(np.abs(value[0] + value[1] * u))),
-            zero_expanded_nm=expanded[0],
-            scale_expanded_percent=100.0 * expanded[1] / table.largest_nm,
+            value["zero"] if "zero" in names else None,
+            100.0 * value["scale"] / table.largest_nm if "scale" in names else None,
+            float(np.max(np.abs(value["zero"] + value["scale"] * u))),
+            zero_expanded_nm=expanded["zero"],
+            scale_expanded_percent=100.0 * expanded["scale"] / table.largest_nm,
         )
 
 

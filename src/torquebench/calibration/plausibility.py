@@ -1,7 +1,7 @@
 """What speaks against a calibration: points that contradict each other, exceeded limits."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal, Self, get_args
 
 import numpy as np
@@ -26,6 +26,9 @@ Percent = Annotated[float, Field(gt=0, le=100)] | None
 ContradictionKind = Literal[
     "zero", "scale", "sign", "stuck", "unknown", "loop", "repeats", "span", "directions", "change"
 ]
+
+FALSE_MOVE = 1e-3
+"""Probability that the zeros of series seem to have moved where they haven't."""
 
 
 class Plausibility(BaseModel):
@@ -134,16 +137,37 @@ class Contradiction:
 
 
 def examine_table(data: CalibrationData) -> Examination:
-    """Return whether the points of a calibration agree with each other, each from its own zero.
+    """Return whether the points of a calibration agree with each other.
 
-    A single wrong zero moves its whole series; so points that agree as they were read do agree.
+    They are compared as they were read: a single wrong zero would move its whole series. Where the
+    points, or their repeats, agree only if each series counts from its own zero, they are compared
+    so, and the parts that don't agree otherwise are doubts.
     """
-    points = tare(data).data
-    examination = examine(points)
-    if not examination.disagreements or np.array_equal(points.reading_nm, data.reading_nm):
-        return examination
-    as_read = examine(data)
-    return examination if as_read.disagreements else as_read
+    as_read, points = examine(data), tare(data).data
+    if np.array_equal(points.reading_nm, data.reading_nm):
+        return as_read
+    moved = _zeros_moved(data, points)
+    if not (moved or as_read.disagreements):
+        return as_read
+    from_zeros = examine(points)
+    if from_zeros.disagreements and not moved:
+        return min(as_read, from_zeros, key=lambda each: len(each.disagreements))
+    doubts = (*as_read.disagreements, *from_zeros.doubts)
+    return replace(from_zeros, doubts=doubts, from_zeros=True)
+
+
+def _zeros_moved(data: CalibrationData, points: CalibrationData) -> bool:
+    """Return whether repeated loads agree better from the zeros of their series, by an F-test."""
+    from scipy import stats  # imported late: profiles don't need it
+
+    loaded = np.flatnonzero(~data.unloaded)
+    as_read, from_zeros = (each.subset(loaded).noise_floor() for each in (data, points))
+    if as_read is None or from_zeros is None or from_zeros.degrees_of_freedom < 1:
+        return False
+    series = np.unique(data.series).size
+    limit = stats.f.isf(FALSE_MOVE, max(series - 1, 1), from_zeros.degrees_of_freedom)
+    ratio = as_read.standard_deviation_nm / max(from_zeros.standard_deviation_nm, 1e-300)
+    return bool(ratio**2 > limit)
 
 
 def find_contradictions(

@@ -246,7 +246,7 @@ def fit_models(
     progress.start(title, SHARES * len(choices))
     fitted: list[FittedModel] = []
     effects = (*effects, *mounting_effect(data))
-    examination = examine_table(data)
+    data, examination = _examined(data)
     kept = _kept(data, examination, "downweight")
     for choice in choices:
         settings = {**choice.parameters, "outliers": "keep"}
@@ -308,6 +308,12 @@ def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel
         return None
 
 
+def _examined(data: CalibrationData) -> tuple[CalibrationData, Examination]:
+    """Return the points to fit, and whether they agree; from their own zeros if only so."""
+    examination = examine_table(data)
+    return (tare(data).data if examination.from_zeros else data), examination
+
+
 def _kept(data: CalibrationData, examination: Examination, outliers: str) -> CalibrationData:
     """Return the points without single wrong rows; all of them where parts contradict each other.
 
@@ -349,9 +355,14 @@ def _remarks(
         for each in examination.wrong_rows:
             row = _wrong_row(data, each.point, each.residual_nm)
             yield Message("outlier, left out: {row}", row)
+    if examination.from_zeros:
+        yield Message(
+            "the zero of each series was subtracted: the points agree only so, and the model takes "
+            "readings that are tared"
+        )
     for part in examination.doubts:
         yield Message(
-            "{found}; one healthy table in a hundred shows the like",
+            "{found}; about one healthy table in ten shows the like: check these rows",
             contradiction_of(data, part, examination).found,
         )
 
@@ -426,7 +437,7 @@ def fit_table(
     InputError
         An unknown model, points that it doesn't take, or an outlier that is to be refused.
     """
-    examination = examine_table(data)
+    data, examination = _examined(data)
     kept = _kept(data, examination, outliers)
     given = {**(parameters or {}), "range_nm": data.range_nm, "outliers": "keep"}
     model = make_model(name, **given)

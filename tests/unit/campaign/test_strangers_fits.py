@@ -123,3 +123,27 @@ def test_wrong_rows_of_random_tables_are_named_by_their_lines(seed: int) -> None
     named = [each.split(":")[1].strip() for each in fit.remarks if each.startswith("outlier")]
     assert f"row {row[wrong]}" in named
     assert len(named) <= 2
+
+
+@pytest.mark.parametrize("seed", range(60))
+def test_zeros_that_differ_between_series_are_subtracted_and_named(seed: int) -> None:
+    """Of a table read without taring, whose zero moves by 1 to 5 % of full scale or not at all."""
+    rng = np.random.default_rng([seed, 2])
+    leg = np.linspace(0.0, 1.0, int(rng.integers(6, 12)))
+    rise = np.concatenate([leg, leg[-2::-1]])
+    cycles = int(rng.integers(2, 4))
+    torque = 500.0 * np.tile(np.concatenate([rise, -rise]), cycles)
+    series = np.repeat(np.arange(2 * cycles), rise.size)
+    moved = seed % 3 > 0
+    steps = rng.choice([-1, 1], 2 * cycles) * rng.uniform(5.0, 25.0, 2 * cycles)
+    zeros = 12.0 + (np.cumsum(steps) if moved else 0.0 * steps)
+    span = 1.0 + 0.01 * rng.normal()
+    reading = span * torque + zeros[series] + 0.05 * rng.normal(size=torque.size)
+    lines = [f"{n + 1};{s:.6g};{r:.6f}" for n, s, r in zip(series, torque, reading, strict=True)]
+    content = "\n".join(["series;standard_nm;reading_nm", *lines]) + "\n"
+    fit = fit_table(parse_calibration(content, "table.csv"), "table.csv", "polynomial-1")
+    assert fit.contradictions == ()
+    assert moved == any("the zero of each series was subtracted" in each for each in fit.remarks)
+    tared = span * np.array([-400.0, 100.0, 450.0]) + (0.0 if moved else 12.0)
+    value, _ = predicted(fit, tared.tolist(), 1)
+    assert value == pytest.approx([-400.0, 100.0, 450.0], abs=0.2)
