@@ -232,6 +232,10 @@ def test_from_calibration_to_certificate(
     detail = olga.get(f"/calibrations/{number}").json()
     assert [each["checked_by"] for each in detail["reviews"]] == ["Max"]
     assert [each["number"] for each in detail["certificates"]] == [certificate]
+    acts = detail["certificates"][0]["summary"]["acts"]
+    stated = {act["role"]: (act["name"], act["signature"]["kind"]) for act in acts}
+    assert stated["checked"] == stated["authorised"] == ("Max", "signed")
+    assert stated["used"] == ("Max", "signed-in")
     name, sha256 = next(iter(detail["certificates"][0]["files"].items()))
     content = olga.get(f"/certificates/{certificate}/{name}").content
     assert content.startswith(b"%PDF")

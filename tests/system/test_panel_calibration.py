@@ -174,6 +174,9 @@ def test_one_measures_and_verifies_and_the_other_signs_and_certifies(
         ".filter((each) => each.scrollWidth > each.clientWidth + 1).length"
     )
     assert ana.driver.execute_script(wide) == 0  # no column is out of sight
+    ana.press("Certificates")
+    for role in ("Checked", "Authorised"):
+        ana.sees(f"{role} by Ana: signed with the password of the account Ana")
     ana.press("Drift")
     ana.wait(lambda: {each["kind"] for each in charts(ana)} == {"time"}, "drift over time")
     ana.size(1440, 900)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from torquebench.bench.acquisition import LATE_S
 from torquebench.bench.drivers.base import DriverSet
 from torquebench.bench.safety import AlarmKind, RaisedAlarm
 from torquebench.bench.safety.signals import SignalJudge
@@ -165,6 +166,20 @@ def test_a_listener_that_waits_for_a_disk_does_not_hold_up_a_stop(bench: LowBenc
     released.set()
     slow.join()
     stop.join()
+
+
+def test_late_samples_are_shown_and_end_with_power_on_what_runs(bench: LowBench) -> None:
+    def late() -> list[str]:
+        return [str(each.alarm.found) for each in bench.supervisor.alarms]
+
+    for late_s, shown in ((0.99 * LATE_S, 0), (1.01 * LATE_S, 1), (9.0, 1), (0.1, 0)):
+        bench.supervisor.check_lateness(late_s, LATE_S)
+        assert len(late()) == shown, late_s
+    assert bench.supervisor.alarm is None, "without power it goes on by itself"
+    bench.load_output(100.0)
+    bench.supervisor.check_lateness(1.01 * LATE_S, LATE_S)
+    assert bench.supervisor.alarm is not None
+    assert bench.supervisor.alarm.kind is AlarmKind.STALL
 
 
 def test_a_heartbeat_that_cannot_be_asked_for_is_missing(bench: LowBench) -> None:
