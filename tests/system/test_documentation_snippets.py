@@ -58,12 +58,17 @@ def _indent(body: str) -> int:
 
 
 def commands(page: str) -> Iterator[list[str]]:
-    """Yield the words of every torquebench command of a page."""
+    """Yield the words of every torquebench command of a page.
+
+    Those of a user's own operations are run by `test_own_operation`: they exist in a process only.
+    """
     for block in blocks(page, "", "sh", "bash", "console"):
         for line in block.replace("\\\n", " ").splitlines():
             line = line.strip().removeprefix("$ ").partition(" > ")[0]
             if line.startswith("torquebench ") and "…" not in line:
-                yield shlex.split(line, comments=True)[1:]
+                words = shlex.split(line, comments=True)[1:]
+                if words[0] != "--operations":
+                    yield words
 
 
 WITH_PYTHON = [page for page in PAGES if blocks(page, "python") and page not in NEED_A_SERVER]
