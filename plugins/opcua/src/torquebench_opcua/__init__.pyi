@@ -1,3 +1,4 @@
+from .endpoint import Endpoint as Endpoint
 from .mapping import (
     LiveValue as LiveValue,
     live_values as live_values,
@@ -8,7 +9,4 @@ from .results import (
     ResultRecord as ResultRecord,
 )
 from .server import OpcUaServer as OpcUaServer
-from .service import (
-    SERVICE as SERVICE,
-    Endpoint as Endpoint,
-)
+from .service import SERVICE as SERVICE

@@ -21,6 +21,7 @@ from torquebench.message import Message
 from torquebench.panel.beside import ServedBench
 from torquebench.panel.service import Actor, AlarmView
 from torquebench_opcua.access import Gate, GuardedServer, SignedIn, Store, caller
+from torquebench_opcua.endpoint import Endpoint
 from torquebench_opcua.files import Transfers
 from torquebench_opcua.mapping import live_values, machine_state, severity
 from torquebench_opcua.nodes import AddressSpace, Methods
@@ -33,7 +34,6 @@ from torquebench_opcua.results import (
     ordered,
     result_file,
 )
-from torquebench_opcua.service import Endpoint
 
 __all__ = ["OpcUaServer"]
 

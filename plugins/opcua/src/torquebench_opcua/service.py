@@ -1,59 +1,14 @@
-"""The option `--opcua` of `torquebench panel`, and the address that it names."""
+"""The option `--opcua` of `torquebench panel`."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from urllib.parse import urlparse
 
-from torquebench.errors import InputError
-from torquebench.message import Message
 from torquebench.panel.beside import PanelService, ServedBench
+from torquebench_opcua.endpoint import Endpoint
 
-__all__ = ["SERVICE", "Endpoint"]
-
-DEFAULT_PORT = 4840
-
-
-@dataclass(frozen=True)
-class Endpoint:
-    """An address such as ``opc.tcp://bench-4:4840``."""
-
-    host: str
-    port: int
-
-    @classmethod
-    def parse(cls, url: str) -> Endpoint:
-        """Return the endpoint of a URL.
-
-        Raises
-        ------
-        InputError
-            When it isn't one.
-
-        Examples
-        --------
-        >>> Endpoint.parse("opc.tcp://127.0.0.1:4840").port
-        4840
-        """
-        try:
-            parts = urlparse(url)
-            port = DEFAULT_PORT if parts.port is None else parts.port
-        except ValueError:
-            parts, port = urlparse(""), -1
-        if parts.scheme != "opc.tcp" or not parts.hostname or parts.path.strip("/"):
-            raise InputError(
-                Message("OPC UA address {url!r}", url),
-                "opc.tcp://HOST:PORT",
-                "as in opc.tcp://127.0.0.1:4840",
-            )
-        return cls(parts.hostname, port)
-
-    def url(self, port: int) -> str:
-        """Return the URL with the port that was taken."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
-        return f"opc.tcp://{host}:{port}"
+__all__ = ["SERVICE"]
 
 
 @contextmanager
