@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any, Literal
 
 import pytest
+from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer, ScalePeer
 from tests.peers.hbm_amplifiers import HbmPeer
 from tests.peers.lines import LinePeer
+from tests.peers.opcua_plc import PlcPeer
 from tests.system.command_line import environment, wait_until
 from tests.system.panel_api import SLOW
 from tests.system.peer_bench import GAIN, RANGE_NM, PeerBench, amplified, peer_bench, stated, toml
@@ -23,7 +25,7 @@ pytestmark = SLOW
 FULL = {"input": 2.0, "output": 1.5}
 COUNTS = 838_861
 """Counts of a converter at 1 mV/V."""
-Amplifier = Literal["hbm", "displays"]
+Amplifier = Literal["hbm", "displays", "plc"]
 
 
 def hbm_amplifiers(bench: PeerBench, values: dict[str, Any], peers: ExitStack) -> LinePeer:
@@ -98,12 +100,35 @@ def displays(bench: PeerBench, values: dict[str, Any], peers: ExitStack) -> Line
     return shown["input_torque"]
 
 
+def plc(bench: PeerBench, values: dict[str, Any], peers: ExitStack) -> Cable:
+    """Modules in V and the standard in N·m as variables of a PLC, behind one cable."""
+    amplified(values, "V", {"input": 10.0, "output": 10.0})
+    variables: dict[str, Any] = {}
+    for side, range_nm in RANGE_NM.items():
+        variables[f"{side}_torque"] = lambda side=side, range_nm=range_nm: (
+            10.0 * bench.module_nm(side) / range_nm
+        )
+        variables[f"{side}_reference"] = lambda side=side: bench.standard_nm(side)
+    server = peers.enter_context(PlcPeer(variables))
+    cable = peers.enter_context(Cable(server.port))
+    values["counter"]["serial"] = "PLC-1"
+    for role, kind in (("counter", "torque"), ("reference", "reference")):
+        values["driver"][role] = {
+            "protocol": "opcua",
+            "address": cable.address,
+            "serial": "PLC-1",
+            "timeout_s": 1.0,
+            "channels": {f"{side}_{kind}": f"ns=2;s={side}_{kind}" for side in RANGE_NM},
+        }
+    return cable
+
+
 @contextmanager
-def calibrating(kind: Amplifier, folder: Path) -> Iterator[tuple[PeerBench, LinePeer, Any]]:
+def calibrating(kind: Amplifier, folder: Path) -> Iterator[tuple[PeerBench, Any, Any]]:
     """Calibrate the input module; yield bench, the module's amplifier and the process."""
     with peer_bench() as (bench, values), ExitStack() as peers:
-        connect = hbm_amplifiers if kind == "hbm" else displays
-        amplifier = connect(bench, values, peers)
+        connects: dict[str, Any] = {"hbm": hbm_amplifiers, "displays": displays, "plc": plc}
+        amplifier = connects[kind](bench, values, peers)
         path = toml(values, folder / "bench.toml")
         command = [sys.executable, "-m", "torquebench", "calibrate", "input", "--bench", str(path)]
         options = [
@@ -129,7 +154,7 @@ def calibrating(kind: Amplifier, folder: Path) -> Iterator[tuple[PeerBench, Line
                 process.kill()
 
 
-@pytest.mark.parametrize("kind", ["hbm", "displays"])
+@pytest.mark.parametrize("kind", ["hbm", "displays", "plc"])
 def test_a_module_is_calibrated_on_its_amplifier(kind: Amplifier, tmp_path: Path) -> None:
     with calibrating(kind, tmp_path) as (_, _, process):
         said, _ = process.communicate(timeout=600.0)
@@ -142,13 +167,13 @@ def test_a_module_is_calibrated_on_its_amplifier(kind: Amplifier, tmp_path: Path
     assert worst["physics . Gaussian process"] < 0.02
 
 
-@pytest.mark.parametrize("kind", ["hbm", "displays"])
+@pytest.mark.parametrize("kind", ["hbm", "displays", "plc"])
 def test_a_cable_that_is_pulled_under_load_ends_it_unloaded(
     kind: Amplifier, tmp_path: Path
 ) -> None:
     with calibrating(kind, tmp_path) as (bench, amplifier, process):
         wait_until(lambda: bench.torque_nm("input") > 20.0, "a load")
-        if kind == "hbm":
+        if kind != "displays":
             amplifier.start("counter", "disconnect", duration_s=600.0)
         else:
             amplifier.pull_out()

@@ -3,12 +3,14 @@
 import math
 import time
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any
 
 import numpy as np
 import pytest
 from tests.peers.displays import DisplayPeer, ScalePeer
 from tests.peers.hbm_amplifiers import PLATES, HbmPeer
+from tests.peers.opcua_plc import PlcPeer
 from tests.system.networked import described
 
 from torquebench.bench.drivers.base import CounterCard, ReferenceReadout
@@ -277,3 +279,51 @@ def test_a_standard_needs_a_channel_for_each_side() -> None:
         bench = described(reference=section | {"channels": channels})
         with pytest.raises(InputError, match="without output_reference"):
             open_role(bench, "reference")
+
+
+# -- a PLC by OPC UA --------------------------------------------------------------------------
+
+
+def by_plc(peer: PlcPeer, *nodes: str) -> CounterCard:
+    channels = dict(zip(("input_torque", "output_torque"), nodes, strict=True))
+    section = {"protocol": "opcua", "address": peer.address, "serial": "PLC-1", "timeout_s": 2.0}
+    opened: CounterCard = open_role(described(counter=section | {"channels": channels}), "counter")
+    return opened
+
+
+def test_a_variable_of_bad_quality_is_missing_and_never_its_last_value() -> None:
+    torque: dict[str, float | None] = {"A": 10.0, "B": -3.5}
+    with PlcPeer({name: lambda name=name: torque[name] for name in torque}) as peer:  # type: ignore[misc]
+        instrument = by_plc(peer, "ns=2;s=A", "ns=2;s=B")
+        try:
+            assert set(signals(instrument, "input_torque")) == {10.0}
+            assert instrument.identity().serial == "PLC-1"
+            torque["A"] = None
+            time.sleep(0.2)
+            assert signals(instrument, "input_torque") == []
+            assert set(signals(instrument, "output_torque")) == {-3.5}
+        finally:
+            instrument.close()
+
+
+@pytest.mark.parametrize(
+    ("node", "message"),
+    [("ns=2;s=X", "no variable ns=2;s=X"), ("i=2261", "i=2261 of counter states '.+'")],
+)
+def test_a_variable_that_is_missing_or_no_number_is_named(node: str, message: str) -> None:
+    with PlcPeer({"A": lambda: 1.0}) as peer, pytest.raises(BenchError, match=message):
+        by_plc(peer, node, "ns=2;s=A")
+
+
+def test_a_plc_that_starts_again_is_read_again() -> None:
+    with ExitStack() as running:
+        with PlcPeer({"A": lambda: 1.0}) as peer:
+            instrument = by_plc(peer, "ns=2;s=A", "ns=2;s=A")
+            running.callback(instrument.close)
+            assert set(signals(instrument, "input_torque")) == {1.0}
+        running.enter_context(PlcPeer({"A": lambda: 2.0}, peer.port))
+        deadline = time.monotonic() + 60.0
+        while not (stated := signals(instrument, "input_torque")):  # windows of its absence
+            assert time.monotonic() < deadline
+        assert set(stated) == {2.0}
+        instrument.close()

@@ -9,8 +9,10 @@ from typing import Any
 
 import numpy as np
 import pytest
+from tests.peers.cable import Cable
 from tests.peers.displays import DisplayPeer
 from tests.peers.hbm_amplifiers import HbmPeer
+from tests.peers.opcua_plc import PlcPeer
 from tests.system.networked import WATCHDOG_S, daqmx, described, hasty, modbus
 
 from torquebench.bench.description import BenchDescription
@@ -87,7 +89,12 @@ class PeerSide:
 def _peers() -> Iterator[dict[str, PeerSide]]:
     """Start an amplifier and a display; both serve all channels."""
     values = {channel: (lambda: (10.0, 0)) for channel in (1, 2, 3, 4)}
-    with HbmPeer("PMX", values, False) as pmx, DisplayPeer(lambda: 10.0, serial=False) as display:
+    with (
+        HbmPeer("PMX", values, False) as pmx,
+        DisplayPeer(lambda: 10.0, serial=False) as display,
+        PlcPeer({"A": lambda: 10.0}) as plc,
+        Cable(plc.port) as cable,
+    ):
         keys = {"protocol": "hbm", "family": "PMX", "address": pmx.address}
         hbm = described(
             counter=keys | {"channels": {"input_torque": 1, "output_torque": 2}},
@@ -115,7 +122,18 @@ def _peers() -> Iterator[dict[str, PeerSide]]:
                 "counter": shown.counter.model_copy(update={"serial": hbm.serials["input.encoder"]})
             }
         )
-        yield {"hbm": PeerSide(hbm, pmx), "display": PeerSide(shown, display)}
+        keys = {"protocol": "opcua", "address": f"opc.tcp://127.0.0.1:{cable.port}"}
+        channels = dict.fromkeys(("input_torque", "output_torque"), "ns=2;s=A")
+        named = shown.counter.serial
+        by_plc = described(
+            counter=keys | {"channels": channels, "serial": named},
+            temperature=keys | {"probes": dict.fromkeys(shown.temperatures, "ns=2;s=A")},
+        ).model_copy(update={"counter": shown.counter})
+        yield {
+            "hbm": PeerSide(hbm, pmx),
+            "display": PeerSide(shown, display),
+            "opcua": PeerSide(by_plc, cable),
+        }
 
 
 CASES = [
@@ -171,6 +189,15 @@ CASES = [
         lambda s: s.time_s.shape == s["signal"].shape,
     ),
     Case("display-counter", "display", "counter", _read_block, _has_values, lossy=True),
+    Case("opcua-counter", "opcua", "counter", _read_block, _has_values, lossy=True),
+    Case(
+        "opcua-temperature",
+        "opcua",
+        "temperature",
+        lambda i: i.temperatures(),
+        lambda t: set(t.values()) == {10.0},
+        quiet=True,
+    ),
 ]
 
 
@@ -270,7 +297,8 @@ def _elsewhere(description: BenchDescription, key: str) -> BenchDescription:
     if "bus" in section:
         section["bus"] = section["bus"] | {"port": 9}
     elif "address" in section:
-        section["address"] = "127.0.0.1:9"
+        scheme = "opc.tcp://" if section["protocol"] == "opcua" else ""
+        section["address"] = f"{scheme}127.0.0.1:9"
     else:
         section["channels"] = dict.fromkeys(section["channels"], "127.0.0.1:9")
     driver = dict(description.driver) | {key: section}

@@ -13,8 +13,8 @@ from pydantic import Field
 
 from torquebench.bench.drivers.base import Block, Identity
 from torquebench.bench.drivers.counters import DescribedCounter
-from torquebench.bench.drivers.lines import LineOptions
-from torquebench.bench.drivers.plugins import InstrumentRequest
+from torquebench.bench.drivers.links import TimeOut
+from torquebench.bench.drivers.plugins import InstrumentRequest, Options
 from torquebench.bench.drivers.sample_clock import SampleClock
 from torquebench.bench.roles import SIDES, Side, reference_channel
 from torquebench.errors import BenchError, InputError
@@ -37,12 +37,13 @@ TRIALS = 5
 """Number of questions by which the time of an answer is learned."""
 
 
-class AmplifierOptions(LineOptions):
+class AmplifierOptions(Options):
     """Keys of every amplifier: its channels, and how often it is asked as a standard."""
 
     channels: Mapping[ChannelName, Any] = Field(min_length=1)
     period_s: Annotated[float, Field(ge=0.005, le=1.0, description="s")] = 0.05
     serial: str = ""
+    timeout_s: TimeOut | None = None
 
 
 class Amplifier(Protocol):

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from torquebench.bench.drivers.amplifiers import AmplifierOptions, ChannelName, answer_s, opened
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.drivers.lines import LineConnection, LineLink
+from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
 from torquebench.bench.drivers.links import WireError
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.errors import BenchError
@@ -37,7 +37,7 @@ FAULTY = {"DMP41": 0xE0, "MGCplus": 0xFF, "PMX": 0xFF}
 Channel = Annotated[int, Field(ge=1, le=24)]
 
 
-class HbmOptions(AmplifierOptions):
+class HbmOptions(LineOptions, AmplifierOptions):
     """An amplifier; `setup`, `read` and `faulty` replace the commands of its family.
 
     `serial` counts for a device that can't state its own.

@@ -45,6 +45,7 @@ _BUILT_IN = {
     "canopen": "torquebench.bench.drivers.cia402",
     "nidaqmx": "torquebench.bench.drivers.daqmx",
     "opendaq": "torquebench.bench.drivers.open_daq",
+    "opcua": "torquebench.bench.drivers.opcua",
     "hbm": "torquebench.bench.drivers.hbm",
     "serial": "torquebench.bench.drivers.serial_readout",
 }

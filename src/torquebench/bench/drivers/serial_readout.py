@@ -12,7 +12,7 @@ from pydantic import AfterValidator, Field
 
 from torquebench.bench.drivers.amplifiers import AmplifierOptions, ChannelName, answer_s, opened
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.drivers.lines import LineConnection, LineLink
+from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
 from torquebench.bench.drivers.links import WireError
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.message import Message
@@ -30,7 +30,7 @@ def _pattern(text: str) -> str:
     return text
 
 
-class DisplayOptions(AmplifierOptions):
+class DisplayOptions(LineOptions, AmplifierOptions):
     """Displays by the channel that each serves; all are alike.
 
     `request` is what each is asked with; without it they send by themselves. `pattern` finds the
