@@ -99,7 +99,8 @@ def connect(socket: Path, database: str = "postgres") -> pg8000.native.Connectio
 def create_database(socket: Path, name: str) -> str:
     """Create an empty database and return its URL."""
     connection = connect(socket)
-    connection.run(f'CREATE DATABASE "{name}"')
+    # five times as fast as by the log, which a server without fsync doesn't need
+    connection.run(f'CREATE DATABASE "{name}" STRATEGY file_copy')
     connection.close()
     return f"postgresql://{USER}@/{name}?unix_sock={socket}"
 
