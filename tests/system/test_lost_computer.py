@@ -125,9 +125,9 @@ def test_a_panel_that_was_stopped_catches_up_and_turns_a_reducer(tmp_path: Path)
         wait_until(lambda: not late(True), "the end of the warning")
         seconds = max(float(re.findall(r"([\d.]+) s old", each)[0]) for each in late(False))
         assert seconds > 1.0
-        asked = {"test": "transmission-error", "reducer": "standard", "serial": "S", "quick": True}
+        asked = {"test": "transmission-error", "reducer": "standard", "serial": "S", "short": True}
         for _ in range(TRIES):  # a busy computer may stand again, which is another alarm
-            started = admin.post("/start/reducer-test", json=asked)
+            started = admin.post("/operations/test", json=asked)
             assert started.status_code == 202, started.text
             number = started.json()["job_id"]
 
