@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import asyncio
 from collections.abc import Callable, Coroutine, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from inspect import iscoroutine
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
-from nicegui import context, ui
+from nicegui import context, run, ui
 from nicegui.elements.mixins.text_element import TextElement
 
 __all__ = [
@@ -17,6 +18,7 @@ __all__ = [
     "empty",
     "headings",
     "icon",
+    "in_thread",
     "moment",
     "note",
     "on_press",
@@ -30,6 +32,9 @@ __all__ = [
     "to_the_top",
     "words",
 ]
+
+Arguments = ParamSpec("Arguments")
+Value = TypeVar("Value")
 
 NOTE_ICONS = {"good": "check_circle", "warn": "warning", "bad": "error", "": "info"}
 
@@ -54,6 +59,16 @@ def _dress(element: Any, classes: str, attributes: Mapping[str, Any]) -> Any:
 def box(tag: str = "div", classes: str = "", **attributes: Any) -> Any:
     """Make a container element; `aria_label` becomes `aria-label` and so on."""
     return _dress(ui.element(tag), classes, attributes)
+
+
+async def in_thread(
+    function: Callable[Arguments, Value], *arguments: Arguments.args, **options: Arguments.kwargs
+) -> Value:
+    """Call a function on another thread; where the panel ends meanwhile, the caller's task ends."""
+    done: tuple[Value] | None = await run.io_bound(lambda: (function(*arguments, **options),))
+    if done is None:  # the library's value when it shuts down
+        raise asyncio.CancelledError
+    return done[0]
 
 
 @contextmanager

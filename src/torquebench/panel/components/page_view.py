@@ -6,10 +6,19 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
-from nicegui import background_tasks, run, ui
+from nicegui import background_tasks, ui
 
 from torquebench.panel.components.charts import COLOURS, Chart, Line, limit_lines
-from torquebench.panel.components.elements import box, note, pairs, panel, refilled, table, words
+from torquebench.panel.components.elements import (
+    box,
+    in_thread,
+    note,
+    pairs,
+    panel,
+    refilled,
+    table,
+    words,
+)
 from torquebench.panel.text import Text
 from torquebench.reports.curve_figures import Panel
 from torquebench.reports.page import Block, Diagram, Drawings, Facts, Figure, Page, Section, Table
@@ -131,7 +140,7 @@ def _drawings(text: Text, drawings: Drawings) -> None:
         words("p", text.core("Drawing the figures"), "muted")
 
     async def show() -> None:
-        drawn = await run.io_bound(lambda: [Figure(*each) for each in drawings.draw()])
+        drawn = await in_thread(lambda: [Figure(*each) for each in drawings.draw()])
         if place.is_deleted:
             return
         place.props["aria-busy"] = "false"

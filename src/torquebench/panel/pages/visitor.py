@@ -7,13 +7,12 @@ from dataclasses import dataclass, field
 from http.cookies import CookieError, SimpleCookie
 from typing import Any, TypeVar
 
-from nicegui import run
 from starlette.datastructures import Headers
 from starlette.requests import Request
 from starlette.types import Scope
 
 from torquebench.errors import RecordError, TorquebenchError
-from torquebench.panel.components.elements import note
+from torquebench.panel.components.elements import in_thread, note
 from torquebench.panel.components.messages import Messages
 from torquebench.panel.service import Actor, BenchService, NotSignedInError, Role, allows
 from torquebench.panel.text import Text, choose_language
@@ -130,7 +129,7 @@ class Visitor:
     async def attempt_aside(self, action: Callable[[], Value]) -> Value | None:
         """Run an action beside the event loop; show the refusal; return its value."""
         try:
-            value: Value = await run.io_bound(action)
+            value = await in_thread(action)
         except TorquebenchError as error:
             self.messages.problem(error)
         except OSError as error:

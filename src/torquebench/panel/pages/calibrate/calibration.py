@@ -13,7 +13,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any, Literal, get_args
 
-from nicegui import background_tasks, run, ui
+from nicegui import background_tasks, ui
 
 from torquebench.errors import TorquebenchError
 from torquebench.operations import find_operation
@@ -30,6 +30,7 @@ from torquebench.panel.components.controls import Choice, Field, button, toleran
 from torquebench.panel.components.elements import (
     box,
     empty,
+    in_thread,
     moment,
     note,
     pairs,
@@ -475,7 +476,7 @@ def _preview_button(page: _CalibrationPage, asked: Any) -> None:
         if options is None:
             return
         try:
-            pages = await run.io_bound(service.certificate_preview, page.number, **options)
+            pages = await in_thread(service.certificate_preview, page.number, **options)
         except TorquebenchError as error:
             with place:
                 problem_note(text, error)

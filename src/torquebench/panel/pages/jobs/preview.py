@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from nicegui import background_tasks, run
+from nicegui import background_tasks
 
 from torquebench.errors import TorquebenchError
 from torquebench.operations import Preview as Plan
 from torquebench.panel.components.charts import Chart, Line
-from torquebench.panel.components.elements import box, note, refilled, words
+from torquebench.panel.components.elements import box, in_thread, note, refilled, words
 from torquebench.panel.components.page_view import show_blocks
 from torquebench.panel.pages.jobs.panel import problem_note
 from torquebench.panel.pages.visitor import Visitor
@@ -47,7 +47,7 @@ class Preview:
     async def _rehearsed(self, asked: int, request: Mapping[str, Any]) -> None:
         text, problem = self._visitor.text, None
         try:
-            preview = await run.io_bound(self._visitor.service.jobs.preview, self._kind, request)
+            preview = await in_thread(self._visitor.service.jobs.preview, self._kind, request)
         except TorquebenchError as error:
             preview, problem = None, error
         if asked != self._asked or self.place.is_deleted:

@@ -7,7 +7,7 @@ from datetime import datetime
 from functools import partial
 from typing import Any
 
-from nicegui import background_tasks, run, ui
+from nicegui import background_tasks, ui
 
 from torquebench.campaign.reducers.catalogue import TESTS
 from torquebench.errors import TorquebenchError
@@ -16,6 +16,7 @@ from torquebench.panel.components.charts import COLOURS, Chart, Line
 from torquebench.panel.components.controls import Field, button
 from torquebench.panel.components.elements import (
     box,
+    in_thread,
     note,
     pairs,
     panel,
@@ -168,7 +169,7 @@ class RunPanel:
 
         async def draw(name: str) -> None:
             self._column = name
-            rows = await run.io_bound(trend, self._run_id, [name], POINTS)
+            rows = await in_thread(trend, self._run_id, [name], POINTS)
             if place.is_deleted or self._column != name:
                 return  # closed, or another one was chosen in the meantime
             with refilled(place):

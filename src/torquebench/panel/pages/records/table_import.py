@@ -9,14 +9,13 @@ from collections.abc import Callable
 from datetime import UTC, datetime
 from typing import Any
 
-from nicegui import run
-
 from torquebench.errors import TorquebenchError
 from torquebench.panel.components.charts import Line, error_chart
 from torquebench.panel.components.controls import Field, button, file_entry, typed_number
 from torquebench.panel.components.elements import (
     box,
     headings,
+    in_thread,
     note,
     pairs,
     panel,
@@ -188,7 +187,7 @@ class TableEntry:
         self._rest.set_visibility(False)
         try:
             raw = b" " * (LONGEST_TABLE + 1) if content is None else base64.b64decode(content)
-            self._content = await run.io_bound(read_table, raw, self._called)
+            self._content = await in_thread(read_table, raw, self._called)
             way = self._fields["reference_uncertainty_of"]
             if states_reference(self._content) or way.value == "table":
                 way.set("table" if states_reference(self._content) else "torque")
@@ -234,7 +233,7 @@ class TableEntry:
             return
         self._found.clear()
         try:
-            view = await run.io_bound(self._visitor.service.tables.preview, asked)
+            view = await in_thread(self._visitor.service.tables.preview, asked)
         except TorquebenchError as error:
             with self._found:
                 problem_note(self._text, error)
