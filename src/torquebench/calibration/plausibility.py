@@ -158,14 +158,14 @@ def examine_table(data: CalibrationData) -> Examination:
 
 def _zeros_moved(data: CalibrationData, points: CalibrationData) -> bool:
     """Return whether repeated loads agree better from the zeros of their series, by an F-test."""
-    from scipy import stats  # imported late: profiles don't need it
+    from scipy.special import fdtri  # imported late: profiles don't need it
 
     loaded = np.flatnonzero(~data.unloaded)
     as_read, from_zeros = (each.subset(loaded).noise_floor() for each in (data, points))
     if as_read is None or from_zeros is None or from_zeros.degrees_of_freedom < 1:
         return False
     series = np.unique(data.series).size
-    limit = stats.f.isf(FALSE_MOVE, max(series - 1, 1), from_zeros.degrees_of_freedom)
+    limit = fdtri(max(series - 1, 1), from_zeros.degrees_of_freedom, 1.0 - FALSE_MOVE)
     ratio = as_read.standard_deviation_nm / max(from_zeros.standard_deviation_nm, 1e-300)
     return bool(ratio**2 > limit)
 

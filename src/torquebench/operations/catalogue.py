@@ -99,8 +99,6 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
     InputError
         A file is missing, fails, or has no operation.
     """
-    from torquebench.operations.operation import Operation
-
     for path in filter(None, os.environ.get(OWN_FILES, "").split(os.pathsep)):
         if not Path(path).is_file():
             raise InputError(
@@ -125,6 +123,8 @@ def _of_files() -> Iterator[tuple[str, Operation]]:
                 ),
                 "a Python file that can be imported",
             ) from error
+        from torquebench.operations.operation import Operation
+
         own = [value for value in vars(module).values() if isinstance(value, Operation)]
         own = [operation for operation in own if operation.request.__module__ == name]
         if not own:

@@ -104,10 +104,10 @@ class AmplifierCounter(DescribedCounter):
         for _ in range(TRIALS):
             amplifier.values()
             asked.append(time.monotonic())
-        usual_s = float(np.median(np.diff(asked)))
-        if usual_s > 0.8 * self._window_s:
+        least_s = float(np.min(np.diff(asked)))  # others are longer where this computer is busy
+        if least_s > 0.8 * self._window_s:
             raise InputError(
-                Message("{section}: an answer takes {usual_s:.3g} s", request.section, usual_s),
+                Message("{section}: an answer takes {least_s:.3g} s", request.section, least_s),
                 Message("clearly less than counter.window_s = {window_s:g} s", self._window_s),
                 "lengthen the window or quicken the connection (baud rate)",
             )

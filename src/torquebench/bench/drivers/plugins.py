@@ -113,7 +113,7 @@ def protocols() -> dict[str, Callable[[], DriverPlugin]]:
     Examples
     --------
     >>> sorted(protocols())[:3]
-    ['canopen', 'modbus', 'nidaqmx']
+    ['canopen', 'hbm', 'modbus']
     """
     found: dict[str, Callable[[], DriverPlugin]] = {}
     for point in entry_points(DRIVERS):
