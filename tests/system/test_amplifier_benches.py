@@ -154,7 +154,11 @@ def calibrating(kind: Amplifier, folder: Path) -> Iterator[tuple[PeerBench, Any,
                 process.kill()
 
 
-@pytest.mark.parametrize("kind", ["hbm", "displays", "plc"])
+KINDS = ["hbm", *(pytest.param(kind, marks=pytest.mark.nightly) for kind in ("displays", "plc"))]
+"""A minute of real time each; `test_driver_contract` tests what differs between them."""
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_module_is_calibrated_on_its_amplifier(kind: Amplifier, tmp_path: Path) -> None:
     with calibrating(kind, tmp_path) as (_, _, process):
         said, _ = process.communicate(timeout=600.0)
@@ -167,7 +171,7 @@ def test_a_module_is_calibrated_on_its_amplifier(kind: Amplifier, tmp_path: Path
     assert worst["physics . Gaussian process"] < 0.02
 
 
-@pytest.mark.parametrize("kind", ["hbm", "displays", "plc"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_cable_that_is_pulled_under_load_ends_it_unloaded(
     kind: Amplifier, tmp_path: Path
 ) -> None:
