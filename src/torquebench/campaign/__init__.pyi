@@ -28,6 +28,7 @@ from .fitting import (
     fit_models as fit_models,
     model_in_use as model_in_use,
     model_title as model_title,
+    remarks_on as remarks_on,
     store_model as store_model,
 )
 from .measuring import (

@@ -64,6 +64,7 @@ __all__ = [
     "fit_table",
     "model_in_use",
     "model_title",
+    "remarks_on",
     "store_model",
     "table_metrics",
 ]
@@ -345,6 +346,12 @@ def _wrong_row(data: CalibrationData, point: int, residual_nm: float) -> Message
         data.standard_nm[point],
         residual_nm,
     )
+
+
+def remarks_on(data: CalibrationData) -> tuple[str, ...]:
+    """Return what `fit_models` remarks on a calibration's points, whichever model is fitted."""
+    data, examination = _examined(data)
+    return tuple(_remarks(data, _kept(data, examination, "downweight"), examination))
 
 
 def _remarks(

@@ -125,8 +125,9 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
         As of `calibration_points`; a model's file is missing or was changed.
     """
     entry, (measured, profile) = calibration_points(registry, number)
+    remarks = campaign.remarks_on(measured.result.data)
     fitted = [
-        (model.model_id, _fitted(chain.load_chain(model.check_file()), model))
+        (model.model_id, _fitted(chain.load_chain(model.check_file()), model, remarks))
         for model in reversed(registry.models(entry.transducer_serial, calibration_id=number))
     ]
     active = registry.active_model(entry.transducer_serial, entry.counter_identity)
@@ -135,7 +136,9 @@ def stored_module(registry: records.Registry, number: int) -> CalibratedModule:
     return described_module(entry, data, profile, fitted, in_use, measured.record.metadata)
 
 
-def _fitted(stored: chain.MeasuringChain, entry: records.ModelEntry) -> campaign.FittedModel:
+def _fitted(
+    stored: chain.MeasuringChain, entry: records.ModelEntry, remarks: tuple[str, ...]
+) -> campaign.FittedModel:
     """Return a stored model as it was fitted, with those parameters that aren't its defaults."""
     model = stored.model
     name = model.name
@@ -150,7 +153,7 @@ def _fitted(stored: chain.MeasuringChain, entry: records.ModelEntry) -> campaign
         title=campaign.model_title(model.kind, model.kind_parameters),
         model=model,
         seconds=0.0,
-        remarks=(),
+        remarks=remarks,
         effects=stored.stored,
         contradictions=entry.contradictions,
         choice=campaign.ModelChoice(name, parameters),

@@ -11,6 +11,7 @@ from torquebench.campaign.fitting import (
     fit_models,
     fit_table,
     model_title,
+    remarks_on,
 )
 from torquebench.compensation import CANDIDATES, MODELS, RECOMMENDED, make_model
 from torquebench.errors import InputError
@@ -45,6 +46,7 @@ def test_an_outlier_is_a_remark_and_no_warning_on_the_terminal() -> None:
     (fitted,) = fit_models(chain(outlying=True), [ModelChoice("polynomial-2")])
     assert len(fitted.remarks) == 1
     assert "row 31:" in fitted.remarks[0]
+    assert remarks_on(chain(outlying=True)) == fitted.remarks
 
 
 @pytest.mark.parametrize("kind", sorted(MODELS))

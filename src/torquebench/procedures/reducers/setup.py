@@ -333,7 +333,8 @@ def turn_output(
     after = yield from _angles(devices)
     if before is not None and after is not None:
         ended = context.commands.input.turned.until(context.clock.now())
-        slack_rad = 0.2 + speed * context.description.counter.block_s
+        # a start counts from up to a block later, which makes a short ramp lower, too
+        slack_rad = 0.2 + 2.0 * speed * context.description.counter.block_s
         slack_rad += ended.uncertain_rad - began.uncertain_rad
         turned = after - before
         commanded_rad = ended.angle_rad - began.angle_rad
