@@ -3,22 +3,23 @@
 import contextlib
 import socket
 import threading
-import time
 from types import TracebackType
 from typing import Self
 
+from tests.peers.faults import Faults
 
-class Cable:
+
+class Cable(Faults):
     """Passes on what is sent to `address`; it misbehaves in the device's direction of sending."""
 
     def __init__(self, port: int) -> None:
+        super().__init__()
         self._port = port
         self._listener = socket.create_server(("127.0.0.1", 0))
         self.port = self._listener.getsockname()[1]
         self.address = f"opc.tcp://127.0.0.1:{self.port}"
         self._ends: list[socket.socket] = []
         self._threads: list[threading.Thread] = []
-        self._faults: dict[str, tuple[float, int | None, float]] = {}
 
     def __enter__(self) -> Self:
         self._accepting = threading.Thread(target=self._accept, daemon=True)
@@ -34,9 +35,10 @@ class Cable:
         self._listener.shutdown(socket.SHUT_RDWR)
         self._accepting.join()
         self._listener.close()
-        self._disconnect()
+        self.disconnect()
 
-    def _disconnect(self) -> None:
+    def disconnect(self) -> None:
+        """Close every connection."""
         for end in self._ends:
             with contextlib.suppress(OSError):
                 end.shutdown(socket.SHUT_RDWR)
@@ -46,39 +48,15 @@ class Cable:
             end.close()
         self._ends, self._threads = [], []
 
-    def start(
-        self,
-        _endpoint: str,
-        kind: str,
-        *,
-        amount: float = 0.0,
-        replies: int | None = None,
-        duration_s: float | None = None,
-    ) -> None:
-        """Delay, drop, cut or garble what comes next, or disconnect."""
-        until = float("inf") if duration_s is None else time.monotonic() + duration_s
-        if kind != "disconnect" or duration_s is not None:
-            self._faults[kind] = amount, replies, until
-        if kind == "disconnect":
-            self._disconnect()
-
-    def heal(self) -> None:
-        """Pass everything on again."""
-        self._faults.clear()
-
-    def _fault(self, kind: str) -> float | None:
-        amount, replies, until = self._faults.get(kind, (0.0, 0, 0.0))
-        if replies == 0 or time.monotonic() > until:
-            return None
-        if replies is not None:
-            self._faults[kind] = amount, replies - 1, until
-        return amount
+    def garbled(self, data: bytes) -> bytes:
+        """Return data that nobody understands."""
+        return bytes(byte ^ 0x5A if k % 3 else byte for k, byte in enumerate(data))
 
     def _accept(self) -> None:
         with contextlib.suppress(OSError):
             while True:
                 client, _ = self._listener.accept()
-                if self._fault("disconnect") is not None:
+                if self.fault("disconnect") is not None:
                     client.close()
                     continue
                 device = socket.create_connection(("127.0.0.1", self._port))
@@ -94,15 +72,7 @@ class Cable:
         with contextlib.suppress(OSError):
             while data := source.recv(65536):
                 if spoils:
-                    late_s = self._fault("delay")
-                    if late_s is not None:
-                        time.sleep(late_s)
-                    if self._fault("drop") is not None:
-                        continue
-                    if self._fault("cut") is not None:
-                        data = data[: len(data) // 2]
-                    if self._fault("garble") is not None:
-                        data = bytes(byte ^ 0x5A if k % 3 else byte for k, byte in enumerate(data))
+                    data = self.spoiled(data)
                 target.sendall(data)
         with contextlib.suppress(OSError):
             target.shutdown(socket.SHUT_RDWR)

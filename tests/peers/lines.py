@@ -7,14 +7,15 @@ import re
 import select
 import socket
 import threading
-import time
 import tty
 from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
+from tests.peers.faults import Faults
 
-class LinePeer:
+
+class LinePeer(Faults):
     """Lines on a port, a thread a client; the device is one, whoever asks.
 
     With `serial` it has a serial line instead, and `address` is the name of its terminal.
@@ -26,11 +27,11 @@ class LinePeer:
     """What it ends its answers with."""
 
     def __init__(self, *, serial: bool = False) -> None:
+        super().__init__()
         self.lines: list[str] = []
         self._lock = threading.Lock()
         self._ended = threading.Event()
         self._clients: list[tuple[threading.Thread, Callable[[], None]]] = []
-        self._faults: dict[str, tuple[float, int | None, float]] = {}
         self._line: tuple[int, int] | None = None
         self.write: Callable[[bytes], None] = lambda _: None
         """Writes on the line of the last client."""
@@ -85,48 +86,9 @@ class LinePeer:
                 shut()
             thread.join()
 
-    # -- misbehaviour -----------------------------------------------------------------------
-
-    def start(
-        self,
-        _endpoint: str,
-        kind: str,
-        *,
-        amount: float = 0.0,
-        replies: int | None = None,
-        duration_s: float | None = None,
-    ) -> None:
-        """Answer late, in part, garbled or not at all, or close the connections."""
-        until = float("inf") if duration_s is None else time.monotonic() + duration_s
-        if kind == "disconnect":
-            self.disconnect()
-            if duration_s is None:
-                return
-        self._faults[kind] = amount, replies, until
-
-    def heal(self) -> None:
-        """Behave again."""
-        self._faults.clear()
-
-    def _fault(self, kind: str) -> float | None:
-        amount, replies, until = self._faults.get(kind, (0.0, 0, 0.0))
-        if replies == 0 or time.monotonic() > until:
-            return None
-        if replies is not None:
-            self._faults[kind] = amount, replies - 1, until
-        return amount
-
-    def _outgoing(self, data: bytes) -> bytes:
-        late_s = self._fault("delay")
-        if late_s is not None:
-            time.sleep(late_s)
-        if self._fault("drop") is not None:
-            return b""
-        if self._fault("cut") is not None:
-            return data[: len(data) // 2]
-        if self._fault("garble") is not None:
-            return bytes(0xFF - byte if k % 3 else byte for k, byte in enumerate(data[:-2])) + b"\n"
-        return data
+    def garbled(self, data: bytes) -> bytes:
+        """Return a line that nobody understands."""
+        return bytes(0xFF - byte if k % 3 else byte for k, byte in enumerate(data[:-2])) + b"\n"
 
     # -- serving ----------------------------------------------------------------------------
 
@@ -135,7 +97,7 @@ class LinePeer:
         with contextlib.suppress(OSError):
             while True:
                 client, _ = self._listener.accept()
-                if self._fault("disconnect") is not None:
+                if self.fault("disconnect") is not None:
                     client.close()
                     continue
                 self._attend(
@@ -173,7 +135,7 @@ class LinePeer:
             self.write = write
             answer = self.answer(text)
             if answer is not None:
-                write(self._outgoing(answer.encode("ascii") + self.ending))
+                write(self.spoiled(answer.encode("ascii") + self.ending))
 
     def received(self, data: bytes) -> bytes:
         """Return what counts of the bytes that arrived."""

@@ -22,6 +22,7 @@ from torquebench.cli.output_options import (
 )
 from torquebench.cli.terminal.console import warn
 from torquebench.errors import TorquebenchError
+from torquebench.operations.catalogue import OPERATIONS, OWN_FILES, summary_of
 from torquebench.plugins import COMMANDS as ADDED
 from torquebench.plugins import SERVICES, entry_points, load
 
@@ -62,8 +63,6 @@ class _Commands(TyperGroup):
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ARG002 - as the library calls it
         """Return the names of all commands."""
-        from torquebench.operations import OPERATIONS
-
         own = (name.partition(" ")[0] for name in OPERATIONS)
         return list(dict.fromkeys([*COMMANDS, *own, *_added()]))
 
@@ -93,8 +92,6 @@ def _command(name: str, *, listed: bool = False) -> Any:
 
     For lists operations aren't imported, as far as their summaries are known without.
     """
-    from torquebench.operations.catalogue import OPERATIONS, summary_of
-
     if listed and COMMANDS.get(name) == "":
         return TyperCommand(name, help=summary_of(name))
     app = typer.Typer(name=name, add_completion=False, rich_markup_mode=HELP_MARKUP)
@@ -171,8 +168,6 @@ def _print_version(wanted: bool) -> None:
 
 def _add_operations(paths: str | None) -> str | None:
     """Let the catalogue of operations know the files of the option."""
-    from torquebench.operations.catalogue import OWN_FILES
-
     if paths:
         os.environ[OWN_FILES] = paths
     return paths
@@ -208,7 +203,7 @@ def options(
         str | None,
         typer.Option(
             metavar="FILE",
-            envvar="TORQUEBENCH_OPERATIONS",
+            envvar=OWN_FILES,
             help="Python file with operations of one's own; several as in PATH.",
             callback=_add_operations,
             is_eager=True,

@@ -14,7 +14,7 @@ from pydantic import Field
 
 from torquebench.bench.drivers.amplifiers import AmplifierOptions, ChannelName, answer_s, opened
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions
+from torquebench.bench.drivers.lines import LineConnection, LineLink, LineOptions, SerialRate
 from torquebench.bench.drivers.links import WireError
 from torquebench.bench.drivers.plugins import DriverPlugin, InstrumentRequest
 from torquebench.errors import BenchError
@@ -49,7 +49,7 @@ class HbmOptions(LineOptions, AmplifierOptions):
     setup: tuple[str, ...] | None = None
     read: Annotated[str, Field(min_length=1)] | None = None
     faulty: Annotated[int, Field(ge=0, le=0xFFFF)] | None = None
-    baud_rate: Annotated[int, Field(ge=300, le=4_000_000, description="baud")] = 38400
+    baud_rate: SerialRate = 38400
 
 
 class HbmAmplifier(LineLink):

@@ -8,11 +8,11 @@ from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field
 
-from torquebench.bench.drivers.links import Link, TimeOut, WireError, split_address
+from torquebench.bench.drivers.links import Link, WireError, split_address
 from torquebench.bench.drivers.plugins import Options, require_library
 from torquebench.message import Message
 
-__all__ = ["LineConnection", "LineLink", "LineOptions", "SerialLines", "SocketLines"]
+__all__ = ["LineConnection", "LineLink", "LineOptions", "SerialLines", "SerialRate", "SocketLines"]
 
 LONGEST_ANSWER = 16_000_000
 SerialRate = Annotated[int, Field(ge=300, le=4_000_000, description="baud")]
@@ -24,7 +24,6 @@ class LineOptions(Options):
     address: Annotated[
         str, Field(min_length=3, max_length=200, description="host:port or a serial port")
     ]
-    timeout_s: TimeOut | None = None
     baud_rate: SerialRate = 9600
     data_bits: Literal[7, 8] = 8
     parity: Literal["none", "even", "odd"] = "none"
