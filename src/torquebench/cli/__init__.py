@@ -34,7 +34,7 @@ COMMANDS: Mapping[str, str] = {
     "resume": "",
     "zero": "",
     "check": "",
-    "certificate": "certificate:certificate",
+    "certificate": "",
     "fit": "models.commands:fit",
     "apply": "models.commands:apply",
     "verify": "models.commands:verify",
@@ -56,6 +56,8 @@ COMMANDS: Mapping[str, str] = {
     "evaluate": "evaluate.commands:app",
 }
 """Where each command or group is, by name, in the order of the help; empty for an operation."""
+WRAPPED: Mapping[str, str] = {"certificate": "certificate:with_check"}
+"""What adds an option of the command line to the command of an operation."""
 
 
 class _Commands(TyperGroup):
@@ -109,7 +111,9 @@ def _command(name: str, *, listed: bool = False) -> Any:
         from torquebench.cli.operations import operation_command
 
         for each in below:
-            app.command(each.rpartition(" ")[2])(operation_command(OPERATIONS[each]))
+            command = operation_command(OPERATIONS[each])
+            command = _attribute(WRAPPED[each])(command) if each in WRAPPED else command
+            app.command(each.rpartition(" ")[2])(command)
     return typer.main.get_command(app) if found is not None or below else None
 
 
@@ -119,10 +123,14 @@ def _found(name: str) -> Any:
         from torquebench.cli.panel import panel_command
 
         return panel_command([*_installed(SERVICES).values()])
-    if module := COMMANDS.get(name):
-        module, _, attribute = module.partition(":")
-        return getattr(import_module(f"torquebench.cli.{module}"), attribute)
+    if COMMANDS.get(name):
+        return _attribute(COMMANDS[name])
     return None if name in COMMANDS else _installed(ADDED, name).get(name)
+
+
+def _attribute(place: str) -> Any:
+    module, _, attribute = place.partition(":")
+    return getattr(import_module(f"torquebench.cli.{module}"), attribute)
 
 
 def _installed(group: str, name: str = "") -> dict[str, Any]:

@@ -127,18 +127,6 @@ DEMO = Record(
     "simulated bench_seconds",
     {"modules": [DEMO_MODULE], **_FILES},
 )
-CERTIFICATE = Record(
-    "A certificate that was issued.",
-    "torquebench.reports.certificate:CertificateRecord",
-    "number simulated verdict=conformity.verdict "
-    "tolerance_percent_fs=conformity.tolerance_percent_fs unreviewed acts deviations supersedes",
-    _FILES,
-)
-CERTIFICATE_CHECKED = Record(
-    "A certificate that was checked.",
-    "torquebench.reports.certificate:CertificateCheck",
-    "number matches findings unsigned acts schema replaced_by foreign",
-)
 FITTED = Record(
     "A model that was fitted to a table; `comparison` with `--compare`.",
     "torquebench.campaign.results:FitResult",
@@ -367,7 +355,6 @@ EVALUATED_REDUCER = Record(
 )
 ANSWERS: dict[str, tuple[Record, ...]] = {
     "demo": (DEMO,),
-    "certificate": (CERTIFICATE, CERTIFICATE_CHECKED),
     "fit": (FITTED,),
     "apply": (APPLIED,),
     "verify": (VERIFIED,),

@@ -19,6 +19,8 @@ from torquebench.cli.options import (
     RealTimeOption,
     YesOption,
     bench_description,
+    check_output,
+    check_output_folder,
     data_directory,
     named_values,
 )
@@ -35,7 +37,6 @@ if TYPE_CHECKING:
     from torquebench.cli.bench_session import BenchSession
     from torquebench.operations import Place, Request, Result
     from torquebench.progress import Progress
-    from torquebench.station import Station
 
 __all__ = ["opened_bench", "operation_command", "present", "run_on_bench", "validated_request"]
 
@@ -89,7 +90,7 @@ def _common(operation: Operation) -> Iterator[inspect.Parameter]:
     if operation.where != "files":
         yield _parameter("data", DataOption, DEFAULT_DATA)
     if operation.role != "operator" or operation.signed:
-        yield _parameter("by", ByOption, inspect.Parameter.empty if operation.signed else None)
+        yield _parameter("by", ByOption, None)
     if operation.where == "bench":
         yield _parameter("yes", YesOption, False)
         yield _parameter("real_time", RealTimeOption, False)
@@ -121,7 +122,9 @@ def _options(asked: Parameter) -> Iterator[inspect.Parameter]:
 def _option(asked: Parameter) -> inspect.Parameter:
     """Return a field that isn't a flag as an option; its value is checked by the request."""
     kind: Any = str if asked.numbered else TYPES.get(asked.kind, str)
-    metavar = {"number": "<float>", "whole": "<int>", "text": "<str>"}.get(asked.kind)
+    metavar = {"number": "<float>", "whole": "<int>", "text": "<str>", "path": "<path>"}.get(
+        asked.kind
+    )
     words = asked.help
     stated = re.search(rf"(?<!\w){re.escape(asked.unit)}(?!\w)", words)
     unit = "" if stated else asked.unit
@@ -202,6 +205,10 @@ def validated_request(operation: Operation, values: Mapping[str, Any]) -> Reques
     library = PackagedLibrary()
     for each in parameters(operation.request):
         name = getattr(request, each.name)
+        if name is not None and each.output == ("folder",):
+            check_output_folder(name)
+        elif name is not None and each.output:
+            check_output(name, endings=each.output)
         kind = each.names.partition(":")[0]
         if kind in ("profiles", "reducers") and name is not None:
             (library.profile if kind == "profiles" else library.reducer)(name)
@@ -285,22 +292,11 @@ def _rehearse(
             registry = opened.enter_context(Registry.open(data))
         place = Place(operator_name(), PackagedLibrary(), registry, station)
         doubts = _doubts(operation, place, request)
-        if operation.name == "calibrate":
-            _check_standard(station, request)
         preview = operation.preview(place, request)
         preview = dataclasses.replace(preview, doubts=doubts, simulated=description.simulated)
     print_page(preview.page())
     tell_doubts(preview.doubts)
     answer(**vars(preview))
-
-
-def _check_standard(station: Station, request: Any) -> None:
-    """Refuse a calibrator that is mounted already and states a torque without load."""
-    from torquebench.campaign.measuring import standard_at_rest
-    from torquebench.operations.operation import chosen_sides
-
-    for side in chosen_sides(request.side):
-        standard_at_rest(station, side, "calibrator")
 
 
 def _refuse_unattended(operation: Operation, description: BenchDescription, *, yes: bool) -> None:
@@ -378,10 +374,10 @@ def _records_place(operation: Operation, data: Path, by: str) -> Iterator[Place]
 
     folder = data_directory(data)
     with contextlib.ExitStack() as opened:
-        if not operation.quick:  # long work on runs that no process writes
+        if operation.exclusive:
             opened.enter_context(BenchLock(None, folder))
         registry = opened.enter_context(Registry.open(folder))
-        if not operation.quick:
+        if operation.exclusive:
             recover_unfinished(registry)
         yield Place(who, PackagedLibrary(), registry)
 

@@ -4,6 +4,7 @@ from .catalogue import (
 )
 from .operation import (
     WHOLE as WHOLE,
+    Calibration as Calibration,
     CalibrationNumber as CalibrationNumber,
     Day as Day,
     Flag as Flag,

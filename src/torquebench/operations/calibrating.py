@@ -10,6 +10,7 @@ from pydantic import Field
 
 from torquebench import calibration, campaign, compensation, procedures, records
 from torquebench.bench.roles import Side
+from torquebench.campaign.measuring import standard_at_rest
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.operations.operation import (
@@ -770,9 +771,10 @@ def check_calibration(place: Place, request: CalibrateRequest) -> Iterable[str]:
 
 
 def preview_calibration(place: Place, request: CalibrateRequest) -> Preview:
-    """Rehearse the very plan that would run."""
+    """Rehearse the very plan that would run; a mounted calibrator has to read zero at rest."""
     station, previews = place.station, []
     for side in chosen_sides(request.side):
+        standard_at_rest(station, side, "calibrator")
         profile = _profile(place, request, side)
         rehearsal = procedures.rehearse(
             station.devices, procedures.calibrate(station.devices, side, profile)
@@ -988,6 +990,7 @@ FINISH = Operation(
     run_finish,
     lambda request: Message("Finish {run_id}", request.run_id or "every run"),
     check=check_unfinished,
+    exclusive=True,
     activates=True,
 )
 DISCARD = Operation(
@@ -996,5 +999,6 @@ DISCARD = Operation(
     run_discard,
     lambda request: Message("Discard {run_id}", request.run_id),
     check=check_unfinished,
+    exclusive=True,
     role="metrologist",
 )

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from datetime import date, datetime
 from inspect import cleandoc
+from pathlib import Path
 from types import UnionType
 from typing import (
     TYPE_CHECKING,
@@ -50,6 +51,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "WHOLE",
+    "Calibration",
     "CalibrationNumber",
     "Day",
     "Flag",
@@ -141,6 +143,18 @@ def _numbered(record: str) -> Any:
 
 ModelNumber: TypeAlias = _numbered("model")  # type: ignore[valid-type]  # as it is made above
 CalibrationNumber: TypeAlias = _numbered("calibration")  # type: ignore[valid-type]
+Calibration: TypeAlias = Annotated[
+    str,
+    BeforeValidator(lambda name: f"calibration-{name}" if type(name) is int else name),
+    Field(
+        description="A calibration such as calibration-3, its run or its beginning, or latest.",
+        min_length=1,
+        max_length=100,
+        examples=["calibration-3"],
+        json_schema_extra={"argument": True},
+    ),
+]
+"""Name of a registered calibration, or its number."""
 Moment: TypeAlias = Annotated[
     AwareDatetime, BeforeValidator(_in_words), AfterValidator(_of_our_time)
 ]
@@ -182,6 +196,8 @@ def field(
     titles: Mapping[str, str] | None = None,
     role: Role = "operator",
     decision: bool = False,
+    local: bool = False,
+    output: tuple[str, ...] = (),
     examples: tuple[Any, ...] = (),
     **limits: Any,
 ) -> Any:
@@ -208,12 +224,18 @@ def field(
         Who may choose another value than the default.
     decision : bool
         Only a person may, not a program.
+    local : bool
+        Only the command has it: a file of this computer, or a name that somebody types.
+    output : tuple of str
+        Endings of the file that is written, or "folder".
     examples : tuple
     **limits
         Such as `ge` and `max_length`, as of `pydantic.Field`.
     """
     extra: Any = {"title": title, "unit": unit, "argument": argument, "expert": expert}
-    extra |= {"choices": choices, "role": role, "decision": decision, "titles": dict(titles or {})}
+    extra |= {"choices": choices, "role": role, "decision": decision, "local": local}
+    extra["output"] = list(output)
+    extra["titles"] = dict(titles or {})
     return Field(
         description=help, examples=list(examples) or None, json_schema_extra=extra, **limits
     )
@@ -229,7 +251,7 @@ class Request(BaseModel):
         """State the unit that a field's name ends in."""
         for name, info in cls.model_fields.items():
             if isinstance(info.json_schema_extra, dict):
-                info.json_schema_extra["unit"] = info.json_schema_extra["unit"] or unit_of_name(
+                info.json_schema_extra["unit"] = info.json_schema_extra.get("unit") or unit_of_name(
                     name
                 )
 
@@ -275,7 +297,7 @@ class Parameter:
     Parameters
     ----------
     name, title, help, unit : str
-    kind : {"number", "whole", "flag", "choice", "text", "record", "values"}
+    kind : {"number", "whole", "flag", "choice", "path", "text", "record", "values"}
         A record is a model with fields of its own, values are names with values.
     default : object
         None where there is none.
@@ -285,7 +307,7 @@ class Parameter:
     low, high : float or None
         Limits of a number; `above`: the lower one isn't allowed itself.
     argument, expert : bool
-    names, titles, role, decision
+    names, titles, role, decision, local, output
         See `field`.
     record : type of BaseModel or None
     numbered : str
@@ -296,7 +318,7 @@ class Parameter:
     title: str
     help: str
     unit: str
-    kind: Literal["number", "whole", "flag", "choice", "text", "record", "values"]
+    kind: Literal["number", "whole", "flag", "choice", "path", "text", "record", "values"]
     default: Any
     required: bool
     several: bool = False
@@ -313,6 +335,8 @@ class Parameter:
     numbered: str = ""
     role: Role = "operator"
     decision: bool = False
+    local: bool = False
+    output: tuple[str, ...] = ()
 
     @property
     def option(self) -> str:
@@ -378,6 +402,8 @@ def _parameter(name: str, info: FieldInfo) -> Parameter:
         titles=extra.get("titles") or {},  # type: ignore[arg-type]  # as `field` has it
         role=extra.get("role") or "operator",  # type: ignore[arg-type]  # as `field` has it
         decision=bool(extra.get("decision")),
+        local=bool(extra.get("local")),
+        output=tuple(extra.get("output") or ()),  # type: ignore[arg-type]  # as `field` has it
         record=kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None,
         numbered=next((each.record for each in details if isinstance(each, Numbered)), ""),
     )
@@ -396,7 +422,7 @@ def _kind(kind: Any) -> Any:
         return "values"
     if isinstance(kind, type) and issubclass(kind, BaseModel):
         return "record"
-    return {bool: "flag", int: "whole", float: "number"}.get(kind, "text")
+    return {bool: "flag", int: "whole", float: "number", Path: "path"}.get(kind, "text")
 
 
 def _reduced(annotation: Any) -> tuple[Any, list[Any], bool]:
@@ -460,6 +486,8 @@ class Operation:
         Whether it is done at once: no job.
     signed : bool
         Whether a person has to sign with the password.
+    exclusive : bool
+        Whether no other process may have the bench and its records open.
     commands : bool
         Whether a panel asks for the command of the bench; always for what moves it.
     activates : bool
@@ -481,6 +509,7 @@ class Operation:
     loads: bool = False
     quick: bool = False
     signed: bool = False
+    exclusive: bool = False
     commands: bool = False
     activates: bool = False
     can_pause: bool = False

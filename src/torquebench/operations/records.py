@@ -6,7 +6,7 @@ from torquebench import records
 from torquebench.errors import InputError
 from torquebench.message import Message
 
-__all__ = ["find_run"]
+__all__ = ["find_calibration", "find_run"]
 
 
 def find_run(registry: records.Registry, name: str) -> records.RunSummary:
@@ -25,3 +25,27 @@ def find_run(registry: records.Registry, name: str) -> records.RunSummary:
             Message("several runs begin with {name!r}", name), "one run", "give more of its id"
         )
     raise InputError(Message("no run {run!r}", name), "a name from the list of runs")
+
+
+def find_calibration(registry: records.Registry, name: str) -> records.CalibrationEntry:
+    """Return the calibration of a name such as calibration-3, of a run, or the latest.
+
+    Raises
+    ------
+    InputError
+        There is none, or more than one.
+    RecordError
+        Its run isn't sealed.
+    """
+    kind, _, number = name.rpartition("-")
+    if kind == "calibration" and number.isdecimal():
+        return registry.calibration(int(number))
+    if name == "latest":
+        newest = registry.calibrations(limit=1)
+        if not newest:
+            raise InputError("no calibration is registered", "one", "run `torquebench calibrate`")
+        return newest[0]
+
+    from torquebench.reports.certificate import calibration_of
+
+    return calibration_of(registry, find_run(registry, name).run_id)

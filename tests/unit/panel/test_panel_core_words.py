@@ -144,7 +144,7 @@ def operation_texts() -> set[str]:
         for operation in OPERATIONS.values()
         for texts in (
             *operation.paragraphs,
-            *(tuple(described(each)) for each in parameters(operation.request)),
+            *(tuple(described(each)) for each in parameters(operation.request) if not each.local),
         )
         for text in ((texts,) if isinstance(texts, str) else texts)
         if has_words(text)

@@ -7,18 +7,21 @@ import typer
 from tests.unit.reports.calibrated_bench import calibrated_bench
 from typer.testing import CliRunner
 
-from torquebench.cli.certificate import certificate, find_calibration
+from torquebench.cli.certificate import with_check
+from torquebench.cli.operations import operation_command
 from torquebench.errors import InputError, TorquebenchError
+from torquebench.operations import find_operation
+from torquebench.operations.records import find_calibration
 from torquebench.records import Registry
 
 
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ((), "neither a run nor --check"),
-        (("latest", "--check", "a.pdf"), "both a run and --check"),
+        ((), "neither a calibration nor --check"),
+        (("latest", "--check", "a.pdf"), "both, and --check"),
         (("--check", "nowhere.pdf"), "no file and no code"),
-        (("latest", "--number", "a/b"), "number 'a/b'"),
+        (("latest", "--number", "a/b"), "number"),
         (("latest", "--laboratory", "nowhere.toml"), "nowhere.toml"),
         (("no-such-run",), "no run 'no-such-run'"),
         (("calibration-99",), "calibration 99 isn't registered"),
@@ -31,7 +34,7 @@ def test_bad_input_is_named_and_nothing_is_written(
     with Registry.open(tmp_path) as registry:
         calibrated_bench(registry)
     app = typer.Typer()
-    app.command()(certificate)
+    app.command()(with_check(operation_command(find_operation("certificate"))))
     result = CliRunner().invoke(app, [*arguments, "--data", str(tmp_path)])
     assert isinstance(result.exception, TorquebenchError)
     assert said in str(result.exception)

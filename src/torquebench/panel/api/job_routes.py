@@ -8,7 +8,15 @@ from typing import Annotated, Any
 from fastapi import APIRouter, Path, Query
 from pydantic import BaseModel, Field, create_model
 
-from torquebench.operations import OPERATIONS, Flag, Operation, Preview, Request, Role
+from torquebench.operations import (
+    OPERATIONS,
+    Flag,
+    Operation,
+    Preview,
+    Request,
+    Role,
+    parameters,
+)
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import AbortBody, AnswerBody, Secret
 from torquebench.panel.service import JobPoint, JobView, PendingPrompt
@@ -123,9 +131,15 @@ def _body(operation: Operation) -> type[Request]:
         added["password"] = (Secret, ...)
     elif operation.signable:
         added["password"] = (Secret | None, None)
+    base = operation.request
+    if any(each.local for each in parameters(base)):
+        served = [each.name for each in parameters(base) if not each.local]
+        added |= {name: (base.model_fields[name].annotation, base.model_fields[name])
+                  for name in served}  # fmt: skip
+        base = Request
     if not added:
-        return operation.request
-    body = create_model(operation.request.__name__, __base__=operation.request, **added)
+        return base
+    body = create_model(operation.request.__name__, __base__=base, **added)
     body.__doc__ = operation.request.__doc__
     return body
 

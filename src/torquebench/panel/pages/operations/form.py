@@ -83,7 +83,7 @@ class OperationForm:
         asked = [
             each
             for each in parameters(operation.request)
-            if each.name not in hidden and visitor.has_role(each.role)
+            if each.name not in hidden and not each.local and visitor.has_role(each.role)
         ]
         with box("div", "stack operation-form"):
             with box("div", "columns narrow"):

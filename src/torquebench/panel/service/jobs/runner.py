@@ -165,8 +165,8 @@ class JobRunner:
         if found.commands:
             self.command(actor)
         place = self._place(actor)
-        found.doubts(place, asked)
         with authenticated(actor.signed if signed else actor.signature):
+            found.doubts(place, asked)
             result = found.run(place, asked, NO_PROGRESS)
         self._note(actor, str(found.title(asked)), request=asked.model_dump(mode="json"))
         self._on_done(found)
@@ -215,7 +215,8 @@ class JobRunner:
         self._refuse_busy()
         if found.loads and not bench_clear:
             self._refuse_unconfirmed()
-        found.doubts(self._place(actor), asked)
+        with authenticated(actor.signed if signed else actor.signature):
+            found.doubts(self._place(actor), asked)
         with self._lock:
             self._refuse_busy()
             if found.moves:
