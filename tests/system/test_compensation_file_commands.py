@@ -66,10 +66,10 @@ def test_exports_that_cannot_be_are_refused(model: Path, tmp_path: Path) -> None
 def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     model: Path, tmp_path: Path
 ) -> None:
-    arguments = ("--reading", 1500, "--reading", -20, "--branch", "up", "--span-temperature", 0.05)
+    arguments = ("--reading", 1500, "--reading", -20, "--branch", "up", "--span-limit", 0.05)
     stated = (
-        "--temperature-change",
-        5,
+        "--temperature",
+        28,
         "--reference",
         "0.02 of range",
         "--zero",
@@ -82,7 +82,7 @@ def test_a_budget_says_what_contributes_and_whether_monte_carlo_agrees(
     text = " ".join(result.stdout.split())
     for word in (
         "scatter", "static curve", "reference standard", "temperature of span", "zero", "drift",
-        "k = 2.00", "U = ", "not in U, because no record exists: counter, ",
+        "k = 2.00", "U = ", "degrees of freedom", "not in U, because no record exists: creep",
     ):  # fmt: skip
         assert word in text
     assert text.count("GUM and Monte Carlo") == 2

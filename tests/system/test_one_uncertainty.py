@@ -230,7 +230,7 @@ def by_devices(active: ActiveChain, block: Block) -> dict[str, Told]:
     start_s, stop_s = block.start_s - 0.005, block.stop_s
     window = active.window(start_s, stop_s)
     assert window is not None
-    steady = Told.of(window[1].mean().steady(0.0, 0.0))
+    steady = Told.of(window[1].mean().steady(0.0, 0.0, 0.0))
     acquisition: Any = SimpleNamespace(compensation=lambda _: active)
     context: Any = SimpleNamespace(description=default_bench(), acquisition=acquisition)
     recorded = Recorder(context)._columns("output", block.records["output_torque"], window)
@@ -379,7 +379,18 @@ def test_a_file_takes_the_limits_of_the_bench_that_it_is_used_on(
 def test_the_command_of_a_budget_states_u_and_lines_of_the_chain(
     file: Path, tmp_path: Path
 ) -> None:
-    options = ("--temperature-change", 1.5, "--speed", 0, "--zero-age", 0, "--branch", "up")
+    options = (
+        "--temperature",
+        24.5,
+        "--zero-temperature",
+        23,
+        "--speed",
+        0,
+        "--zero-age",
+        0,
+        "--branch",
+        "up",
+    )
     done = run("budget", file, "--reading", READING_NM, *options, "--json", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     (told,) = json.loads(done.stdout)["answer"]["readings"]
@@ -393,6 +404,61 @@ def test_the_command_of_a_budget_states_u_and_lines_of_the_chain(
     told_alike({"budget": Told(told["torque_nm"], told["expanded_uncertainty_nm"])}, expected)
     lines = [line["contribution"] for line in told["lines"]]
     assert 2.0 * np.linalg.norm(lines) == pytest.approx(told["expanded_uncertainty_nm"], rel=1e-12)
+
+
+@pytest.mark.parametrize("steady", [True, False])
+@pytest.mark.parametrize("kind", ["file", "turning", "polynomial"])
+def test_budget_and_apply_state_the_same_u_under_any_conditions(
+    kind: str, tmp_path: Path, request: pytest.FixtureRequest, *, steady: bool
+) -> None:
+    """To the last digit, standing and turning, at any age and temperature."""
+    source = "file" if kind == "polynomial" else kind
+    stored = tb.load_model(request.getfixturevalue(source)).stored
+    if kind == "polynomial":
+        reading = np.linspace(-RANGE_NM, RANGE_NM, 41)
+        model = make_model(kind, range_nm=RANGE_NM).fit(reading[:, None], 1.003 * reading)
+        stored = replace(stored, model=model)
+    dated = replace(stored.provenance, calibrated_on="2025-03-01")
+    save_model(tmp_path / "model.json", replace(stored, provenance=dated))
+    generator = np.random.default_rng([steady, len(kind)])
+    count, zero_age, zeroed_c = 4, generator.uniform(0.0, 9.0), generator.uniform(15.0, 35.0)
+    rows = {
+        "reading_nm": generator.uniform(-1900.0, 1900.0, count),
+        "standard_error_nm": generator.exponential(0.3, count),
+        "speed_rpm": generator.uniform(-900.0, 900.0, count) * (generator.random(count) < 0.7),
+        "temperature_c": generator.uniform(13.0, 37.0, count),
+    }
+    if not steady:
+        rows["acceleration_rad_s2"] = generator.uniform(-20.0, 20.0, count)
+        rows["angle_deg"] = generator.uniform(0.0, 360.0, count)
+    branch = generator.choice(["up", "down", "unknown"], count)
+    table = pl.DataFrame(rows | {"branch": branch}).write_csv()
+    remarks = f"# steady = {str(steady).lower()}\n# measured_on = 2026-01-17\n# window_s = 0.02\n"
+    (tmp_path / "readings.csv").write_text(remarks + table)
+    zero = ("--zero-age", zero_age, "--zero-temperature", zeroed_c)
+    done = run("apply", "model.json", "readings.csv", "--out", "torque.csv", *zero, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    applied = pl.read_csv(tmp_path / "torque.csv", comment_prefix="#")
+    names = {
+        "reading_nm": "--reading", "standard_error_nm": "--standard-error", "speed_rpm": "--speed",
+        "temperature_c": "--temperature", "acceleration_rad_s2": "--acceleration",
+        "angle_deg": "--angle",
+    }  # fmt: skip
+    for row in range(count):
+        options = [f"{names[name]}={float(rows[name][row])!r}" for name in rows]
+        options += ["--steady"] if steady else ["--window=0.02"]
+        options += [f"--branch={branch[row]}", "--age-days=322", "--json"]
+        budget = run("budget", "model.json", *options, *zero, cwd=tmp_path)
+        assert budget.returncode == 0, budget.stderr
+        (told,) = json.loads(budget.stdout)["answer"]["readings"]
+        assert told["torque_nm"] == applied["torque_nm"][row]
+        stated = applied["expanded_uncertainty_nm"][row]
+        assert told["expanded_uncertainty_nm"] == pytest.approx(stated, rel=1e-14)
+        lines = {line["name"]: line for line in told["lines"]}
+        if "reference standard" in lines:
+            assert lines["reference standard"]["shared"] == "calibration"
+        corrections = sum(line["value"] for line in told["lines"])
+        assert rows["reading_nm"][row] + corrections == pytest.approx(told["torque_nm"], abs=1e-9)
 
 
 def test_an_exported_table_has_the_curve_s_share_of_u(file: Path, tmp_path: Path) -> None:

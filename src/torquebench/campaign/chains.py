@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from torquebench.calibration import CalibrationData
 from torquebench.chain import (
+    Counter,
     Drift,
     Effect,
     MeasuringChain,
@@ -25,6 +26,7 @@ __all__ = [
     "reference_effect",
     "remark_another_standard",
     "stated_effects",
+    "step_noise",
 ]
 
 
@@ -115,6 +117,17 @@ def stated_effects(
     if zero_nm is not None and chain.find(Zero) is None:
         effects.append(Zero(record, None))
     return tuple(effects)
+
+
+def step_noise(data: CalibrationData, effects: Sequence[Effect]) -> tuple[Effect, ...]:
+    """Return effects with the standard error of the points' means: their scatter contains it."""
+    if data.standard_error_nm is None:
+        return tuple(effects)
+    steps_nm = float(np.nanmedian(data.standard_error_nm))
+    others = tuple(each for each in effects if not isinstance(each, Counter))
+    counter = next((each for each in effects if isinstance(each, Counter)), None)
+    known = counter or Counter("standard errors of the calibration's points")
+    return (*others, replace(known, steps_nm=steps_nm))
 
 
 def mounting_effect(data: CalibrationData) -> tuple[Effect, ...]:

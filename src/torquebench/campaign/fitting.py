@@ -27,7 +27,7 @@ from torquebench.calibration import (
     tare,
 )
 from torquebench.calibration.plausibility import contradiction_of
-from torquebench.campaign.chains import mounting_effect
+from torquebench.campaign.chains import mounting_effect, step_noise
 from torquebench.campaign.results import FitResult
 from torquebench.chain import Effect, MeasuringChain
 from torquebench.compensation import (
@@ -246,7 +246,7 @@ def fit_models(
     """
     progress.start(title, SHARES * len(choices))
     fitted: list[FittedModel] = []
-    effects = (*effects, *mounting_effect(data))
+    effects = step_noise(data, (*effects, *mounting_effect(data)))
     data, examination = _examined(data)
     kept = _kept(data, examination, "downweight")
     for choice in choices:
@@ -540,7 +540,7 @@ def described_model(
             created=datetime.now(UTC).isoformat(timespec="seconds"),
             calibrated_on="" if data.measured_on is None else data.measured_on.isoformat(),
             reading_scale="" if data.scale is None else data.scale.text,
-            effects=tuple(effect.specification() for effect in effects),
+            effects=tuple(effect.specification() for effect in step_noise(data, effects)),
             contradictions=tuple(str(each) for each in contradictions),
             accepted=accepted,
         ),

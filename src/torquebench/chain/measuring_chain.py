@@ -16,6 +16,7 @@ from torquebench.chain.acceleration import LEARNED, AccelerationBySpeed
 from torquebench.chain.effect import EFFECTS, Effect
 from torquebench.chain.effects import (
     SWITCHES,
+    Counter,
     Dynamics,
     RecordedDynamics,
     Scatter,
@@ -125,7 +126,8 @@ class MeasuringChain:
         scatter = Scatter("residuals of the calibration", self.model)
         own = tuple(effect for effect in self.counted if effect.corrects_reading)
         after = tuple(effect for effect in self.counted if not effect.corrects_reading)
-        return (*own, self.curve, scatter, *after)
+        noise = () if self.find(Counter) else (Counter("the readings' own"),)
+        return (*own, self.curve, scatter, *after, *noise)
 
     @cached_property
     def counted(self) -> tuple[Effect, ...]:
@@ -145,6 +147,12 @@ class MeasuringChain:
     def find(self, kind: type[_Kind]) -> _Kind | None:
         """Return the stored effect of a class; None if there is none."""
         return next((effect for effect in self.stored if isinstance(effect, kind)), None)
+
+    @property
+    def steps_nm(self) -> float:
+        """Standard error of the calibration's step means, which the scatter contains, N·m."""
+        counter = self.find(Counter)
+        return 0.0 if counter is None else counter.steps_nm
 
     @cached_property
     def switched_off(self) -> frozenset[str]:

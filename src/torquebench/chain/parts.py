@@ -54,7 +54,7 @@ class TorqueParts:
     ...     (
     ...         Component("reference", Shared.CALIBRATION, np.array([0.10, -0.06])),
     ...         Component("zero over speed", Shared.CALIBRATION, np.array([0.03, 0.03])),
-    ...         Component("counter", Shared.NOTHING, 0.02),
+    ...         Component("noise of the reading", Shared.NOTHING, 0.02),
     ...     ),
     ... )
     >>> parts = TorqueParts.of(torque)

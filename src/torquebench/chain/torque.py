@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,7 +22,23 @@ from torquebench.uncertainty import (
     check_by_monte_carlo,
 )
 
-__all__ = ["COVERAGE_FACTOR", "Component", "Shared", "Torque", "joined", "not_corrected"]
+__all__ = [
+    "COVERAGE_FACTOR",
+    "NOISE",
+    "Component",
+    "Shapes",
+    "Shared",
+    "Torque",
+    "by_row",
+    "joined",
+    "not_corrected",
+]
+
+Shapes = Distribution | NDArray[np.object_]
+"""One distribution of all torques, or one each."""
+
+NOISE = "noise of the reading"
+"""Component that contains the standard error of a mean."""
 
 COVERAGE_FACTOR = 2.0
 """k of every U: the effects' standard uncertainties are already widened for their degrees of
@@ -47,7 +63,7 @@ class Component(NamedTuple):
     place : float64[n, m] or None
         Position of a reading, in correlation lengths: errors of readings farther apart than 1 are
         independent. None where one error shifts all of them.
-    distribution : Distribution
+    distribution : Distribution or array of them
     """
 
     name: str
@@ -55,7 +71,14 @@ class Component(NamedTuple):
     uncertainty_nm: FloatArray | float
     value_nm: FloatArray | float = 0.0
     place: FloatArray | None = None
-    distribution: Distribution = Distribution.NORMAL
+    distribution: Shapes = Distribution.NORMAL
+
+
+def by_row(rows: NDArray[np.bool_], these: Distribution, others: Distribution) -> Shapes:
+    """Return one distribution for some torques and another for the others."""
+    if rows.all() or not rows.any():
+        return these if rows.any() else others
+    return np.array([these if row else others for row in rows.tolist()], dtype=object)
 
 
 def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:
@@ -88,7 +111,7 @@ class Torque:
     ...     np.array([100.0, 60.0]),
     ...     (
     ...         Component("reference", Shared.CALIBRATION, np.array([0.10, 0.06])),
-    ...         Component("counter", Shared.NOTHING, np.array([0.03, 0.04])),
+    ...         Component("noise of the reading", Shared.NOTHING, np.array([0.03, 0.04])),
     ...     ),
     ... )
     >>> torque.expanded_uncertainty_nm.round(3).tolist()
@@ -157,7 +180,7 @@ class Torque:
         """Return some of the torques."""
         index = rows if isinstance(rows, slice) else np.asarray(rows)
 
-        def chosen(values: FloatArray | float) -> FloatArray | float:
+        def chosen(values: Any) -> Any:
             return values[index] if isinstance(values, np.ndarray) and values.ndim else values
 
         return Torque(
@@ -167,6 +190,7 @@ class Torque:
                     uncertainty_nm=chosen(each.uncertainty_nm),
                     value_nm=chosen(each.value_nm),
                     place=None if each.place is None else each.place[index],
+                    distribution=chosen(each.distribution),
                 )
                 for each in self.components
             ),
@@ -225,6 +249,7 @@ class Torque:
                 ),
                 value_nm=np.atleast_1d(np.sum(weight * each.value_nm)),
                 place=None if each.place is None else _middle(each.place, weight),
+                distribution=_shape(each, int(np.argmax(np.abs(weight * each.uncertainty_nm)))),
             )
             for each in self.components
         )
@@ -234,7 +259,7 @@ class Torque:
         """Return the mean of windows of one loading, as a steady torque averages them."""
         return self.combined(np.full(len(self), 1.0 / len(self)), loading=np.zeros(len(self)))
 
-    def steady(self, shift_nm: float, standard_error_nm: float) -> Torque:
+    def steady(self, shift_nm: float, standard_error_nm: float, in_scatter_nm: float) -> Torque:
         """Return a mean moved to a steady value, whose standard error counts if it is larger.
 
         Parameters
@@ -242,21 +267,30 @@ class Torque:
         shift_nm : float
             Steady value less mean, N·m.
         standard_error_nm : float
-            Standard error of the steady value, N·m: it contains the counting error.
+            Standard error of the steady value, N·m: it contains all noise of its windows.
+        in_scatter_nm : float
+            That of the calibration's step means, which the scatter contains already, N·m.
         """
+        noise = sum(
+            float(np.square(each.uncertainty_nm).sum())
+            for each in self.components
+            if each.shared is Shared.NOTHING
+        )
+        left = standard_error_nm**2 - in_scatter_nm**2 - noise
         parts = tuple(
-            each
-            if each.shared is not Shared.NOTHING
-            else each._replace(uncertainty_nm=np.maximum(each.uncertainty_nm, standard_error_nm))
+            each._replace(uncertainty_nm=np.sqrt(np.square(each.uncertainty_nm) + left))
+            if each.name == NOISE and left > 0.0
+            else each
             for each in self.components
         )
-        if not any(each.shared is Shared.NOTHING for each in parts):
-            error = Component("counter", Shared.NOTHING, np.array([standard_error_nm]))
-            parts = (*parts, error)
         return Torque(self.value_nm + shift_nm, parts)
 
     def budget(self, row: int = 0) -> Budget:
-        """Return the uncertainty budget of one torque (GUM): every sensitivity is 1."""
+        """Return the uncertainty budget of one torque (GUM): the lines' values are corrections.
+
+        Every sensitivity is 1 and no line has degrees of freedom: the uncertainties of fits contain
+        Student's factor, so that k is 2.
+        """
         value = float(self.value_nm[row])
         if not np.isfinite(value):
             raise InputError(Message("a torque of {value} N·m", value), "a finite value")
@@ -264,10 +298,11 @@ class Torque:
             BudgetLine(
                 each.name,
                 abs(float(np.broadcast_to(each.uncertainty_nm, self.value_nm.shape)[row])),
-                distribution=each.distribution,
-                value=0.0 if place else value,
+                shared=each.shared,
+                distribution=_shape(each, row),
+                value=float(np.broadcast_to(each.value_nm, self.value_nm.shape)[row]),
             )
-            for place, each in enumerate(self.components)
+            for each in self.components
         ]
         return Budget.of(value, "N·m", lines)
 
@@ -291,6 +326,11 @@ def _spread(weighted: FloatArray, group: NDArray[np.generic], place: FloatArray 
     for column in place.T:
         shared *= np.maximum(1.0 - np.abs(column[:, None] - column[None, :]), 0.0)
     return float(np.sqrt(max(weighted @ shared @ weighted, 0.0)))
+
+
+def _shape(component: Component, row: int) -> Distribution:
+    shape = component.distribution
+    return shape if isinstance(shape, Distribution) else shape[row]
 
 
 def _middle(place: FloatArray, weight: FloatArray) -> FloatArray:
@@ -323,7 +363,18 @@ def joined(parts: Sequence[Torque]) -> Torque:
             place=None
             if each.place is None
             else np.concatenate([part.components[number].place for part in parts]),
+            distribution=_joined_shapes(parts, number),
         )
         for number, each in enumerate(first.components)
     )
     return Torque(np.concatenate([part.value_nm for part in parts]), components)
+
+
+def _joined_shapes(parts: Sequence[Torque], number: int) -> Shapes:
+    shapes = [part.components[number].distribution for part in parts]
+    if all(shape is shapes[0] for shape in shapes):
+        return shapes[0]
+    rows = [np.empty(len(part), dtype=object) for part in parts]
+    for row, shape in zip(rows, shapes, strict=True):
+        row[:] = shape
+    return np.concatenate(rows)

@@ -155,13 +155,14 @@ EXPORTED_MODEL = Record(
     _FILES,
 )
 BUDGETED_READING = Record(
-    "The budget of one compensated reading, and the interval of Monte Carlo.",
+    "The budget of one compensated reading, and the interval of Monte Carlo. k is 2: u of curve "
+    "and scatter contains Student's factor for `student_degrees_of_freedom`.",
     "torquebench.uncertainty:Validation",
     "torque_nm=budget.value standard_uncertainty_nm=budget.standard_uncertainty "
     "coverage_factor=budget.coverage_factor expanded_uncertainty_nm=budget.expanded_uncertainty "
     "lines=budget.lines monte_carlo_low_nm=monte_carlo.low monte_carlo_high_nm=monte_carlo.high "
     "agrees",
-    {"reading_nm": float, "branch": str},
+    {"reading_nm": float, "branch": str, "student_degrees_of_freedom": float},
 )
 BUDGETS = Record("One budget a reading.", facts={"readings": [BUDGETED_READING]})
 MEASURED_LINE = Record(

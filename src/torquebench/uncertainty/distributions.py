@@ -17,19 +17,23 @@ class Distribution(StrEnum):
 
     A ``NORMAL`` quantity with finite degrees of freedom is drawn from the scaled and shifted
     t-distribution (6.4.9), a ``RECTANGULAR`` one from the curvilinear trapezoid of inexactly
-    known limits (6.4.3) whose relative width uncertainty is ``1/sqrt(2 ν)`` (GUM, G.4.2).
+    known limits (6.4.3) whose relative width uncertainty is ``1/sqrt(2 ν)`` (GUM, G.4.2). A
+    ``PRODUCT`` is that of two rectangular quantities about 0: a coefficient within a limit times a
+    change of temperature within another.
     """
 
     NORMAL = "normal"
     RECTANGULAR = "rectangular"
     TRIANGULAR = "triangular"
     ARCSINE = "arcsine"
+    PRODUCT = "product of two rectangular"
 
 
 HALF_WIDTH_FACTOR: dict[Distribution, float] = {
     Distribution.RECTANGULAR: 3.0**0.5,
     Distribution.TRIANGULAR: 6.0**0.5,
     Distribution.ARCSINE: 2.0**0.5,
+    Distribution.PRODUCT: 3.0,
 }
 """Half-width of a bounded distribution divided by its standard uncertainty."""
 
@@ -87,6 +91,9 @@ def sample(
     if distribution is Distribution.TRIANGULAR:
         sum_of_two = generator.uniform(-0.5, 0.5, size) + generator.uniform(-0.5, 0.5, size)
         return value + half_width * sum_of_two
+    if distribution is Distribution.PRODUCT:
+        of_both = generator.uniform(-1.0, 1.0, size) * generator.uniform(-1.0, 1.0, size)
+        return value + half_width * of_both
     return value + half_width * np.sin(TURN * generator.random(size))
 
 

@@ -148,7 +148,7 @@ def test_components_are_as_their_limits_say(chain: MeasuringChain) -> None:
         "temperature of zero": 0.1 * sqrt(1 + 0.25 / 3) / sqrt(3),
         "zero over speed": 0.2 * 0.01 / sqrt(3),
         "bearing drag": 0.2 / sqrt(3),
-        "counter": 0.02,
+        "noise of the reading": 0.02,
         "time base": 1e-5 * (4000.0 + value) / sqrt(3),
         "zero": 0.03,
         "zero drift": 0.15 / sqrt(3),
@@ -168,6 +168,46 @@ def test_components_are_as_their_limits_say(chain: MeasuringChain) -> None:
     assert budget.expanded_uncertainty() == pytest.approx(torque.expanded_uncertainty_nm[0])
 
 
+def test_noise_of_the_calibration_s_steps_counts_once(model: CompensationModel) -> None:
+    """The scatter of step means contains their standard error: a steady reading added it again."""
+    counter = Counter("steps", 0.7, steps_nm=0.4)
+    chain = MeasuringChain(model, (counter,))
+    noise = [
+        chain.torque(rows(900.0, **known)).component("noise of the reading")[0]
+        for known in ({}, {"counter_nm": 0.4}, {"counter_nm": 0.5}, {"window_s": np.inf})
+    ]
+    assert noise == pytest.approx([sqrt(0.7**2 - 0.4**2), 0.0, 0.3, 0.0])
+    assert counter.gaps() == () != Counter("steps").gaps()
+    mean = chain.torque(rows(900.0, 900.0)).mean()
+    assert mean.component("noise of the reading")[0] == pytest.approx(noise[0] / sqrt(2.0))
+    moved = mean.steady(0.1, 0.6, chain.steps_nm)
+    assert moved.value_nm[0] == pytest.approx(mean.value_nm[0] + 0.1)
+    assert moved.component("noise of the reading")[0] == pytest.approx(sqrt(0.6**2 - 0.4**2))
+    bare = MeasuringChain(model).torque(rows(900.0, counter_nm=0.5))  # without any record
+    assert bare.component("noise of the reading")[0] == 0.5
+
+
+def test_lines_of_a_budget_say_what_they_are(chain: MeasuringChain) -> None:
+    """Corrections and not the torque, with the shape and the correlation of each row."""
+    torque = chain.torque(
+        rows(
+            900.0, 900.0, temperature_c=np.array([30.0, 23.0]), zero_temperature_c=23.0,
+            acceleration_rad_s2=np.array([np.nan, 3.0]),
+        )
+    )  # fmt: skip
+    again = joined([torque.at([0]), torque.at([1])])
+    for row, other in ((0, 0), (1, 0)):
+        for budget in (torque.budget(row), again.budget(row), torque.at([row]).budget(other)):
+            lines = {line.name: line for line in budget.lines}
+            shapes = [lines[name].distribution for name in ("temperature of span", "inertia")]
+            assert shapes == (
+                ["rectangular"] * 2 if row == 0 else ["product of two rectangular", "normal"]
+            )
+            assert lines["scatter"].shared is Shared.LOADING
+            assert lines["drift"].shared is Shared.CALIBRATION
+            assert 900.0 + sum(line.value for line in budget.lines) == pytest.approx(budget.value)
+
+
 def test_what_is_not_measured_widens_and_never_narrows(chain: MeasuringChain) -> None:
     known = chain.torque(
         rows(
@@ -184,7 +224,7 @@ def test_what_is_not_measured_widens_and_never_narrows(chain: MeasuringChain) ->
     unknown = chain.torque(rows(900.0))
     for name in (
         "hysteresis", "temperature of zero", "temperature of span", "zero over speed",
-        "bearing drag", "zero drift", "drift", "counter",
+        "bearing drag", "zero drift", "drift", "noise of the reading",
     ):  # fmt: skip
         assert unknown.component(name)[0] > known.component(name)[0], name
     nan = chain.torque(rows(900.0, temperature_c=np.nan, speed_rpm=np.array([np.nan])))
@@ -316,7 +356,7 @@ def test_a_comparison_of_two_torques_cancels_what_they_share(chain: MeasuringCha
         "time base", "drift", "mounting", "zero", "zero drift", "zero over speed", "bearing drag",
     ):  # fmt: skip
         assert left[shared] == pytest.approx(0.0, abs=1e-12), shared
-    for new in ("scatter", "hysteresis", "counter"):
+    for new in ("scatter", "hysteresis", "noise of the reading"):
         assert left[new] == pytest.approx(sqrt(2.0) * pair.component(new)[0]), new
     assert difference.value_nm == pytest.approx([0.0])
     # with another mounting and another zero they come back

@@ -309,8 +309,8 @@ def test_a_chain_that_turns_states_its_ranges_and_its_budget_while_it_turns(
 
 
 def test_every_component_of_a_chain_has_its_words_in_every_language() -> None:
-    names = ("static curve", "scatter", "mounting", "counter", "time base", "zero", "zero drift",
-             "drift", "reference standard", "dynamics", "noise of the dynamic filter",
+    names = ("static curve", "scatter", "mounting", "noise of the reading", "time base", "zero",
+             "zero drift", "drift", "reference standard", "dynamics", "noise of the dynamic filter",
              *(name for names in SWITCHES.values() for name in names))  # fmt: skip
     for language in ("de", "zh"):
         assert [name for name in names if name not in templates(language)] == []

@@ -269,7 +269,7 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
     def _steady_torque(self, active: ActiveChain, start_s: float, stop_s: float) -> Torque:
         """Return the steady value of the stream's torque.
 
-        It belongs to one loading. Its standard error replaces the counter's share where it is
+        It belongs to one loading. Its standard error replaces the noise of its windows where it is
         larger.
 
         Raises
@@ -301,7 +301,8 @@ class SteadyTorque(Device, AsyncReadable, AsyncConfigurable, Triggerable, Prepar
         steady = self._steady_value(time_s, torque.value_nm)
         used = (time_s >= steady.start_s) & (time_s <= steady.stop_s)
         mean = torque.at(np.flatnonzero(used)).mean()
-        return mean.steady(steady.value - float(mean.value_nm[0]), steady.standard_error)
+        shift_nm = steady.value - float(mean.value_nm[0])
+        return mean.steady(shift_nm, steady.standard_error, active.chain.steps_nm)
 
     def _least_windows(self, start_s: float, stop_s: float) -> int:
         window_s = self._context.description.counter.window_s

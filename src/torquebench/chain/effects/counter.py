@@ -1,4 +1,4 @@
-"""Frequency counting and its timebase."""
+"""Noise of a reading by its counter, and the counter's timebase."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings, known_or
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import NOISE, Component, Shared
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
@@ -21,23 +21,36 @@ __all__ = ["Counter", "Timebase"]
 @register("counter")
 @dataclass(frozen=True)
 class Counter(Effect):
-    """Quantisation and edge jitter in the window of a reading: white noise, reduced by averaging.
+    """White noise of a reading: quantisation and edge jitter; of a mean, its standard error.
+
+    The scatter of the calibration's points contains the standard error of their means already:
+    only what a reading's noise has beyond that is added.
 
     Parameters
     ----------
-    window_nm : float
-        Standard uncertainty in one window of the bench, N·m: for readings that don't bring theirs.
+    window_nm : float or None
+        Standard uncertainty in one window of the bench, N·m: for single readings that don't bring
+        theirs. None if it isn't known, and then it isn't in U.
+    steps_nm : float
+        Standard error of the calibration's step means (median), N·m; 0 if it isn't known.
     """
 
-    title: ClassVar[str] = "counter"
+    title: ClassVar[str] = "noise of single readings"
     needs: ClassVar[tuple[str, ...]] = ("counter_nm",)
-    window_nm: float = field(default=0.0, metadata={"least": 0.0})
+    window_nm: float | None = field(default=None, metadata={"least": 0.0})
+    steps_nm: float = field(default=0.0, metadata={"least": 0.0})
+
+    def gaps(self) -> tuple[str, ...]:
+        """Name the noise if it isn't known."""
+        return (self.title,) if self.window_nm is None else ()
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
-        """Return the uncertainty of each window due to the counter."""
-        return (
-            Component("counter", Shared.NOTHING, known_or(readings.counter_nm, self.window_nm)),
-        )
+        """Return the noise of each reading; of a steady mean without standard error, none."""
+        steady = readings.window_s == np.inf
+        noise = known_or(readings.counter_nm, 0.0 if steady else self.window_nm or 0.0)
+        if self.steps_nm:
+            noise = np.sqrt(np.maximum(np.square(noise) - self.steps_nm**2, 0.0))
+        return (Component(NOISE, Shared.NOTHING, noise),)
 
 
 @register("time base")

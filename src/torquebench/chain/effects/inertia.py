@@ -6,10 +6,13 @@ from dataclasses import dataclass, field
 from math import sqrt
 from typing import ClassVar
 
+import numpy as np
+
 from torquebench.chain._kernels import inertia
 from torquebench.chain.effect import Effect, MeasuredPart, register
 from torquebench.chain.readings import FloatArray, Readings, row_of
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component, Shared, by_row
+from torquebench.uncertainty import Distribution
 
 __all__ = ["Inertia"]
 
@@ -47,10 +50,12 @@ class Inertia(Effect):
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the inertia's torque at the acceleration of each reading."""
         count = torque_nm.size
+        acceleration = row_of(readings.acceleration_rad_s2, count)
         u, added = inertia(
-            row_of(readings.acceleration_rad_s2, count),
+            acceleration,
             row_of(readings.acceleration_uncertainty_rad_s2, count, 0.0),
             (self.moment_nm_s2, self.uncertainty_nm_s2),
             self.largest_rad_s2 / sqrt(3.0),
         )
-        return (Component("inertia", Shared.CALIBRATION, u, added),)
+        shape = by_row(np.isnan(acceleration), Distribution.RECTANGULAR, Distribution.NORMAL)
+        return (Component("inertia", Shared.CALIBRATION, u, added, distribution=shape),)

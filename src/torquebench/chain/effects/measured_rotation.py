@@ -21,8 +21,9 @@ from torquebench.chain.grid import (
     located,
 )
 from torquebench.chain.readings import FloatArray, Readings, row_of
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component, Shared, by_row
 from torquebench.message import Message
+from torquebench.uncertainty import Distribution
 
 __all__ = ["MeasuredRotation"]
 
@@ -247,10 +248,13 @@ class MeasuredRotation(Effect):
             (CORRELATION_RPM, CORRELATION_K, self.calibrated_c),
         )
         zero_u, zero, drag_u, drag, lubrication, noise, running, running_u = found
+        shape = by_row(np.isnan(speed), Distribution.RECTANGULAR, Distribution.NORMAL)
+        stated = self.lubrication_uncertainty == UNKNOWN_LUBRICATION
+        state = Distribution.RECTANGULAR if stated else Distribution.NORMAL
         parts = [
-            Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place),
-            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place),
-            Component("lubrication", Shared.MOUNTING, lubrication),
+            Component("zero over speed", Shared.CALIBRATION, zero_u, zero, place, shape),
+            Component("bearing drag", Shared.MOUNTING, drag_u, drag, place, shape),
+            Component("lubrication", Shared.MOUNTING, lubrication, distribution=state),
         ]
         if self.noise_nm:
             parts.append(Component("noise in a window", Shared.NOTHING, noise))
@@ -262,7 +266,9 @@ class MeasuredRotation(Effect):
         """Return the effect of running-in; at an unknown time between none and all of it."""
         if readings.time_s is None or readings.of_bench:
             u = np.copysign(np.hypot(start / np.sqrt(3.0), start_u), start_u)
-            return Component("running-in", Shared.MOUNTING, u)
+            return Component(
+                "running-in", Shared.MOUNTING, u, distribution=Distribution.RECTANGULAR
+            )
         left = np.exp(-np.maximum(readings.time_s, 0.0) / self.running_in_s)
         return Component("running-in", Shared.MOUNTING, start_u * left, -start * left)
 

@@ -14,7 +14,7 @@ from torquebench.chain.effect import Effect, MeasuredPart, Refusal, register
 from torquebench.chain.effects.temperature import Temperature
 from torquebench.chain.grid import Numbers, between, linear, located
 from torquebench.chain.readings import FloatArray, Readings, row_of
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component, Shared, by_row
 from torquebench.message import Message
 from torquebench.uncertainty import Distribution
 
@@ -124,8 +124,9 @@ class MeasuredTemperature(Effect):
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return zero, span and what a gradient may change at the temperature of each reading."""
+        now = row_of(readings.temperature_c, torque_nm.size)
         zero_u, zero, span_u, span, place, slope = temperature(
-            row_of(readings.temperature_c, torque_nm.size),
+            now,
             row_of(readings.zero_temperature_c, torque_nm.size, self.calibrated_c),
             torque_nm,
             self._nodes,
@@ -135,9 +136,12 @@ class MeasuredTemperature(Effect):
             CORRELATION_K,
         )
         where = place[:, None]
-        parts = [Component("temperature of zero", Shared.ZEROING, zero_u, zero, where)]
+        shape = by_row(np.isnan(now), Distribution.RECTANGULAR, Distribution.NORMAL)
+        parts = [Component("temperature of zero", Shared.ZEROING, zero_u, zero, where, shape)]
         if self.span:
-            parts.append(Component("temperature of span", Shared.CALIBRATION, span_u, span, where))
+            parts.append(
+                Component("temperature of span", Shared.CALIBRATION, span_u, span, where, shape)
+            )
         gradient = self.deviation_k / sqrt(3.0) * slope
         parts.append(
             Component(

@@ -10,7 +10,7 @@ import numpy as np
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Known, Readings
-from torquebench.chain.torque import Component, Shared
+from torquebench.chain.torque import Component, Shapes, Shared, by_row
 from torquebench.uncertainty import Distribution
 
 __all__ = ["Temperature"]
@@ -25,7 +25,7 @@ class Temperature(Effect):
 
     The span is relative to the temperature of the calibration, the zero to that of the zeroing. A
     coefficient within ±c and a change of temperature d ± e, both rectangular, give c/√3·√(d² +
-    e²/3).
+    e²/3): nearly rectangular where d is the larger part, else a product of both.
 
     Parameters
     ----------
@@ -61,11 +61,13 @@ class Temperature(Effect):
         components = []
         if self.zero_nm_per_k:
             half_k = 0.5 * (self.high_c - self.low_c)
-            zero = self.zero_nm_per_k * self._change(now, zeroed, half_k)
-            components.append(_limit(_NAMES[0], Shared.ZEROING, zero))
+            change, shape = self._change(now, zeroed, half_k)
+            limit = self.zero_nm_per_k * change
+            components.append(_limit(_NAMES[0], Shared.ZEROING, limit, shape))
         if self.span_per_k is not None:
-            span = self.span_per_k * self._change(now, self.calibrated_c, self._reach_k)
-            components.append(_limit(_NAMES[1], Shared.CALIBRATION, span * torque_nm))
+            change, shape = self._change(now, self.calibrated_c, self._reach_k)
+            limit = self.span_per_k * change * torque_nm
+            components.append(_limit(_NAMES[1], Shared.CALIBRATION, limit, shape))
         return tuple(components)
 
     @property
@@ -73,14 +75,15 @@ class Temperature(Effect):
         """How far the bench's temperatures may deviate from that of the calibration, K."""
         return max(abs(self.high_c - self.calibrated_c), abs(self.calibrated_c - self.low_c))
 
-    def _change(self, now: Known, before: Known, unknown_k: float) -> FloatArray:
-        """Return the root mean square change of temperature, K."""
+    def _change(self, now: Known, before: Known, unknown_k: float) -> tuple[FloatArray, Shapes]:
+        """Return the root mean square change of temperature, K, and the shape of its effect."""
         change = np.subtract(
             np.nan if now is None else now, np.nan if before is None else before, dtype=np.float64
         )
-        square = np.square(change) + self.deviation_k**2 / 3.0
-        return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, square))
+        known, error = np.square(change), self.deviation_k**2 / 3.0
+        shape = by_row(known > error, Distribution.RECTANGULAR, Distribution.PRODUCT)
+        return np.sqrt(np.where(np.isnan(change), unknown_k**2 / 3.0, known + error)), shape
 
 
-def _limit(name: str, shared: Shared, limit_nm: FloatArray) -> Component:
-    return Component(name, shared, limit_nm / sqrt(3.0), distribution=Distribution.RECTANGULAR)
+def _limit(name: str, shared: Shared, limit_nm: FloatArray, shape: Shapes) -> Component:
+    return Component(name, shared, limit_nm / sqrt(3.0), distribution=shape)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -83,41 +84,55 @@ def budget(
     model: ModelArgument,
     reading: Annotated[list[float], typer.Option(help="A reading in N·m; may be repeated.")],
     branch: Annotated[Branch, typer.Option(help="Branch of the reading.")] = Branch.UNKNOWN,
-    reference: ReferenceOption = None,
-    span_temperature: Annotated[
-        float | None, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
-    ] = None,
-    zero_temperature: Annotated[
-        float | None, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
-    ] = None,
-    temperature_change: Annotated[
-        float | None, typer.Option(help="K since calibration and zeroing.")
+    steady: Annotated[
+        bool, typer.Option("--steady", help="A steady mean, as the points of a calibration.")
+    ] = False,
+    standard_error: Annotated[
+        float | None, typer.Option(min=0, help="Standard error of the reading, N·m.")
     ] = None,
     speed: Annotated[float | None, typer.Option(help="Speed of the shaft, 1/min.")] = None,
-    drift: Annotated[
-        float | None, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
+    acceleration: Annotated[float | None, typer.Option(help="Of the shaft, rad/s².")] = None,
+    angle: Annotated[float | None, typer.Option(help="Of the shaft, °.")] = None,
+    window: Annotated[
+        float | None, typer.Option(min=0, help="Length of the reading's window, s.")
     ] = None,
-    age_days: Annotated[
-        float | None, typer.Option(min=0, help="Days since the calibration.")
+    temperature: Annotated[
+        float | None, typer.Option(help="Temperature of the transducer, °C.")
     ] = None,
-    zero: Annotated[
-        float | None, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
+    zero_temperature: Annotated[
+        float | None, typer.Option(help="Temperature of the transducer at zeroing, °C.")
     ] = None,
     zero_age: Annotated[
         float | None, typer.Option(min=0, help="Hours since the zero was taken.")
     ] = None,
+    age_days: Annotated[
+        float | None, typer.Option(min=0, help="Days since the calibration.")
+    ] = None,
     averaged: Annotated[
         float, typer.Option(min=1, help="Number of separate loadings in the mean.")
     ] = 1.0,
+    reference: ReferenceOption = None,
+    span_limit: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the span's change, % of torque per 10 K.")
+    ] = None,
+    zero_limit: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the zero's change, % of range per 10 K.")
+    ] = None,
+    drift: Annotated[
+        float | None, typer.Option(min=0, help="Limit of the span's drift, % of torque a year.")
+    ] = None,
+    zero: Annotated[
+        float | None, typer.Option(min=0, help="Standard uncertainty of the zero, N·m.")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0, help="Of the Monte Carlo check.")] = 0,
     bench: LimitsOption = None,
 ) -> None:
     """Compute the uncertainty budget of readings by the GUM, checked by Monte Carlo.
 
-    It is the U that `apply`, `measure`, the panel and certificates state. Limits given as options
-    replace those in the model's file; a condition that isn't given enters with its possible range.
-    Both methods are compared by the criterion of JCGM 101, clause 8. If they differ, state the
-    larger of the two intervals.
+    It is the U that `apply`, `measure`, the panel and certificates state for the same reading under
+    the same conditions. A condition that isn't given enters with its possible range. Limits given
+    as options replace those in the model's file. Both methods are compared by the criterion of JCGM
+    101, clause 8. If they differ, state the larger of the two intervals.
     """
     import numpy as np
 
@@ -126,7 +141,7 @@ def budget(
     stored = load_model(model)
 
     from torquebench.campaign.chains import stated_effects
-    from torquebench.chain import MeasuredTemperature, Readings, Temperature
+    from torquebench.chain import readings_of_rows
     from torquebench.cli.chain_words import tell_missing
 
     chain = chain_of(stored, bench)
@@ -135,38 +150,43 @@ def budget(
             chain,
             stored.provenance.range_nm,
             reference=stated_reference(reference, stored.provenance.range_nm),
-            span_percent_per_10k=span_temperature,
-            zero_percent_per_10k=zero_temperature,
+            span_percent_per_10k=span_limit,
+            zero_percent_per_10k=zero_limit,
             drift_percent_per_year=drift,
             zero_nm=zero,
         )
     )
-    of_temperature = (Temperature, MeasuredTemperature)
-    calibrated = next((e.calibrated_c for e in chain.effects if isinstance(e, of_temperature)), 0.0)
-    warm = None if temperature_change is None else calibrated + temperature_change
-    torque = chain.torque(
-        Readings(
-            np.array(reading),
-            branch=np.full(len(reading), float(_SIGNS[branch])),
-            speed_rpm=speed,
-            temperature_c=warm,
-            zero_temperature_c=None if warm is None else calibrated,
-            zero_age_h=zero_age,
-            zero_nm=zero,
-            calibration_age_h=None if age_days is None else HOURS_PER_DAY * age_days,
-            loadings=averaged,
-        )
+    rows = {
+        "reading_nm": np.array(reading),
+        "branch": np.full(len(reading), _SIGNS[branch]),
+        "standard_error_nm": standard_error,
+        "speed_rpm": speed,
+        "acceleration_rad_s2": acceleration,
+        "angle_rad": None if angle is None else float(np.radians(angle)),
+        "temperature_c": temperature,
+    }
+    known = readings_of_rows(
+        rows,
+        steady=steady,
+        window_s=window,
+        zero_age_h=zero_age,
+        zero_temperature_c=zero_temperature,
     )
+    age_h = None if age_days is None else HOURS_PER_DAY * age_days
+    torque = chain.torque(replace(known, zero_nm=zero, calibration_age_h=age_h, loadings=averaged))
+    freedom = stored.model.scatter_freedom
     for row, value in enumerate(reading):
         checked = torque.check(row, generator=np.random.default_rng(seed))
         say(f"[bold]reading {value:g} N·m, branch {branch.value}[/bold]")
         _print_budget(checked.budget)
-        answer(readings=[BUDGETED_READING.of(checked, reading_nm=value, branch=branch)])
+        facts = {"reading_nm": value, "branch": branch, "student_degrees_of_freedom": freedom}
+        answer(readings=[BUDGETED_READING.of(checked, **facts)])
         (say if checked.agrees else warn)(checked.sentence())
         if not checked.agrees:
             found = checked.monte_carlo
             percent = 100.0 * found.coverage_probability
             say(f"Monte Carlo, {percent:.4g} %: {found.low:.7g} to {found.high:.7g} N·m")
+    say(f"k = 2: curve and scatter contain Student's factor for {freedom:.3g} degrees of freedom")
     tell_missing(chain.missing())
 
 
