@@ -77,6 +77,8 @@ class CalibrationStep:
         Additional torque by each, N·m.
     change_nm, expanded_uncertainty_nm : float
         After less before, and its U (k = 2).
+    normalised_error : float
+        E_n: the change in expanded uncertainties.
     """
 
     reading_nm: float
@@ -85,13 +87,7 @@ class CalibrationStep:
     after_nm: float
     change_nm: float
     expanded_uncertainty_nm: float
-
-    @property
-    def normalised_error(self) -> float:
-        """E_n: the change in expanded uncertainties."""
-        if self.expanded_uncertainty_nm == 0.0:
-            return float(np.sign(self.change_nm) * np.inf) if self.change_nm else 0.0
-        return self.change_nm / self.expanded_uncertainty_nm
+    normalised_error: float
 
     @property
     def significant(self) -> bool:
@@ -267,14 +263,15 @@ def _steps(
         for row in range(reading.size):
             pair = _side_by_side(before.at([row]), after.at([row]), shared)
             change = pair.combined([-1.0, 1.0], loading=[0, 0])
+            before_nm, after_nm = (float(each[row]) for each in added)
+            change_nm, u_nm = after_nm - before_nm, float(change.expanded_uncertainty_nm[0])
+            if u_nm:
+                error = change_nm / u_nm
+            else:
+                error = float(np.sign(change_nm) * np.inf) if change_nm else 0.0
             found.append(
                 CalibrationStep(
-                    float(reading[row]),
-                    branch,
-                    float(added[0][row]),
-                    float(added[1][row]),
-                    float(added[1][row] - added[0][row]),
-                    float(change.expanded_uncertainty_nm[0]),
+                    float(reading[row]), branch, before_nm, after_nm, change_nm, u_nm, error
                 )
             )
     return tuple(found)

@@ -237,20 +237,6 @@ EXPORTED_DATA = Record(
     "A run's samples or edges for other programs.",
     facts={"run": str, "stream": str, "format": str, **_FILES},
 )
-CALIBRATION_STEP = Record(
-    "One reading on one branch (1 rising, -1 falling) by two calibrations.",
-    "torquebench.campaign.calibration_comparison:CalibrationStep",
-    "reading_nm branch before_nm after_nm change_nm expanded_uncertainty_nm normalised_error "
-    "significant",
-)
-COMPARED_CALIBRATIONS = Record(
-    "Two calibrations of one transducer.",
-    "torquebench.campaign.calibration_comparison:CalibrationComparison",
-    "before=before.name after=after.name transducer=after.entry.transducer_serial simulated "
-    "verdict",
-    {"steps": [CALIBRATION_STEP]},
-    _FILES,
-)
 CHART = Record(
     "One quantity of a transducer over time.",
     "torquebench.campaign.drifting:DriftSeries",
@@ -376,7 +362,6 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "records rebuild": (REBUILT,),
     "records export": (EXPORTED_RUN,),
     "records export-data": (EXPORTED_DATA,),
-    "records compare": (COMPARED_CALIBRATIONS,),
     "records drift": (DRIFT,),
     "records audit": (AUDIT,),
     "records equipment": (EQUIPMENT_SHOWN,),

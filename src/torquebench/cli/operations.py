@@ -417,7 +417,13 @@ def present(result: Result, reports: Iterable[Path] | None = None) -> None:
         warn(remark)
     answer(**result.plain())
     if reports:
-        write_reports(page, list(reports))
+        import dataclasses
+
+        from torquebench.reports.page import Facts, Section
+
+        remarks = Section("Remarks", "", [Facts([("", each) for each in result.remarks])])
+        sections = [*page.sections, *[remarks] * bool(result.remarks)]
+        write_reports(dataclasses.replace(page, sections=sections), list(reports))
     if result.failed:
         note("a check failed: exit code 1")
         raise typer.Exit(CHECK_FAILED)

@@ -37,6 +37,7 @@ _PACKAGED: Mapping[str, str] = {
     "standard-reducer": "reducers:STANDARD_REDUCER",
     "record": "recording:RECORD",
     "certificate": "certificates:CERTIFICATE",
+    "records compare": "records:COMPARE",
     "records compare-models": "models:COMPARE_MODELS",
     "records fit-model": "models:FIT_MODEL",
     "records use": "models:USE",

@@ -6,7 +6,7 @@ import numpy as np
 
 from torquebench.campaign.calibration_comparison import CalibrationComparison, CalibrationStep
 from torquebench.figures import COLOURS, legend_above, new_figure, percent_axis, styled, svg_text
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Drawings, Facts, Page, Section, Table
 from torquebench.uncertainty import stated
 
 __all__ = ["calibration_comparison_page", "change_figure"]
@@ -26,7 +26,7 @@ def calibration_comparison_page(found: CalibrationComparison) -> Page:
         for word, each in (("Before", found.before), ("After", found.after))
     ]
     facts += [("Compared", f"{found.low_nm:.4g} to {found.high_nm:.4g} N·m")]
-    facts += [("Result", found.verdict()), *(("Remark", each) for each in found.remarks)]
+    facts += [("Result", found.verdict())]
     caption = (
         "Above: additional torque by both calibrations. Below: its change with U (k = 2); a change "
         "beyond its bar is significant."
@@ -41,7 +41,9 @@ def calibration_comparison_page(found: CalibrationComparison) -> Page:
         title=f"Transducer {found.after.entry.transducer_serial}: two calibrations",
         subtitle=f"{found.before.name} and {found.after.name}",
         sections=[
-            Section("Summary", "", (Facts(facts), Figure(change_figure(found), caption))),
+            Section(
+                "Summary", "", (Facts(facts), Drawings(lambda: [(change_figure(found), caption)]))
+            ),
             Section("Steps", "", (table,)),
         ],
         simulated=found.simulated,

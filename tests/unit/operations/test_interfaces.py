@@ -37,6 +37,7 @@ POSSIBLE: dict[str, dict[str, Any]] = {
     "standard-reducer": {"repeats": 2},
     "record": {"name": "noise", "duration_s": 1.0},
     "certificate": {"calibration": "calibration-1", "languages": ["de"]},
+    "records compare": {"first": "calibration-1", "second": "calibration-2"},
     "records compare-models": {"calibration": 1},
     "records fit-model": {"calibration": 1, "model": "polynomial-3"},
     "records use": {"model": 1, "reason": "checked"},
@@ -55,6 +56,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "standard-reducer": {"reducer": "rv-40e"},
     "record": {"name": ""},
     "certificate": {"calibration": "calibration-99"},
+    "records compare": {"first": "calibration-1", "second": "calibration-99"},
     "records compare-models": {"calibration": 99},
     "records fit-model": {"calibration": 1, "model": "magic"},
     "records use": {"model": 99},
@@ -140,6 +142,7 @@ def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
     with BenchService.open(None, folder, fast=True) as service:
         service.clients.add(CHIEF, ANA.name, ANA.role)
         for name, request in (
+            ("calibrate", QUICK),
             ("calibrate", QUICK),
             ("test", {**POSSIBLE["test"], "serial": "A1", "subtract_twist": False}),
             ("test", {**POSSIBLE["test"], "serial": "A2", "subtract_twist": False}),
