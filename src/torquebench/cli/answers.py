@@ -138,7 +138,7 @@ FITTED = Record(
 APPLIED = Record(
     "Readings that were compensated.",
     "torquebench.tables.compensating:CompensatedFile",
-    facts={"unmeasured": [str], "columns": [Any], **_FILES},
+    facts={"unmeasured": [str], "of_reading_from_nm": float, "columns": [Any], **_FILES},
 )
 VERIFIED = Record(
     "Models at points that they weren't fitted to; the verdict is that of the second entry.",
