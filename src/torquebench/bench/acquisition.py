@@ -445,10 +445,6 @@ class Acquisition:
         channel = self._channels.get(name)
         return channel.zero if channel is not None else self._zeros.get(name, 0.0)
 
-    def is_zeroed(self, side: Side) -> bool:
-        """Return whether a zero of a module was taken since the bench was opened."""
-        return side in self._zeroed
-
     def set_zero(self, name: str, signal: float, standard_uncertainty_nm: float) -> None:
         """Take a signal for zero torque from the next block on.
 

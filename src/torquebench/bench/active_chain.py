@@ -82,7 +82,7 @@ class ActiveChain:
         self.model_id = model_id
         self.kind = kind
         self.zero: ZeroTaken | None = None
-        self.calibration_age_h = calibration_age_h
+        self._calibration_age_h = calibration_age_h
         zero = chain.find(Zero)
         self._zero_scatter_nm = 0.0 if zero is None else zero.zero_nm
         self._stream = chain.stream()
@@ -143,7 +143,7 @@ class ActiveChain:
             zero_nm=(
                 None if zero is None else hypot(self._zero_scatter_nm, zero.standard_uncertainty_nm)
             ),
-            calibration_age_h=self.calibration_age_h,
+            calibration_age_h=self._calibration_age_h,
             of_bench=True,
             **conditions,
         )

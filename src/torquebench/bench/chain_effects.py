@@ -89,11 +89,9 @@ def chain_effects(
             datasheet, None if drift is None else 1e-2 * drift * nominal, conditions.zero_interval_h
         )
     )
-    interval_h = HOURS_PER_DAY * conditions.calibration_interval_days
     if transducer.drift_percent_per_year is not None:
+        interval_h = HOURS_PER_DAY * conditions.calibration_interval_days
         effects.append(Drift(datasheet, transducer.drift_percent_per_year, interval_h))
-    elif transducer.accuracy_class is not None:
-        effects.append(Drift.by_class(transducer.accuracy_class, interval_h))
     return tuple(effects)
 
 

@@ -71,8 +71,7 @@ class TransducerDescription(_Section):
 
     The limits of its data sheet are shares of the nominal torque, those of the span shares of the
     torque; zero drift, long-term drift and creep under load aren't known where they aren't given,
-    and then aren't in U either. Without a limit of the long-term drift, the accuracy class counts
-    as its limit a year.
+    and then aren't in U either.
     """
 
     serial: Text
@@ -96,7 +95,6 @@ class TransducerDescription(_Section):
     speed_zero_percent_per_1000rpm: Annotated[float, Field(ge=0, le=10, description="%")] = 0.01
     zero_drift_percent_per_h: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
     drift_percent_per_year: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
-    accuracy_class: Annotated[float, Field(gt=0, le=10, description="%")] | None = None
     creep_percent: Annotated[float, Field(ge=0, le=10, description="%")] | None = None
 
     @property

@@ -52,7 +52,6 @@ from .readings import (
 )
 from .states import (
     EffectState as EffectState,
-    condition_remarks as condition_remarks,
     effect_states as effect_states,
     not_in_u as not_in_u,
 )

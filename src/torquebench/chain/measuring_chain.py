@@ -258,42 +258,6 @@ class MeasuringChain:
         """Return the torques of readings that say nothing about each other."""
         return _sum(self.effects, readings, self.switched_off)
 
-    def torque_from_nm(self, percent: float, age_h: float | None = 0.0) -> float:
-        """Return the torque from which on U is at most a share of it; infinite where it never is.
-
-        Of steady readings on the rising branches, standing, right after zeroing, at the temperature
-        of the calibration.
-
-        Parameters
-        ----------
-        percent : float
-            Largest U, % of the torque.
-        age_h : float or None
-            Time since the calibration, h; by default, as calibrated.
-        """
-        ends = (self.curve.low_nm, self.curve.high_nm)
-        reading = np.concatenate([end * np.linspace(0.0, 1.0, 401)[1:-1] for end in ends if end])
-        warm = next((e.calibrated_c for e in self.effects if hasattr(e, "calibrated_c")), None)
-        torque = self.independent(
-            Readings(
-                reading,
-                branch=np.ones(reading.size),
-                speed_rpm=0.0,
-                acceleration_rad_s2=0.0,
-                window_s=np.inf,
-                temperature_c=warm,
-                zero_temperature_c=warm,
-                zero_age_h=0.0,
-                calibration_age_h=age_h,
-            )
-        )
-        size = np.abs(torque.value_nm)
-        larger = ~(torque.expanded_uncertainty_nm <= 1e-2 * percent * size)
-        if not larger.any():
-            return float(size.min())
-        most = float(size[larger].max())
-        return float(np.min(size[size > most], initial=np.inf))
-
     @property
     def turns(self) -> bool:
         """Whether speed, temperature or acceleration were measured on the chain."""

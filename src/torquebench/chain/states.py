@@ -2,17 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from torquebench.chain.effects import SWITCHES, Drift, Temperature
+from torquebench.chain.effects import SWITCHES
 from torquebench.chain.effects.static_curve import StaticCurve
 from torquebench.chain.readings import QUANTITIES
 from torquebench.message import Message
-from torquebench.units import HOURS_PER_DAY, HOURS_PER_YEAR
 
 if TYPE_CHECKING:
     from torquebench.chain.effect import Effect
@@ -20,7 +19,7 @@ if TYPE_CHECKING:
     from torquebench.chain.readings import Readings
     from torquebench.chain.torque import Torque
 
-__all__ = ["EffectState", "condition_remarks", "effect_states", "not_in_u"]
+__all__ = ["EffectState", "effect_states", "not_in_u"]
 
 Standing = Literal["holds", "outside", "unmeasured", "off", "missing"]
 
@@ -109,42 +108,6 @@ def not_in_u(missing: Sequence[str]) -> Message | None:
     if not missing:
         return None
     return Message("not in U, because no record exists: {influences}", Message.joined(missing))
-
-
-def condition_remarks(
-    chain: MeasuringChain, age_h: float | None, celsius: tuple[float, float] | None = None
-) -> Iterator[Message]:
-    """Yield what a laboratory expects to be told of the conditions of readings.
-
-    Parameters
-    ----------
-    chain : MeasuringChain
-    age_h : float or None
-        Time since the calibration.
-    celsius : tuple of float or None
-        Lowest and highest temperature of the transducer, °C.
-    """
-    drift, warmth = chain.find(Drift), chain.find(Temperature)
-    interval_h = HOURS_PER_YEAR if drift is None else drift.interval_h
-    if age_h is not None and age_h > interval_h:
-        yield Message(
-            "the calibration is {days:.0f} days old, calibrations are due after {interval:.0f}",
-            age_h / HOURS_PER_DAY,
-            interval_h / HOURS_PER_DAY,
-        )
-    if drift is not None and drift.assumed:
-        yield Message("drift in U is {record}; no limit is stated", drift.record)
-    if celsius is not None and warmth is not None:
-        low, high = celsius
-        if low < warmth.low_c or high > warmth.high_c:
-            yield Message(
-                "the transducer has {low:.3g} to {high:.3g} °C, the stated conditions are "
-                "{low_c:.3g} to {high_c:.3g} °C",
-                low,
-                high,
-                warmth.low_c,
-                warmth.high_c,
-            )
 
 
 def _standing(effect: Effect, readings: Readings, torque: Torque) -> tuple[Standing, str]:

@@ -76,12 +76,9 @@ class Component(NamedTuple):
 
 def by_row(rows: NDArray[np.bool_], these: Distribution, others: Distribution) -> Shapes:
     """Return one distribution for some torques and another for the others."""
-    flags = rows.ravel().tolist()  # of a live block one, without a call of Python
-    if all(flags):
-        return these
-    if not any(flags):
-        return others
-    return np.array([these if flag else others for flag in flags], dtype=object)
+    if rows.all() or not rows.any():
+        return these if rows.any() else others
+    return np.array([these if row else others for row in rows.tolist()], dtype=object)
 
 
 def not_corrected(component: Component, share: float = 3.0**-0.5) -> Component:

@@ -138,7 +138,7 @@ FITTED = Record(
 APPLIED = Record(
     "Readings that were compensated.",
     "torquebench.tables.compensating:CompensatedFile",
-    facts={"unmeasured": [str], "of_reading_from_nm": float, "columns": [Any], **_FILES},
+    facts={"unmeasured": [str], "columns": [Any], **_FILES},
 )
 VERIFIED = Record(
     "Models at points that they weren't fitted to; the verdict is that of the second entry.",
@@ -172,18 +172,6 @@ MEASURED_LINE = Record(
 MEASURED = Record(
     "Models in use; the measured lines precede it.",
     facts={"simulated": bool, "compensation": {str: str}, "not_in_u": {str: [str]}, "lines": int},
-)
-TURNED = Record(
-    "A turning run.",
-    "torquebench.campaign.turning_runs:TurningRun",
-    "run=run_id rows bench_seconds",
-    {"side": str, "profile": str, "simulated": bool, **_FILES},
-)
-TURN_PLANNED = Record(
-    "Plan of a turning run (`--dry-run`).",
-    "torquebench.procedures.rehearsal:Rehearsal",
-    "points duration_s",
-    {"side": str, "profile": str, "simulated": bool},
 )
 PAPER_ITEM = Record("One item of the source papers.", facts={"item": str, "verdict": str})
 PAPERS = Record(
@@ -348,7 +336,6 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "export": (EXPORTED_MODEL,),
     "budget": (BUDGETS,),
     "measure": (MEASURED, MEASURED_LINE),
-    "turn": (TURNED, TURN_PLANNED),
     "papers": (PAPERS,),
     "in-place": (IN_PLACE,),
     "doctor": (DOCTOR,),

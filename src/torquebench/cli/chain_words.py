@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from torquebench.cli.terminal.console import note, say, warn
+from torquebench.cli.terminal.console import note, say
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from torquebench.chain import Timebase
     from torquebench.station import Station
 
-__all__ = ["compensated", "tell_compensation", "tell_conditions", "tell_missing"]
+__all__ = ["compensated", "tell_compensation", "tell_missing"]
 
 
 def tell_missing(missing: Sequence[str], side: str = "") -> None:
@@ -29,22 +29,6 @@ def tell_missing(missing: Sequence[str], side: str = "") -> None:
             note(f"{side}: {sentence}")
         else:
             say(sentence)
-
-
-def tell_conditions(station: Station, sides: Sequence[Side]) -> None:
-    """Warn of sides without a zero, of overdue calibrations and of temperatures not stated for."""
-    from torquebench.chain import condition_remarks
-
-    block = station.acquisition.latest_block
-    for side in sides:
-        if not station.acquisition.is_zeroed(side):
-            warn(f"{side}: no zero was taken since the bench was opened; give --zero")
-        active = station.acquisition.compensation(side)
-        if active is not None:
-            warm = block.temperature_c(station.description.module(side).temperature_probe)
-            celsius = None if warm != warm else (warm, warm)
-            for remark in condition_remarks(active.chain, active.calibration_age_h, celsius):
-                warn(f"{side}: {remark}")
 
 
 def compensated(station: Station, side: Side, accepted: Timebase | None = None) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from torquebench.cli.chain_words import tell_compensation, tell_conditions
+from torquebench.cli.chain_words import tell_compensation
 from torquebench.cli.options import (
     DEFAULT_DATA,
     BenchOption,
@@ -62,7 +62,6 @@ def measure(
         states, missing = tell_compensation(station, SIDES, counter.accepted())
         if zero:
             _take_zero(station)
-        tell_conditions(station, SIDES)
         answer(
             simulated=station.description.simulated,
             compensation=states,

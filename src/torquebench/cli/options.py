@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from datetime import UTC, date, datetime
 from enum import StrEnum
@@ -28,7 +27,6 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench import BenchDescription
     from torquebench.chain import Timebase
-    from torquebench.cli.bench_session import BenchSession
     from torquebench.panel.address import Address
     from torquebench.tables import Conversion, Understood
     from torquebench.uncertainty import CertifiedUncertainty
@@ -37,7 +35,6 @@ __all__ = [
     "CSV_ENDINGS",
     "AddressOptions",
     "BenchOption",
-    "BenchOptions",
     "ColumnOption",
     "CounterOptions",
     "DataOption",
@@ -138,30 +135,6 @@ YesOption = Annotated[
 RealTimeOption = Annotated[
     bool, typer.Option("--real-time", help="Simulated time follows the wall clock.")
 ]
-
-
-@dataclass(frozen=True)
-class BenchOptions:
-    """The options of every command that moves a bench."""
-
-    bench: BenchOption = None
-    data: DataOption = DEFAULT_DATA
-    yes: YesOption = False
-    real_time: RealTimeOption = False
-
-    def description(self) -> BenchDescription:
-        """Return the description of the bench."""
-        return bench_description(self.bench)
-
-    def open(
-        self, description: BenchDescription, *, resumed: str = ""
-    ) -> AbstractContextManager[BenchSession]:
-        """Open the bench for measuring; a resumed run needs no message."""
-        from torquebench.cli.bench_session import open_bench
-
-        return open_bench(
-            description, self.data, real_time=self.real_time, yes=self.yes, resumed=resumed
-        )
 
 
 @dataclass(frozen=True)

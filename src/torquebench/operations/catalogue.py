@@ -36,6 +36,8 @@ _PACKAGED: Mapping[str, str] = {
     "test": "reducers:TEST",
     "standard-reducer": "reducers:STANDARD_REDUCER",
     "record": "recording:RECORD",
+    "run": "queue:RUN",
+    "turn": "turning:TURN_MODULE",
     "certificate": "certificates:CERTIFICATE",
     "records compare": "records:COMPARE",
     "records compare-models": "models:COMPARE_MODELS",

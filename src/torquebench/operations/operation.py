@@ -486,6 +486,8 @@ class Operation:
         Whether it is done at once: no job.
     signed : bool
         Whether a person has to sign with the password.
+    local : bool
+        Whether only the command line has it.
     exclusive : bool
         Whether no other process may have the bench and its records open.
     commands : bool
@@ -509,6 +511,7 @@ class Operation:
     loads: bool = False
     quick: bool = False
     signed: bool = False
+    local: bool = False
     exclusive: bool = False
     commands: bool = False
     activates: bool = False
@@ -525,6 +528,16 @@ class Operation:
     def key(self) -> str:
         """Name in addresses and in Python."""
         return self.name.replace(" ", "-")
+
+    @property
+    def served(self) -> bool:
+        """Whether panel and API have it."""
+        return self.where != "files" and not self.local
+
+    @property
+    def local_fields(self) -> tuple[str, ...]:
+        """Fields that only the command has."""
+        return tuple(each.name for each in parameters(self.request) if each.local)
 
     @property
     def signable(self) -> bool:

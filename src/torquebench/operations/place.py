@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from torquebench.bench.mounting_record import MountingRecord
     from torquebench.calibration import Profile
     from torquebench.campaign.measuring import OnPause, RunOptions
+    from torquebench.procedures.turning.profile import TurningProfile
     from torquebench.records import Registry
     from torquebench.reducers import ReducerDescription
     from torquebench.station import Station
@@ -51,6 +52,9 @@ Value = TypeVar("Value")
 class Library(Protocol):
     """Profiles and reducers by name."""
 
+    def turning(self, name: str) -> TurningProfile:
+        """Return a profile of turning; raises InputError where there is none of this name."""
+
     def profile(self, name: str) -> Profile:
         """Return a profile; raises InputError where there is none of this name."""
 
@@ -66,6 +70,12 @@ class PackagedLibrary:
         from torquebench.calibration import load_profile
 
         return load_profile(name)
+
+    def turning(self, name: str) -> TurningProfile:
+        """Return a profile of turning by its name or the path of its file."""
+        from torquebench.procedures.turning.profile import load_turning_profile
+
+        return load_turning_profile(name)
 
     def reducer(self, name: str) -> ReducerDescription:
         """Return a reducer's description by its name or the path of its file."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from dataclasses import field as dataclass_field
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from torquebench import records
 from torquebench.campaign.calibration_comparison import (
@@ -94,7 +94,7 @@ class ComparedCalibrations(Result):
     low_nm: float
     high_nm: float
     steps: Sequence[CalibrationStep]
-    comparison: CalibrationComparison = dataclass_field(metadata=HIDDEN)
+    comparison: Any = dataclass_field(metadata=HIDDEN)
 
     def page(self) -> Page:
         """Return its description."""

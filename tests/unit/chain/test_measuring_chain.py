@@ -33,7 +33,6 @@ from torquebench.chain import (
     Timebase,
     Torque,
     Zero,
-    condition_remarks,
     effect_from,
     joined,
 )
@@ -207,33 +206,6 @@ def test_lines_of_a_budget_say_what_they_are(chain: MeasuringChain) -> None:
             assert lines["scatter"].shared is Shared.LOADING
             assert lines["drift"].shared is Shared.CALIBRATION
             assert 900.0 + sum(line.value for line in budget.lines) == pytest.approx(budget.value)
-
-
-def test_an_overdue_calibration_and_other_conditions_are_named(model: CompensationModel) -> None:
-    bare, dated = MeasuringChain(model), MeasuringChain(model, OF_LIMITS)
-    assert not list(condition_remarks(dated, 8766.0, (18.0, 30.0)))
-    (overdue,) = condition_remarks(bare, 5 * 8766.0, (-5.0, 60.0))
-    assert overdue == "the calibration is 1826 days old, calibrations are due after 365"
-    assert not list(condition_remarks(bare, None))
-    (warm,) = condition_remarks(dated, 24.0, (22.0, 31.0))
-    assert "22 to 31 °C" in warm
-    assert "18 to 30 °C" in warm
-    by_class = MeasuringChain(model, (Drift.by_class(0.05),))
-    (assumed,) = condition_remarks(by_class, 24.0)
-    assert "assumed within accuracy class 0.05 a year" in assumed
-    aged = by_class.torque(rows(1000.0, calibration_age_h=3 * 8766.0))
-    assert aged.component("drift")[0] == pytest.approx(1.5e-3 * aged.value_nm[0] / sqrt(3.0))
-
-
-def test_the_torque_from_which_u_is_a_share_of_it(chain: MeasuringChain) -> None:
-    from_nm = chain.torque_from_nm(1.0)
-    assert 20.0 < from_nm < chain.torque_from_nm(0.2)
-    known = {"branch": np.ones(2), "speed_rpm": 0.0, "acceleration_rad_s2": 0.0, "zero_age_h": 0.0}
-    known |= {"temperature_c": 23.0, "zero_temperature_c": 23.0, "calibration_age_h": 0.0}
-    there = chain.torque(rows(from_nm, -from_nm, window_s=np.inf, **known))
-    assert there.expanded_uncertainty_nm.max() == pytest.approx(0.01 * from_nm, rel=0.1)
-    assert chain.torque_from_nm(1e-3) == np.inf
-    assert chain.torque_from_nm(0.2, 20 * 8766.0) > chain.torque_from_nm(0.2)
 
 
 def test_what_is_not_measured_widens_and_never_narrows(chain: MeasuringChain) -> None:

@@ -55,6 +55,7 @@ REFUSED: dict[str, dict[str, Any]] = {
     "test": {"test": "starting", "short": True, "repeats": 5},
     "standard-reducer": {"reducer": "rv-40e"},
     "record": {"name": ""},
+    "turn": {"side": "input", "profile": "none"},
     "certificate": {"calibration": "calibration-99"},
     "records compare": {"first": "calibration-1", "second": "calibration-99"},
     "records compare-models": {"calibration": 99},
@@ -215,4 +216,4 @@ def test_a_refusal_is_the_same(interfaces: Interfaces, name: str) -> None:
 
 
 def test_every_operation_is_compared() -> None:
-    assert set(REFUSED) == {name for name, each in OPERATIONS.items() if each.where != "files"}
+    assert set(REFUSED) == {name for name, each in OPERATIONS.items() if each.served}

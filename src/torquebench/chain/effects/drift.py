@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from math import sqrt
-from typing import ClassVar, Self
+from typing import ClassVar
 
 from torquebench.chain.effect import Effect, register
 from torquebench.chain.readings import FloatArray, Readings
@@ -13,8 +13,6 @@ from torquebench.uncertainty import Distribution
 from torquebench.units import HOURS_PER_YEAR
 
 __all__ = ["Drift"]
-
-_ASSUMED = "assumed within accuracy class "
 
 
 @register("drift")
@@ -34,20 +32,6 @@ class Drift(Effect):
     needs: ClassVar[tuple[str, ...]] = ("calibration_age_h",)
     percent_per_year: float = field(metadata={"least": 0.0})
     interval_h: float = field(default=HOURS_PER_YEAR, metadata={"least": 0.0})
-
-    @classmethod
-    def by_class(cls, accuracy_class: float, interval_h: float = HOURS_PER_YEAR) -> Self:
-        """Return the drift of a transducer that only its accuracy class (%) is known of.
-
-        No data sheet promises that: a year's drift within the class is an assumption, and the
-        record says so.
-        """
-        return cls(f"{_ASSUMED}{accuracy_class:g} a year", accuracy_class, interval_h)
-
-    @property
-    def assumed(self) -> bool:
-        """Whether its limit is the transducer's class."""
-        return self.record.startswith(_ASSUMED)
 
     def components(self, readings: Readings, torque_nm: FloatArray) -> tuple[Component, ...]:
         """Return the limit at the age of the calibration, as a rectangular distribution."""

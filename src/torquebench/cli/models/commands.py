@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -104,10 +104,6 @@ def fit(
     serial: Annotated[str, typer.Option(help="Serial number of the transducer.")] = "",
     counter: Annotated[str, typer.Option(help="Clock that timed the pulses.")] = "",
     reference: ReferenceOption = None,
-    accuracy_class: Annotated[
-        float | None,
-        typer.Option(min=0, help="Of the transducer, %: the assumed limit of its drift a year."),
-    ] = None,
     profile: Annotated[
         str | None, typer.Option(help="Profile that states limits of size for its transducers.")
     ] = None,
@@ -174,7 +170,7 @@ def fit(
     from torquebench.campaign.chains import mounting_effect, reference_effect
     from torquebench.campaign.fitting import fit_table, store_model, table_metrics
     from torquebench.campaign.turning import identify_turning, joined_tables
-    from torquebench.chain import Drift, SwitchedOff
+    from torquebench.chain import SwitchedOff
     from torquebench.cli.tables import effects_table
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.compensation import RECOMMENDED
@@ -185,8 +181,6 @@ def fit(
     off: tuple[Effect, ...] = ()
     if without:
         off = (SwitchedOff.of("stated with the fit", *without),)
-    if accuracy_class is not None:
-        off = (Drift.by_class(accuracy_class), *off)
     if dynamics is not None:
         from torquebench.campaign.dynamics import load_dynamics
 
@@ -286,9 +280,6 @@ def apply(
     ] = None,
     without: WithoutOption = None,
     bench: LimitsOption = None,
-    of_reading: Annotated[
-        float, typer.Option(min=0, help="State from which torque on U is at most this %.")
-    ] = 1.0,
     *,
     table: TableOptions,
 ) -> None:
@@ -327,7 +318,6 @@ def apply(
         chain = chain.with_effects([SwitchedOff.of("stated with apply", *without)])
     stream = RecordedStream(chain)
     unmeasured: dict[str, None] = {}
-    conditions = _Conditions(chain)
 
     def checked(file: Table, columns: TableColumns) -> None:
         check_model(stored, file, columns)
@@ -338,7 +328,6 @@ def apply(
 
     def columns(known: Readings, torque: Torque) -> tuple[NDArray[np.float64], ...]:
         unmeasured.update(dict.fromkeys(chain.unmeasured(known)))
-        conditions.note(known)
         return torque.value_nm, torque.value_nm - known.reading_nm, torque.expanded_uncertainty_nm
 
     def compensate(table: ReadingsTable) -> tuple[NDArray[np.float64], ...]:
@@ -376,8 +365,7 @@ def apply(
         f"U (k = 2) up to {done.largest_uncertainty_nm:.3g} N·m"
     )
     say_file("Torque", result)
-    from_nm = conditions.tell(of_reading)
-    answer(**APPLIED.of(done, unmeasured=list(unmeasured), of_reading_from_nm=from_nm))
+    answer(**APPLIED.of(done, unmeasured=list(unmeasured)))
     if filtering is not None:
         say(
             f"each torque belongs to the time of its row; the filter uses readings up to "
@@ -386,36 +374,6 @@ def apply(
     if unmeasured:
         say(f"not in the file, U contains its possible range: {', '.join(unmeasured)}")
     tell_missing(chain.missing())
-
-
-@dataclass
-class _Conditions:
-    """Age of the calibration and temperatures of all blocks of a file."""
-
-    chain: MeasuringChain
-    age_h: float | None = None
-    celsius: tuple[float, float] | None = None
-
-    def note(self, readings: Readings) -> None:
-        """Take the conditions of a block."""
-        import numpy as np
-
-        self.age_h = self.chain.dated(readings).calibration_age_h
-        if readings.temperature_c is not None:
-            known = [*(self.celsius or ()), *np.atleast_1d(readings.temperature_c)]
-            self.celsius = float(np.nanmin(known)), float(np.nanmax(known))
-
-    def tell(self, percent: float) -> float | None:
-        """State from which torque on U is a share of it, and warn of the conditions."""
-        from torquebench.chain import condition_remarks
-
-        from_nm = self.chain.torque_from_nm(percent, self.age_h or 0.0)
-        reached = from_nm < float("inf")
-        where = f"from {from_nm:.3g} N·m on" if reached else "nowhere"
-        say(f"U of a steady reading, right after zeroing, is at most {percent:g} % of it {where}")
-        for remark in condition_remarks(self.chain, self.age_h, self.celsius):
-            warn(remark)
-        return from_nm if reached else None
 
 
 def verify(

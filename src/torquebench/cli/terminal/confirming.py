@@ -13,32 +13,13 @@ from torquebench.message import Message
 
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
-    from torquebench.bench.roles import Side
     from torquebench.calibration import Profile
-    from torquebench.procedures.turning.profile import TurningProfile
 
-__all__ = ["confirm_start", "confirm_turn"]
+__all__ = ["confirm_start"]
 
 
 def confirm_start(description: BenchDescription, side: str, profile: Profile, yes: bool) -> None:
     """Ask before a profile loads a module."""
-    what = f"{side} will be loaded to ±{profile.largest_percent:g} % of range by {profile.name}"
-    _confirm(description, what, yes)
-
-
-def confirm_turn(
-    description: BenchDescription, side: Side, profile: TurningProfile, yes: bool
-) -> None:
-    """Ask before a shaft turns, or is loaded at rest."""
-    if profile.kind == "dynamics":
-        largest = profile.largest_share * description.module(side).range_nm
-        said = f"will be loaded with up to {largest:g} N·m in steps, at rest"
-    else:
-        said = f"will turn at up to {profile.top_rpm(side):g} rpm"
-    _confirm(description, f"{side} {said} by {profile.name}", yes, "start")
-
-
-def _confirm(description: BenchDescription, what: str, yes: bool, then: str = "be loaded") -> None:
     if yes or description.simulated:
         return
     if not sys.stdin.isatty():
@@ -47,6 +28,7 @@ def _confirm(description: BenchDescription, what: str, yes: bool, then: str = "b
             "a person at the terminal, or --yes",
             "check that nobody is at the bench, then give --yes",
         )
-    stderr_console().print(f"{description.name}: {what}.", markup=False)
-    if not typer.confirm(f"Is the bench clear and may it {then}?", err=True):
+    largest = f"±{profile.largest_percent:g} % of range by {profile.name}"
+    stderr_console().print(f"{description.name}: {side} will be loaded to {largest}.", markup=False)
+    if not typer.confirm("Is the bench clear and may it be loaded?", err=True):
         raise typer.Exit(1)

@@ -160,7 +160,7 @@ def describe(api: FastAPI) -> dict[str, Any]:
     )
     schemas: dict[str, Any] = found["components"]["schemas"]
     schemas["ProblemDetails"] = ProblemDetails.model_json_schema()
-    results = {each.key: each.result for each in OPERATIONS.values() if each.where != "files"}
+    results = {each.key: each.result for each in OPERATIONS.values() if each.served}
     references, of_results = json_schemas(list(dict.fromkeys(results.values())))
     for name, schema in of_results.items():
         schemas.setdefault(name, schema)
@@ -169,7 +169,7 @@ def describe(api: FastAPI) -> dict[str, Any]:
         "anyOf": [*references.values(), {"type": "null"}],
     }
     for each in OPERATIONS.values():
-        if each.quick and each.where != "files":
+        if each.quick and each.served:
             answers = found["paths"][f"/operations/{each.key}"]["post"]["responses"]
             answers["200"]["content"]["application/json"]["schema"] = references[each.result]
     for name, schema in schemas.items():

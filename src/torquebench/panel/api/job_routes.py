@@ -15,7 +15,6 @@ from torquebench.operations import (
     Preview,
     Request,
     Role,
-    parameters,
 )
 from torquebench.panel.api.access import Caller, Service, Watched
 from torquebench.panel.api.models import AbortBody, AnswerBody, Secret
@@ -25,7 +24,7 @@ __all__ = ["router"]
 
 router = APIRouter(tags=["jobs"])
 
-SERVED = tuple(each for each in OPERATIONS.values() if each.where != "files")
+SERVED = tuple(each for each in OPERATIONS.values() if each.served)
 JobId = Annotated[str, Path(pattern=r"^[0-9a-f]{12}$")]
 
 
@@ -132,10 +131,12 @@ def _body(operation: Operation) -> type[Request]:
     elif operation.signable:
         added["password"] = (Secret | None, None)
     base = operation.request
-    if any(each.local for each in parameters(base)):
-        served = [each.name for each in parameters(base) if not each.local]
-        added |= {name: (base.model_fields[name].annotation, base.model_fields[name])
-                  for name in served}  # fmt: skip
+    if local := operation.local_fields:
+        added |= {
+            name: (info.annotation, info)
+            for name, info in base.model_fields.items()
+            if name not in local
+        }
         base = Request
     if not added:
         return base

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, date, datetime
-from math import isfinite
 from typing import Any
 
 import numpy as np
@@ -264,20 +263,11 @@ def build_record(
         turning_budget=None
         if source.chain is None
         else turning_budget(data, source.chain, source.reference),
-        of_torque=_of_torque(source, data.range_nm),
         not_in_u=()
         if source.chain is None
         else chain_against(source.reference, data.range_nm, source.chain).missing(),
         **_mounting(source),
     )
-
-
-def _of_torque(source: Source, range_nm: float) -> str:
-    """Return from which torque on U is at most 1 % of it."""
-    if source.chain is None:
-        return ""
-    from_nm = chain_against(source.reference, range_nm, source.chain).torque_from_nm(1.0)
-    return Message("from {torque:.3g} N·m on", from_nm) if isfinite(from_nm) else "nowhere"
 
 
 def _loading(data: CalibrationData) -> str:

@@ -525,7 +525,6 @@ class CertificateRecord:
     loading_accuracy: str = stated("Loading accuracy", default="")
     readings: str = stated("Conversion of the readings", default="")
     turning: str = stated("While it turns, the compensation holds for", default="")
-    of_torque: str = stated("U is at most 1 % of the torque", default="")
     turning_budget: TurningBudget | None = None
     not_in_u: tuple[str, ...] = ()
     model_file: str = ""

@@ -27,11 +27,7 @@ __all__ = ["operation_buttons", "operation_dialog", "operations_page", "show_res
 
 def offered(visitor: Visitor) -> list[Operation]:
     """Return the operations that the person may have done here."""
-    return [
-        each
-        for each in OPERATIONS.values()
-        if each.where != "files" and visitor.has_role(each.role)
-    ]
+    return [each for each in OPERATIONS.values() if each.served and visitor.has_role(each.role)]
 
 
 def show_result(visitor: Visitor, result: Any) -> None:

@@ -38,6 +38,7 @@ from torquebench.panel.service.settings.documents import (
     load_builtin,
 )
 from torquebench.panel.service.store import PanelStore, changes, note, utc_text
+from torquebench.procedures.turning.profile import TurningProfile, load_turning_profile
 from torquebench.records import json_text
 from torquebench.reducers import ReducerDescription, available_reducers, load_reducer
 from torquebench.validation import allowed_at, choices_at, faults_of, validated
@@ -123,6 +124,10 @@ class SettingsStore:
         with self._store.transaction(reading=True) as connection:
             latest = {row.name: row.after for row in connection.execute(query)}
         return sorted(name for name, after in latest.items() if json.loads(after) is not None)
+
+    def turning(self, name: str) -> TurningProfile:
+        """Return a packaged profile of turning, never a file of this computer."""
+        return load_turning_profile(name.removesuffix(".toml"))
 
     def profile(self, name: str) -> Profile:
         """Return a calibration profile by its name, never by a path; see `Library`."""
