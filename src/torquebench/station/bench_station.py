@@ -366,7 +366,7 @@ class Station:
         files: Callable[[], Mapping[str, bytes]],
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
-        started_s, before = self.clock.now(), self.devices.interruptions
+        started_s = self.clock.now()
         alarms_before = len(self.supervisor.history)
         recording = Recording(
             self.devices.context,
@@ -380,7 +380,6 @@ class Station:
         )
         writer = recording.writer
         self.engine.progress = progress
-        self.engine.on_held = self._on_held
         self.engine.attend = lambda: self._attend(on_pause)
 
         def finish(status: RunEnd, reason: str) -> None:
@@ -418,7 +417,7 @@ class Station:
             result=None if aborted else outcome.plan_result,
             reason=reason,
             bench_seconds=self.clock.now() - started_s,
-            interruptions=self.devices.interruptions - before,
+            interruptions=self.engine.pauses,
             alarms=self.supervisor.history[alarms_before:],
             metadata=recording.known,
         )
@@ -504,7 +503,7 @@ class Station:
         self.engine.pause()
 
     def resume(self) -> None:
-        """Resume a paused run; `devices.interruptions` has grown by one in the meantime."""
+        """Resume a paused run."""
         self.engine.resume()
 
     @property
@@ -529,9 +528,6 @@ class Station:
         return self.supervisor.trip(
             AlarmKind.STOP, "station", reason, "", "acknowledge when the cause is gone"
         )
-
-    def _on_held(self) -> None:
-        self.devices.interruptions += 1
 
     def _attend(self, on_pause: OnPause | None) -> None:
         """Ask how to continue after a pause, on the thread that called `run`."""
