@@ -14,7 +14,7 @@ from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.drivers.base import Mounting, Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
-from torquebench.campaign.fitting import entry_in_use
+from torquebench.campaign.fitting import entry_in_use, not_compared
 from torquebench.errors import BenchError, TorquebenchError
 from torquebench.message import Message
 from torquebench.procedures import (
@@ -170,7 +170,12 @@ def measure_calibration(
     SignalFault, BenchError
         The run failed; the bench is without torque.
     """
-    before = _model_in_use(station, side)
+    before, unreadable = _model_in_use(station, side)
+    if unreadable:
+        progress = options.get("progress", NO_PROGRESS)
+        progress.start(Message("Comparing the {side} module with its model in use", side))
+        progress.finish(unreadable)
+        options["metadata"] = {**options.get("metadata", {}), "remarks": [unreadable]}
     return measure(
         station,
         lambda: calibrate(station.devices, side, profile, resumption, before),
@@ -180,19 +185,16 @@ def measure_calibration(
     )
 
 
-def _model_in_use(station: Station, side: Side) -> ActiveChain | None:
-    """Return the model that a module has had so far; None for none that can be read."""
+def _model_in_use(station: Station, side: Side) -> tuple[ActiveChain | None, str]:
+    """Return the model that a module has had so far, or why it can't be read; empty for neither."""
     description, counter = station.description, station.drivers.counter.clock_identity
-    serial = description.module(side).transducer.serial
+    serial, registry = description.module(side).transducer.serial, station.registry
     try:
-        entry = station.registry.patiently(lambda: entry_in_use(station.registry, serial, counter))
-        return (
-            None
-            if entry is None
-            else compensation_for(station.registry, description, counter, side)
-        )
-    except TorquebenchError:
-        return None
+        if registry.patiently(lambda: entry_in_use(registry, serial, counter)) is None:
+            return None, ""
+        return compensation_for(registry, description, counter, side), ""
+    except TorquebenchError as error:
+        return None, not_compared(error)
 
 
 def measure_verification(

@@ -131,7 +131,6 @@ class Station:
         self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
-        self._switched_off: dict[Side, tuple[str, ...]] = {}
         self._lock: BenchLock | None = None
         self._registry_warning: int | None = None
         self._closed = False
@@ -575,8 +574,6 @@ class Station:
         active = self.registry.patiently(
             lambda: compensation_for(self.registry, description, counter, side, accepted, fitted)
         )
-        if side in self._switched_off:
-            active.switch_off(self._switched_off[side])
         self.acquisition.set_compensation(side, active)
         return active
 
@@ -599,7 +596,6 @@ class Station:
             No such correction.
         """
         self.acquisition.switch_off(side, off)
-        self._switched_off[side] = tuple(off)
 
     def deactivate_compensation(self, side: Side) -> None:
         """Measure a side without compensation from the next block on."""

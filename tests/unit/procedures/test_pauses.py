@@ -12,7 +12,7 @@ from torquebench.procedures.reducers.turning import TransmissionSettings, transm
 from torquebench.station import RunRecord, Station
 
 STANDARD = ReducerLimits(
-    ratio=121.0, rated_torque_nm=400.0, largest_torque_nm=1000.0, largest_input_rpm=2000.0
+    ratio=80.0, rated_torque_nm=400.0, largest_torque_nm=1000.0, largest_input_rpm=2000.0
 )
 
 

@@ -435,9 +435,9 @@ def bench_twist(
         yield from progress(len(sides), len(sides), "done")
 
     setup = Setup("calibration", sides[0], "calibrator", "locked")
-    yield from measured_in(setup, devices, measured(), metadata)
+    serial = yield from measured_in(setup, devices, measured(), metadata)
     if set(found) != set(sides):
         raise BenchError(
             "a bench twist without recordings", Message("both of {sides}", ", ".join(sides))
         )
-    return BenchTwistRecording(found, str(metadata["standard_serial"]))
+    return BenchTwistRecording(found, serial)
