@@ -17,7 +17,7 @@ from tests.watching import Watching
 from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.resuming import (
     find_interrupted,
     read_interrupted,

@@ -820,7 +820,7 @@ def _finished(
 
     place.check()
     return calibrated_module(
-        campaign.finish_calibration(place.registry, measured, profile, choices, active, progress)
+        campaign.fit_and_register(place.registry, measured, profile, choices, active, progress)
     )
 
 

@@ -21,9 +21,9 @@ from tests.hostile_files import FILES
 from tests.support.faults.judging import Outcome
 
 from torquebench.calibration import load_profile
-from torquebench.campaign.finishing import finish_calibration, finish_run
+from torquebench.campaign.calibrating import fit_and_register, measure_calibration
+from torquebench.campaign.finishing import finish_run
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import measure_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service import read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE
@@ -143,7 +143,7 @@ def attacked(name: str, seed: int, *, real: bool) -> Outcome:
 
             def calibrate(progress: NoProgress) -> int:
                 measured = measure_calibration(station, "output", PROFILE, progress=progress)
-                finish_calibration(registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
+                fit_and_register(registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
                 return len(measured.result.data)
 
             def attack() -> None:

@@ -9,9 +9,8 @@ import pytest
 from torquebench import cli
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, load_profile
-from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.calibrating import fit_and_register, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table
-from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.registering import RegisteredCalibration
 from torquebench.compensation import load_model
 from torquebench.errors import InputError, RecordError
@@ -47,7 +46,7 @@ def calibrate(
     station: Station, side: Side, progress: NoProgress | None = None
 ) -> tuple[CalibrationData, RegisteredCalibration]:
     measured = measure_calibration(station, side, PROFILE, progress=progress or NoProgress())
-    done = finish_calibration(station.registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
+    done = fit_and_register(station.registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
     return measured.result.data, done.registered
 
 

@@ -13,9 +13,9 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.roles import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, Plausibility, Profile, load_profile
-from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.calibrating import fit_and_register, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models
-from torquebench.campaign.measuring import measure_calibration, standard_at_rest
+from torquebench.campaign.measuring import standard_at_rest
 from torquebench.cli.doctor.bench import _standard
 from torquebench.errors import BenchError, SignalFault
 from torquebench.procedures.standard_check import PairedTorque, check_pair
@@ -32,7 +32,7 @@ SIDE: Side = "output"
 
 def calibrate(station: Station, profile: Profile = PROFILE) -> None:
     measured = measure_calibration(station, SIDE, profile)
-    finish_calibration(station.registry, measured, profile, [ModelChoice(KIND)], KIND)
+    fit_and_register(station.registry, measured, profile, [ModelChoice(KIND)], KIND)
 
 
 def points_of_last_run(station: Station) -> int:
@@ -103,7 +103,7 @@ def test_a_model_that_cannot_be_read_is_stated(tmp_path: Path) -> None:
         measured = measure_calibration(station, SIDE, BARE, progress=stages)
         assert re.fullmatch(words, stages.ends[0])
         assert [re.fullmatch(words, text) for text in measured.record.metadata["remarks"]]
-        done = finish_calibration(station.registry, measured, BARE, [ModelChoice(KIND)], KIND)
+        done = fit_and_register(station.registry, measured, BARE, [ModelChoice(KIND)], KIND)
     (fitted,) = done.fitted
     assert len([text for text in fitted.remarks if re.fullmatch(words, text)]) == 1
 
