@@ -14,7 +14,7 @@ from ophyd_async.core import AsyncStatus
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
-from torquebench.bench.interlocks import ProcedureKind, check_procedure
+from torquebench.bench.interlocks import PlannedState, ProcedureKind, check_procedure
 from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.messages import move, read, sleep
 
@@ -74,6 +74,10 @@ class ProcedureGate(Movable[ProcedureKind]):
     async def set(self, value: ProcedureKind) -> None:
         """Raise InterlockError unless the mounted part fits the procedure."""
         check_procedure(self._state, value)
+
+    def rehearse(self, planned: PlannedState, value: ProcedureKind) -> None:
+        """Raise InterlockError unless the part that is mounted then fits."""
+        check_procedure(planned, value)
 
 
 def start_metadata(
