@@ -315,7 +315,7 @@ def test_the_registrys_active_model_compensates(station: Station) -> None:
     (summary,) = station.registry.runs()
     kept = RunFolder.open(summary.folder).metadata["compensation"]
     assert kept["output"]["kind"] == "polynomial"
-    station.deactivate_compensation("output")
+    station.acquisition.set_compensation("output", None)
     row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
     assert "torque_nm" not in row
 

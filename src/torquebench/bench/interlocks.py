@@ -145,7 +145,7 @@ class PresentState:
         self.mounted = drivers.operator.mounted
         self.clamped = drivers.clamp.clamped
         self.mode = drivers.modes.mode
-        self.limits = supervisor.limits_of
+        self.limits = supervisor.limits.side
         self.absent_s = supervisor.heartbeats.absent_s
         self.speed_rad_s = acquisition.speed_rad_s
         rail, supply = drivers.rail, drivers.supply

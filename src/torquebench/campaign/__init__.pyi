@@ -4,8 +4,8 @@ from .bench_chains import (
     used_chain as used_chain,
 )
 from .calibrating import (
+    CALIBRATION as CALIBRATION,
     FinishedCalibration as FinishedCalibration,
-    fit_and_register as fit_and_register,
     measure_calibration as measure_calibration,
 )
 from .checking import (
@@ -58,6 +58,7 @@ from .reducers.tests import (
     run_reducer_test as run_reducer_test,
 )
 from .registering import (
+    evaluate_and_register as evaluate_and_register,
     read_measured as read_measured,
     registers_calibration as registers_calibration,
     run_data as run_data,

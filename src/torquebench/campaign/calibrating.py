@@ -42,15 +42,18 @@ from torquebench.station.matching import compensation_for
 __all__ = [
     "CALIBRATION",
     "FinishedCalibration",
+    "FittedCalibration",
     "calibration_fit",
-    "fit_and_register",
     "measure_calibration",
 ]
 
 
 @dataclass(frozen=True)
-class _Fitted:
-    """Models that were fitted to a calibration, and the name of the one to be put into use."""
+class FittedCalibration:
+    """Models that were fitted to a calibration, and the name of the one to be put into use.
+
+    None is put into use where that is undecided, or where its calibration contradicts itself.
+    """
 
     profile: Profile
     models: tuple[FittedModel, ...]
@@ -136,8 +139,7 @@ def calibration_fit(
 ) -> partial[list[FittedModel]]:
     """Return the fit of models to a calibration, to be called here or in another process.
 
-    It takes `progress` and `title` as `fit_models` does. The parameters are those of
-    `fit_and_register`.
+    It takes `progress` and `title` as `fit_models` does.
     """
     data, run_id = measured.result.data, measured.record.run_id
     return partial(
@@ -152,58 +154,10 @@ def calibration_fit(
     )
 
 
-def fit_and_register(
-    registry: Registry,
-    measured: Measured[StaircaseResult],
-    profile: Profile,
-    choices: Sequence[ModelChoice],
-    active: str | None,
-    progress: Progress = NO_PROGRESS,
-    *,
-    title: str = "",
-    fitted: Sequence[FittedModel] | None = None,
-) -> FinishedCalibration:
-    """Fit models to a calibration, register it with them, and put one into use.
-
-    Parameters
-    ----------
-    registry : Registry
-    measured : Measured
-        The calibration; its folder is sealed.
-    profile : Profile
-        That it followed.
-    choices : sequence of ModelChoice
-    active : str or None
-        Name of the one that the module compensates with from now on, unless its calibration
-        contradicts itself; None if undecided.
-    progress : Progress
-    title : str
-        Of the stage of fitting.
-    fitted : sequence of FittedModel, optional
-        What `calibration_fit` has returned, if it was called before.
-
-    Raises
-    ------
-    RecordError
-        The registry or the disk can't take it. Everything is measured: it can be finished later.
-    """
-    if fitted is None:
-        fit = calibration_fit(registry, measured, profile, choices, progress)
-        title = title or Message("Fitting the {side} module", measured.result.data.side)
-        fitted = fit(progress=progress, title=title)
-    done = _Fitted(profile, tuple(fitted), active)
-    register = partial(_register, registry, measured, done)
-    return registered_patiently(registry, measured.record.run_id, register, progress)
-
-
 def _fit_as_begun(
     registry: Registry, measured: Measured[StaircaseResult], profile: Profile, progress: Progress
-) -> _Fitted:
-    """Fit the models that a run was begun with.
-
-    One is put into use as the run's command would have done, unless its module was calibrated
-    again since.
-    """
+) -> FittedCalibration:
+    """Fit the models that a run was begun with; its module may have been calibrated since."""
     data, folder = measured.result.data, RunFolder(measured.record.folder)
     choices, active = registered_choices(measured.record.metadata)
     newest = registry.calibrations(data.transducer_serial, limit=1)
@@ -211,11 +165,11 @@ def _fit_as_begun(
         active = None
     fit = calibration_fit(registry, measured, profile, choices, progress)
     title = Message("Fitting the {side} module", data.side)
-    return _Fitted(profile, tuple(fit(progress=progress, title=title)), active)
+    return FittedCalibration(profile, tuple(fit(progress=progress, title=title)), active)
 
 
 def _register(
-    registry: Registry, measured: Measured[StaircaseResult], fitted: _Fitted
+    registry: Registry, measured: Measured[StaircaseResult], fitted: FittedCalibration
 ) -> FinishedCalibration:
     data, run_id, active = measured.result.data, measured.record.run_id, fitted.active
     if any(item.contradictions for item in fitted.models if item.name == active):

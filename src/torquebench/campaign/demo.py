@@ -14,15 +14,17 @@ from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.calibration import Profile, load_profile
 from torquebench.campaign.calibrating import (
+    CALIBRATION,
     FinishedCalibration,
+    FittedCalibration,
     calibration_fit,
-    fit_and_register,
     measure_calibration,
 )
 from torquebench.campaign.fitting import FittedModel, ModelChoice
 from torquebench.campaign.measuring import Measured
 from torquebench.campaign.modules import dense_sweep, evaluate_module
 from torquebench.campaign.registering import (
+    register_evaluated,
     register_verification,
     registered_patiently,
     registers_calibration,
@@ -154,9 +156,8 @@ def _modules(
         progress.start(Message("Fitting the {side} module", side))
         fitted = fit()
         progress.finish()
-        calibrated = fit_and_register(
-            registry, item, profile, choices, recommended, progress, fitted=fitted
-        )
+        models = FittedCalibration(profile, tuple(fitted), recommended)
+        calibrated = register_evaluated(CALIBRATION, registry, item, models, progress)
         _require_plausible(calibrated.registered.models[recommended])
         modules.append(_verify(station, settings, side, calibrated, recommended, progress))
         if verified is not None:

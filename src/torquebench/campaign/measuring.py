@@ -123,21 +123,9 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
 class RunKind(Generic[Result, Evaluated, Outcome]):
     """A kind of run: what it measures, and what becomes of that, at once or after a crash.
 
-    Parameters
-    ----------
-    kind : str
-        The run's kind, such as "calibrate-{side}".
-    title : callable
-        Returns the title of its stage, by the side.
-    plan : callable
-        Returns the plan, by devices, side, profile and the caller's arguments and settings.
-    evaluate : callable, optional
-        Evaluates the measured data by the run's record and the registry.
-    register : callable, optional
-        Registers what `evaluate` returned, in one transaction that finds what an earlier attempt
-        has registered. Without it only the run itself is entered.
-    describe : callable, optional
-        Says what was registered.
+    `plan` takes devices, side, profile and the arguments of `measure`. `evaluate` uses the run's
+    record and the registry only. `register` is one transaction, which finds what an earlier attempt
+    has registered; without it only the run itself is entered. `describe` says what is registered.
     """
 
     kind: str

@@ -48,6 +48,7 @@ __all__ = [
     "evaluate_and_register",
     "read_measured",
     "register_calibration",
+    "register_evaluated",
     "register_verification",
     "registered_choices",
     "registered_patiently",
@@ -328,15 +329,29 @@ def evaluate_and_register(
     RecordError
         The registry or the disk fails; the measured run can be finished later.
     """
-    evaluate, register = kind.evaluate, kind.register
+    evaluate, run_id = kind.evaluate, measured.record.run_id
     assert evaluate is not None
-    assert register is not None
-    run_id = measured.record.run_id
     evaluated = registered_patiently(
         registry, run_id, lambda: evaluate(registry, measured, profile, progress), progress
     )
+    return register_evaluated(kind, registry, measured, evaluated, progress)
+
+
+def register_evaluated(
+    kind: RunKind[Result, Evaluated, Outcome],
+    registry: Registry,
+    measured: Measured[Result],
+    evaluated: Evaluated,
+    progress: Progress = NO_PROGRESS,
+) -> Outcome:
+    """Register an evaluated run; raises as `evaluate_and_register`."""
+    enter = kind.register
+    assert enter is not None
     return registered_patiently(
-        registry, run_id, lambda: register(registry, measured, evaluated), progress
+        registry,
+        measured.record.run_id,
+        lambda: enter(registry, measured, evaluated),
+        progress,
     )
 
 

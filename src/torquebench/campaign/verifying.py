@@ -26,18 +26,9 @@ __all__ = ["VERIFICATION", "VerifiedModels", "measure_verification", "verify_on_
 
 @dataclass(frozen=True, eq=False)
 class VerifiedModels:
-    """Outcome of a verification on the bench.
+    """Fresh points of a verification, and the models compared with them.
 
-    Parameters
-    ----------
-    measured : Measured
-        The fresh points.
-    models : mapping of str to ModelEntry
-        By name.
-    chains : mapping of str to MeasuringChain
-        By the name of the model; with the bench's limits.
-    result : VerificationResult
-        By which the points were drawn.
+    `chains` have the bench's limits.
     """
 
     measured: Measured[StaircaseResult]

@@ -55,15 +55,9 @@ def again_after_pause(
     leg: Callable[[], Generator[Msg, Any, Result]],
     restore: Callable[[], Generator[Msg, Any, None]] | None = None,
 ) -> Generator[Msg, Any, Result]:
-    """Let the run be held, then drive a leg; drive it again if a pause interrupts it.
+    """Let the run be held, then drive a leg; drive it again if it is held at a `leg_checkpoint`.
 
-    Parameters
-    ----------
-    leg : callable
-        Returns the plan of the leg, which may be held at `leg_checkpoint`.
-    restore : callable, optional
-        Returns the plan that brings back the state in which the leg begins: a pause takes the
-        torque off and stops the shafts.
+    A pause takes the torque off and stops the shafts: `restore` brings back how the leg begins.
     """
     held = yield from checkpoint()
     while True:

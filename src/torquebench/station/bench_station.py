@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -576,27 +576,3 @@ class Station:
         )
         self.acquisition.set_compensation(side, active)
         return active
-
-    def switch_off(self, side: Side, off: Sequence[str]) -> None:
-        """Leave corrections of a side out until the bench is closed, and make all others.
-
-        U then contains their corrections. Models that are put into use later keep to it.
-
-        Parameters
-        ----------
-        side : {"input", "output"}
-        off : sequence of str
-            Out of `torquebench.chain.SWITCHES`.
-
-        Raises
-        ------
-        ModelMismatchError
-            Nothing is compensated there.
-        InputError
-            No such correction.
-        """
-        self.acquisition.switch_off(side, off)
-
-    def deactivate_compensation(self, side: Side) -> None:
-        """Measure a side without compensation from the next block on."""
-        self.acquisition.set_compensation(side, None)

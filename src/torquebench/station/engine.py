@@ -223,24 +223,24 @@ class BenchEngine:
         """
 
         def beat() -> None:
-            self._supervisor.beat(ENGINE)
+            self._supervisor.heartbeats.beat(ENGINE)
             if self.held or self._clock.sleeping or self._computing:
-                self._supervisor.beat(PROCEDURE)
+                self._supervisor.heartbeats.beat(PROCEDURE)
 
         def ping() -> None:
             self.loop.call_soon_threadsafe(beat)
 
-        self._supervisor.expect(ENGINE, LOOP_TIMEOUT_S, ping)
-        self._supervisor.expect(PROCEDURE, self._procedure_s)
+        self._supervisor.heartbeats.expect(ENGINE, LOOP_TIMEOUT_S, ping)
+        self._supervisor.heartbeats.expect(PROCEDURE, self._procedure_s)
 
     def unwatch(self) -> None:
         """End the monitoring begun by `watch`."""
         for name in (ENGINE, PROCEDURE):
-            self._supervisor.release(name)
+            self._supervisor.heartbeats.release(name)
 
     def _on_message(self, message: Msg) -> None:
         self._computing = message.command == "wait_for"
-        self._supervisor.beat(PROCEDURE)
+        self._supervisor.heartbeats.beat(PROCEDURE)
 
     # -- commands that plans may use --------------------------------------------------------
 

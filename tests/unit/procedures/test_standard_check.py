@@ -13,9 +13,10 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.roles import Side
 from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, Plausibility, Profile, load_profile
-from torquebench.campaign.calibrating import fit_and_register, measure_calibration
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models
 from torquebench.campaign.measuring import standard_at_rest
+from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.cli.doctor.bench import _standard
 from torquebench.errors import BenchError, SignalFault
 from torquebench.procedures.standard_check import PairedTorque, check_pair
@@ -27,12 +28,13 @@ PROFILE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 BARE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 BARE = BARE.model_copy(update={"preload": BARE.preload.model_copy(update={"cycles": 0})})
 KIND = "polynomial-2"
+KNOWN = registers_calibration([ModelChoice(KIND)], KIND)
 SIDE: Side = "output"
 
 
 def calibrate(station: Station, profile: Profile = PROFILE) -> None:
-    measured = measure_calibration(station, SIDE, profile)
-    fit_and_register(station.registry, measured, profile, [ModelChoice(KIND)], KIND)
+    measured = measure_calibration(station, SIDE, profile, metadata=KNOWN)
+    evaluate_and_register(CALIBRATION, station.registry, measured, profile)
 
 
 def points_of_last_run(station: Station) -> int:
@@ -100,10 +102,10 @@ def test_a_model_that_cannot_be_read_is_stated(tmp_path: Path) -> None:
         calibrate(station, BARE)
         station.registry.model(1).file.unlink()
         stages = Stages()
-        measured = measure_calibration(station, SIDE, BARE, progress=stages)
+        measured = measure_calibration(station, SIDE, BARE, metadata=KNOWN, progress=stages)
         assert re.fullmatch(words, stages.ends[0])
         assert [re.fullmatch(words, text) for text in measured.record.metadata["remarks"]]
-        done = fit_and_register(station.registry, measured, BARE, [ModelChoice(KIND)], KIND)
+        done = evaluate_and_register(CALIBRATION, station.registry, measured, BARE)
     (fitted,) = done.fitted
     assert len([text for text in fitted.remarks if re.fullmatch(words, text)]) == 1
 

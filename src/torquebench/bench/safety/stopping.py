@@ -66,16 +66,7 @@ class Stage(Enum):
 
 
 class Deadline:
-    """A time-out in bench time; in wall time while bench time stands.
-
-    Parameters
-    ----------
-    clock : BenchClock
-    lasts_s : float
-        From now on.
-    longest_wall_s : float
-        Limit by the wall clock, s.
-    """
+    """A time-out of `lasts_s` in bench time, of `longest_wall_s` in wall time where that stands."""
 
     def __init__(self, clock: BenchClock, lasts_s: float, longest_wall_s: float) -> None:
         self._clock = clock
@@ -90,15 +81,9 @@ class Deadline:
 
 @dataclass(frozen=True)
 class Remaining:
-    """Remaining torque and power of one side after a stop, as read back.
+    """Power and torque of one side after a stop, as read back.
 
-    Parameters
-    ----------
-    side : {"input", "output"}
-    power : bool or None
-        None where the drive doesn't say.
-    torque_nm : float
-        NaN if it can't be read, 0 if there is none.
+    `power` is None where the drive doesn't say; `torque_nm` is NaN if it can't be read.
     """
 
     side: Side
@@ -130,13 +115,7 @@ class Remaining:
 
 
 class ReadBack:
-    """Readings of drives and transducers after a stop.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    workers : mapping of side to DriveWorker
-    """
+    """Readings of drives and transducers after a stop."""
 
     def __init__(self, description: BenchDescription, workers: Mapping[Side, DriveWorker]) -> None:
         self._description = description
@@ -165,10 +144,7 @@ class ReadBack:
     def at_zero(self, since_s: float, since: float) -> bool:
         """Whether every drive is off or at zero set points, and no torque is read.
 
-        Parameters
-        ----------
-        since_s, since : float
-            Bench time and `time.monotonic` seconds; earlier readings don't count.
+        Readings before `since_s` of bench time and `since` of `time.monotonic` don't count.
         """
         return all(
             self._without_set_point(side, since) and self.torque_nm(side, since_s) == 0.0
@@ -185,14 +161,9 @@ class ReadBack:
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
-        """Return the remaining torque and power of each side.
+        """Return power and torque of each side; with `torque` False that isn't a drive's.
 
-        Parameters
-        ----------
-        since_s, since : float
-            As above.
-        torque : bool
-            Whether torque counts: without power before, it isn't a drive's.
+        Readings count as in `at_zero`.
         """
         found = []
         for side, worker in self._workers.items():
@@ -218,23 +189,7 @@ def said(remaining: Iterable[Remaining]) -> str:
 class StopSequence:
     """The way of both drives to the safe state, step by step; its caller holds the lock.
 
-    Parameters
-    ----------
-    description : BenchDescription
-    clock : BenchClock
-    commands : CommandState
-    workers : mapping of side to DriveWorker
-    book : AlarmBook
-        Gets the alarms about what remains.
-
-    Attributes
-    ----------
-    stage : Stage
-    powered : bool
-        Whether drives had power since power and torque were last read back as gone.
-    read_back : ReadBack
-    news : list of int
-        Numbers of alarms to be announced without the lock.
+    The book of alarms gets those about power and torque that remain.
     """
 
     def __init__(
@@ -252,8 +207,8 @@ class StopSequence:
         self._book = book
         self.read_back = ReadBack(description, workers)
         self.stage = Stage.SAFE
-        self.powered = False
-        self.news: list[int] = []
+        self.powered = False  # since power and torque were last read back as gone
+        self.news: list[int] = []  # numbers of alarms that are announced without the lock
         self._began_s, self._began = 0.0, 0.0  # of the stage, in bench and wall time
         self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
         self._ended = threading.Event()  # the safe state is reached, or given up

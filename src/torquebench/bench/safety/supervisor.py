@@ -31,7 +31,7 @@ from torquebench.bench.safety.alarms import (
 )
 from torquebench.bench.safety.drives import DriveWorker, unreachable
 from torquebench.bench.safety.heartbeats import Heartbeats
-from torquebench.bench.safety.limits import LimitBook, SideLimits, StepLimits
+from torquebench.bench.safety.limits import LimitBook, StepLimits
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.safety.signals import Change, FastCheck, SignalJudge
 from torquebench.bench.safety.stopping import (
@@ -247,31 +247,6 @@ class SafetySupervisor:
     def clear_warning(self, number: int) -> None:
         """Clear a warning whose cause is gone."""
         self._book.clear(number)
-
-    # -- limits of a step, heartbeats, presence ---------------------------------------------
-
-    def limits_of(self, side: Side) -> SideLimits:
-        """Limits in force on a side, as the bench description and the present step have them."""
-        return self.limits.side(side)
-
-    def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
-        """Require a heartbeat from now on, at the latest every `timeout_s` of bench time.
-
-        `ping` is called at every check and may ask for the beat without waiting for it.
-        """
-        self.heartbeats.expect(name, timeout_s, ping)
-
-    def beat(self, name: str) -> None:
-        """Record a heartbeat of the named part."""
-        self.heartbeats.beat(name)
-
-    def release(self, name: str) -> None:
-        """Require the heartbeat no longer."""
-        self.heartbeats.release(name)
-
-    def confirm_presence(self, who: str) -> None:
-        """Confirm the operator's presence for `safety.presence_s`."""
-        self.heartbeats.confirm_presence(who)
 
     # -- called by acquisition --------------------------------------------------------------
 

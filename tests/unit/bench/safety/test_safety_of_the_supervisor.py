@@ -187,7 +187,7 @@ def test_a_heartbeat_that_cannot_be_asked_for_is_missing(bench: LowBench) -> Non
     def closed() -> None:
         raise RuntimeError("Event loop is closed")
 
-    bench.supervisor.expect("run engine", 0.3, closed)
+    bench.supervisor.heartbeats.expect("run engine", 0.3, closed)
     bench.load_output(100.0)
     with pytest.raises(BenchError, match="no heartbeat of the run engine"):
         bench.clock.wait(2.0)
