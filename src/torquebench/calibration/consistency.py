@@ -548,8 +548,8 @@ class _Tested:
     others: tuple[_Explanation, ...]
 
 
-def _least(explanation: _Explanation) -> float:
-    """Return the logarithm of the odds from which on an explanation is stated."""
+def _least_log_odds(explanation: _Explanation) -> float:
+    """Return the logarithm of the odds above which an explanation is stated."""
     certain, doubtful = (
         (FALSE_ROW, FALSE_ROW_DOUBT) if explanation.kind == "row" else (FALSE_ALARM, FALSE_DOUBT)
     )
@@ -694,7 +694,7 @@ class _Search:
                 end <= each.explanation.first or each.explanation.end <= first
                 for each in self.doubtful
             )
-            if apart and one.odds > _least(one.explanation):
+            if apart and one.odds > _least_log_odds(one.explanation):
                 self.doubtful.append(one)
 
     def _promising(

@@ -26,6 +26,8 @@ __all__ = ["Move", "Rehearsal", "rehearse"]
 
 Result = TypeVar("Result")
 
+ROOM_C = 23.0
+
 
 @dataclass(frozen=True)
 class Move:
@@ -192,6 +194,7 @@ class _Stage:
         return self._settings.get(id(steady), SteadySettings())
 
     def _read(self, message: Msg) -> dict[str, Any]:
+        """Return what a device would state if every drive followed its commands."""
         device: Any = message.obj
         getter = self._readings.get(id(device))
         if getter is not None:
@@ -209,7 +212,7 @@ class _Stage:
                 }
         if device is self.devices.temperatures:
             return {
-                f"{device.name}-{probe}_c": {"value": 23.0, "timestamp": self.now_s}
+                f"{device.name}-{probe}_c": {"value": ROOM_C, "timestamp": self.now_s}
                 for probe in self.planned.description.temperatures
             }
         return {}
@@ -226,7 +229,7 @@ class _Stage:
             "settled": True,
             "commanded_nm": torque_nm,
             "speed_rpm": speed_rad_s * RPM_PER_RAD_S,
-            "temperature_c": 23.0,
+            "temperature_c": ROOM_C,
             "time_s": self.now_s,
         }
         if self._settings_of(self.devices.module(side).steady).reference:
