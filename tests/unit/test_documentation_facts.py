@@ -26,7 +26,7 @@ from torquebench.panel.service.settings import documents, store
 from torquebench.procedures import guarding
 from torquebench.procedures.reducers.running import EfficiencySettings
 from torquebench.reducers.running.tare import TRANSFER_SHARE
-from torquebench.station import engine, runs
+from torquebench.station import engine, recording
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -201,7 +201,7 @@ FIGURES = {
     "how-to/use-the-panel.md": (
         f"The newest {hub.ROWS * 0.03:.0f} s are kept with every block",
         f"the newest {hub.ROWS * 0.3 / 60:.0f} min in rows of 0.3 s",
-        f"It can include up to {runs.LONGEST_BEFORE_S:.0f} s before the start",
+        f"It can include up to {recording.LONGEST_BEFORE_S:.0f} s before the start",
     ),
     "how-to/measure-quick-torques.md": (f"by default {GAIN_OF_BANDWIDTH:g} times the chain's",),
     "how-to/test-a-reducer.md": (

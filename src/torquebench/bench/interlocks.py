@@ -8,12 +8,12 @@ what to do.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from math import inf
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet
+from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet, Identity
 from torquebench.bench.roles import (
     MODES,
     MOUNTINGS,
@@ -29,7 +29,7 @@ from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.alarms import Alarm
 from torquebench.bench.safety.limits import LimitBook, SideLimits
 from torquebench.bench.state import CommandState, Quantity
-from torquebench.errors import InputError, InterlockError, LimitError
+from torquebench.errors import BenchError, InputError, InterlockError, LimitError
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
@@ -43,6 +43,7 @@ __all__ = [
     "ProcedureKind",
     "check_clamp",
     "check_enable",
+    "check_identities",
     "check_mode_change",
     "check_mounting",
     "check_procedure",
@@ -513,3 +514,37 @@ def standard_serial(state: BenchState) -> str:
     """Return the serial number of the mounted standard, empty when none is mounted."""
     standard = state.description.standard(state.mounted())
     return standard.serial if standard else ""
+
+
+# -- identity ----------------------------------------------------------------------------------
+
+
+def check_identities(description: BenchDescription, identities: Iterable[Identity]) -> None:
+    """Compare the serial numbers that instruments report with those of the description.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    identities : iterable of Identity
+        Identities stated by the instruments. Roles without a serial number in the description (a
+        read-out) aren't compared, nor instruments that state none.
+
+    Raises
+    ------
+    BenchError
+        An instrument is another one than described: limits and calibrations would be wrong.
+    """
+    for identity in identities:
+        described = description.serials.get(identity.role)
+        if described is not None and identity.serial not in ("", described):
+            raise BenchError(
+                Message(
+                    "{role}: {manufacturer} {model} answers with serial {serial!r}",
+                    identity.role,
+                    identity.manufacturer,
+                    identity.model,
+                    identity.serial,
+                ),
+                Message("serial {described!r}, as described", described),
+                "connect the described instrument or correct the bench description",
+            )

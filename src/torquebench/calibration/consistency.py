@@ -354,7 +354,7 @@ def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
 
 
 def _resolution(error: FloatArray, largest: float) -> float:
-    """Return the step of which all errors are multiples; next to nothing if there is none."""
+    """Return the step of which all errors are multiples (Euclid); next to nothing without one."""
     resolution = 0.0
     for value in np.unique(np.diff(np.unique(error))):
         rest = float(value)

@@ -21,8 +21,7 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
-from torquebench.bench.identification import check_identities
-from torquebench.bench.interlocks import PresentState
+from torquebench.bench.interlocks import PresentState, check_identities
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm, SafetySupervisor
 from torquebench.bench.safety.priority import available_priority
@@ -37,10 +36,9 @@ from torquebench.records.runs.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
-from torquebench.station.recording import Recording, RunEnd
+from torquebench.station.recording import Recording, RunEnd, RunRecord
 from torquebench.station.registration import register_equipment
 from torquebench.station.registry_queue import RegistryQueue
-from torquebench.station.runs import RunRecord
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.chain_effects import with_stated_limits
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.roles import Side
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, Plausibility, Profile, load_profile
 from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models

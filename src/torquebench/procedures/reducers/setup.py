@@ -18,7 +18,7 @@ from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
 from torquebench.procedures.messages import again_after_pause, leg_checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, Setup, power_on, start_metadata
-from torquebench.procedures.turns import turn_s, whole_turns_s
+from torquebench.procedures.turning.profile import turn_s, whole_turns_s
 from torquebench.units import DEG_PER_RAD, DEGREE, MINUTE, RAD_S_PER_RPM
 
 __all__ = [
