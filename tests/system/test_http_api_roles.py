@@ -39,7 +39,7 @@ BODIES: dict[str, dict[str, Any]] = {
 }
 OPEN = {"set_up", "sign_in"}
 DISTURBING = {
-    "stop", "sign_out", "reopen", "events", "zero", "standard_reducer",
+    "stop", "sign_out", "reopen", "events", "zero", "standard_reducer", "start_queue",
 }  # fmt: skip
 """Let in, these would end the session or the bench of the others, or go on: tested elsewhere."""
 

@@ -80,6 +80,11 @@ def test_everything_is_pressed_and_nothing_breaks(panel: Panel, tmp_path: Path) 
         assert {"Copy under a new name", "Make a token", "Add a person"} <= pressed
         pressed = press_everything(admin, "/records")
         assert any(each.startswith("Open") for each in pressed)
+        admin.open("/operations/zero")
+        admin.press("Add to the queue")
+        admin.open("/operations")
+        admin.press("Start the queue")
+        admin.sees("Zeroing: done")
         for path in ("/", "/reducer", "/calibrate", "/records", "/alarms"):
             press_everything(admin, path)
         ana.sign_in("Ana", "/records")

@@ -9,7 +9,7 @@ from .entering import (
     SPECIMEN as SPECIMEN,
     enter_run as enter_run,
 )
-from .recording import (
+from .runs import (
     LONGEST_BEFORE_S as LONGEST_BEFORE_S,
     RunRecord as RunRecord,
 )

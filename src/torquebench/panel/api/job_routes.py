@@ -16,9 +16,16 @@ from torquebench.operations import (
     Request,
     Role,
 )
+from torquebench.operations.queue import QueuedRequest
 from torquebench.panel.api.access import Caller, Service, Watched
-from torquebench.panel.api.models import AbortBody, AnswerBody, Secret
-from torquebench.panel.service import JobPoint, JobView, PendingPrompt
+from torquebench.panel.api.models import (
+    AbortBody,
+    AnswerBody,
+    QueuePlaceBody,
+    QueueStartBody,
+    Secret,
+)
+from torquebench.panel.service import JobPoint, JobView, PendingPrompt, QueueItem, QueueView
 
 __all__ = ["router"]
 
@@ -89,6 +96,47 @@ def answer(
 ) -> None:
     """Answer the request to the person at the bench."""
     service.jobs.answer(caller, number, done=body.done)
+
+
+# -- the queue ------------------------------------------------------------------------------
+
+Number = Annotated[int, Path(ge=1, le=2**53)]
+
+
+@router.get("/queue")
+def queue(service: Watched) -> QueueView:
+    """Return the operations that wait for each other, and those that did."""
+    return service.queue.view()
+
+
+@router.post("/queue", status_code=201)
+def add_to_queue(service: Service, caller: Caller, body: QueuedRequest) -> QueueItem:
+    """Add an operation to the end of the queue."""
+    return service.queue.add(caller, body.name, body.request)
+
+
+@router.delete("/queue/{number}", status_code=204)
+def remove_from_queue(service: Service, caller: Caller, number: Number) -> None:
+    """Take a waiting operation out of the queue."""
+    service.queue.remove(caller, number)
+
+
+@router.post("/queue/{number}/move", status_code=204)
+def move_in_queue(service: Service, caller: Caller, number: Number, body: QueuePlaceBody) -> None:
+    """Move a waiting operation to another place among those that wait."""
+    service.queue.move(caller, number, body.place)
+
+
+@router.post("/queue/start")
+def start_queue(service: Service, caller: Caller, body: QueueStartBody) -> QueueView:
+    """Let the waiting operations begin, one after the other, until one fails."""
+    return service.queue.start(caller, bench_clear=body.bench_clear, keep_going=body.keep_going)
+
+
+@router.post("/queue/pause")
+def pause_queue(service: Service, caller: Caller) -> QueueView:
+    """Let no further operation of the queue begin; the one under way goes on."""
+    return service.queue.pause(caller)
 
 
 # -- operations -----------------------------------------------------------------------------

@@ -22,6 +22,8 @@ __all__ = [
     "MadeClient",
     "OpenedSession",
     "PasswordBody",
+    "QueuePlaceBody",
+    "QueueStartBody",
     "ReasonBody",
     "SetUpBody",
     "SignInBody",
@@ -86,6 +88,21 @@ class LeaseBody(Body):
     """How to take the command lease."""
 
     force: Flag = Field(default=False, description="Take it over; for metrologists and above.")
+
+
+class QueuePlaceBody(Body):
+    """A place among the operations that wait, from 0."""
+
+    place: Annotated[int, Field(ge=0, le=500), WHOLE]
+
+
+class QueueStartBody(Body):
+    """How the queue goes on."""
+
+    bench_clear: Flag = False
+    keep_going: Annotated[
+        Flag, Field(description="Whether it goes on after a check that failed.")
+    ] = False
 
 
 class StopBody(Body):

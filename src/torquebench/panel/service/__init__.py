@@ -57,6 +57,10 @@ Records (`records`): identifiers in, values out, never a path
       `error_curve(calibration_id, model_id=None)` -> `ErrorCurve`; `transducers()`,
       `drift(serial, tolerance_percent)`; `certificates()`, `certificate_file(number, name)`.
 
+Queue (`queue`): operations that wait for each other
+    - `view()` -> `QueueView`; `add(actor, name, request)` -> `QueueItem`, `remove(actor, number)`,
+      `move(actor, number, place)`, `start(actor, bench_clear=)`, `pause(actor)`.
+
 Tables from another source (`tables`): text in, never a path
     - `read_table(bytes)` -> text of an uploaded CSV file; `preview(request)` -> `TableView`
       (points, errors, deviations from the profile, class); `enter(actor, request)` ->

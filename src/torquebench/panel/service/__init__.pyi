@@ -24,6 +24,10 @@ from .jobs.job import (
     PendingPrompt as PendingPrompt,
     Problem as Problem,
 )
+from .jobs.queue import (
+    QueueItem as QueueItem,
+    QueueView as QueueView,
+)
 from .access.lease import (
     LeaseState as LeaseState,
 )

@@ -43,6 +43,7 @@ from torquebench.panel.service.access.lease import CommandLease
 from torquebench.panel.service.access.people import People
 from torquebench.panel.service.jobs.job import JobView
 from torquebench.panel.service.jobs.log import JobLog
+from torquebench.panel.service.jobs.queue import JobQueue
 from torquebench.panel.service.jobs.runner import JobRunner
 from torquebench.panel.service.live.alarms import AlarmView, StopReport, alarm_view
 from torquebench.panel.service.live.hub import STALE_AFTER_S, Connection, LiveHub
@@ -90,6 +91,7 @@ class BenchService:
     clients : Clients
     lease : CommandLease
     jobs : JobRunner
+    queue : JobQueue
     records : RecordQueries
     settings : SettingsStore
     tables : TableImport
@@ -127,6 +129,7 @@ class BenchService:
             JobLog(store),
             on_done=self._done,
         )
+        self.queue = JobQueue(self.jobs, store, self.note)
         self._idle = threading.Thread(target=self._keep_time, name="torquebench-idle", daemon=True)
         if fast:
             self._idle.start()
@@ -274,6 +277,7 @@ class BenchService:
         if self._unloading is not None:
             self._unloading.join()
         self.jobs.close()
+        self.queue.close()
         if self._idle.is_alive():
             self._idle.join()
         self.live.close()
@@ -336,7 +340,7 @@ class BenchService:
         try:
             active = station.activate_compensation(side)
         except (InputError, ModelMismatchError, RecordError) as error:
-            station.acquisition.set_compensation(side, None)
+            station.deactivate_compensation(side)
             self._compensation[side] = (None, error.found)
             return
         today = datetime.now(UTC).date()
@@ -514,7 +518,7 @@ class BenchService:
         """
         require(actor, "metrologist")
         self.jobs.command(actor)
-        self.station.acquisition.switch_off(side, off)
+        self.station.switch_off(side, off)
         self.note(
             actor, "switched corrections", side=side, off=", ".join(off) or "none", reason=reason
         )
@@ -627,7 +631,7 @@ class BenchService:
             Another session commands.
         """
         self.jobs.command(actor)
-        self.station.supervisor.heartbeats.confirm_presence(actor.label)
+        self.station.supervisor.confirm_presence(actor.label)
 
     def stop(self, actor: Actor, reason: str = "") -> StopReport:
         """Bring the bench to its safe state at once; for every signed-in user, without the lease.

@@ -37,9 +37,9 @@ from torquebench.records import json_text
 from torquebench.records.accounts import PANEL_FILE, metadata, name_key, users
 from torquebench.records.registry.database import database_failures, engine_of
 
-__all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "users"]
+__all__ = ["PANEL_FILE", "Event", "PanelStore", "changes", "clients", "failures", "queue", "users"]
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 
 class MessageText(TypeDecorator[str]):
@@ -101,6 +101,14 @@ job_log = _table(
     Column("headline", MessageText, nullable=False),
     Column("told", Boolean, nullable=False),
     key="job_id",
+)
+queue = _table(
+    "queue",
+    "kind request who state verdict added job_id",
+    Column("position", Integer, nullable=False),
+    Column("title", MessageText, nullable=False),
+    Column("headline", MessageText, nullable=False),
+    Column("finished", Text),
 )
 changes = _table("changes", "at who section name reason before after", Column("undoes", Integer))
 

@@ -17,6 +17,7 @@ from torquebench.panel.pages.frame import frame
 from torquebench.panel.pages.jobs.panel import JobPanel
 from torquebench.panel.pages.jobs.preview import Preview
 from torquebench.panel.pages.operations.form import OperationForm
+from torquebench.panel.pages.operations.queue import QueuePanel
 from torquebench.panel.pages.page import page
 from torquebench.panel.pages.visitor import Visitor
 from torquebench.panel.service import JobView
@@ -75,6 +76,8 @@ class _OperationPage:
                         self._password = Field(text("sign.password"), kind="password")
                     with box("div", "line"):
                         button(text("job.start"), self._begin, "primary", picture="play_arrow")
+                        if not operation.signed:
+                            button(text.core("Add to the queue"), self._add, picture="playlist_add")
                 if operation.preview is not None:
                     with panel():
                         self._plan = Preview(self._visitor, operation.key)
@@ -87,6 +90,15 @@ class _OperationPage:
     def _begin(self) -> None:
         begin(self._visitor, self._operation, self._form, self._password, self._done)
         self.refresh()
+
+    def _add(self) -> None:
+        if self._form.check():
+            self._visitor.act(
+                self._visitor.service.queue.add,
+                self._operation.name,
+                self._form.request(),
+                success=self._text.core("It waits in the queue, on the page of operations."),
+            )
 
     def _done(self, result: Any) -> None:
         with refilled(self._result):
@@ -176,11 +188,14 @@ def operation_buttons(visitor: Visitor) -> None:
 def operations_page(visitor: Visitor) -> None:
     """Build the list of all operations."""
     text = visitor.text
-    with frame(visitor, "operations"), panel(), box("ul", "stack operations"):
-        for operation in offered(visitor):
-            with box("li"):
-                words("a", text.core(operation.summary), href=f"/operations/{operation.key}")
-                words("div", operation.name, "small muted")
+    queue = QueuePanel(visitor)
+    with frame(visitor, "operations", queue.refresh), box("div", "stack"):
+        queue.build()
+        with panel(), box("ul", "stack operations"):
+            for operation in offered(visitor):
+                with box("li"):
+                    words("a", text.core(operation.summary), href=f"/operations/{operation.key}")
+                    words("div", operation.name, "small muted")
 
 
 @page("operation", "/operations/{key}")

@@ -45,7 +45,7 @@ from torquebench.records.signatures import authenticated
 from torquebench.station import Station
 from torquebench.validation import validated
 
-__all__ = ["JobRunner"]
+__all__ = ["JobRunner", "require_person"]
 
 KEPT = 20
 ABORT_POLL_S = 0.1
@@ -161,7 +161,7 @@ class JobRunner:
         found = _operation(kind)
         require(actor, found.role)
         asked = _request(found, request)
-        _require_person(actor, asked)
+        require_person(actor, asked)
         if found.commands:
             self.command(actor)
         place = self._place(actor)
@@ -210,11 +210,11 @@ class JobRunner:
         found = _operation(kind)
         require(actor, found.role)
         asked = _request(found, request)
-        _require_person(actor, asked)
+        require_person(actor, asked)
         self.command(actor)
         self._refuse_busy()
         if found.loads and not bench_clear:
-            self._refuse_unconfirmed()
+            self.refuse_unconfirmed()
         with authenticated(actor.signed if signed else actor.signature):
             found.doubts(self._place(actor), asked)
         with self._lock:
@@ -235,7 +235,7 @@ class JobRunner:
             self._thread.start()
         return job.view()
 
-    def _refuse_unconfirmed(self) -> None:
+    def refuse_unconfirmed(self) -> None:
         """Refuse to load a real bench that nobody has confirmed to be clear."""
         description = self._station.description
         if not description.simulated:
@@ -322,6 +322,11 @@ class JobRunner:
             There is none with this identifier.
         """
         return self._view(self._job(job_id))
+
+    def wait(self, job_id: str, timeout_s: float) -> JobView:
+        """Return a job when it has ended, or after a while."""
+        self._job(job_id).ended.wait(timeout_s)
+        return self.get(job_id)
 
     def recent(self) -> list[JobView]:
         """Return the jobs that are kept, the newest first."""
@@ -475,7 +480,7 @@ def _operation(kind: str) -> Operation:
         raise NotFoundError(unknown.found, unknown.allowed) from None
 
 
-def _require_person(actor: Actor, request: Request) -> None:
+def require_person(actor: Actor, request: Request) -> None:
     """Refuse a program that decides what a person has to decide."""
     for each in parameters(type(request)):
         chosen = getattr(request, each.name)

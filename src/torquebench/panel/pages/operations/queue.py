@@ -1,0 +1,119 @@
+"""The queue on the page of operations: order, start, pause, history."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+
+from torquebench.panel.components.controls import button
+from torquebench.panel.components.elements import (
+    box,
+    icon,
+    note,
+    panel,
+    refilled,
+    table,
+    words,
+)
+from torquebench.panel.pages.operations.form import BenchClear
+from torquebench.panel.pages.visitor import Visitor
+from torquebench.panel.service import QueueItem, QueueView
+
+__all__ = ["QueuePanel"]
+
+SHOWN = 20
+"""Operations of the history."""
+
+
+class QueuePanel:
+    """Shows the queue, and lets whoever commands change it."""
+
+    def __init__(self, visitor: Visitor) -> None:
+        self._visitor, self._text, self._queue = visitor, visitor.text, visitor.service.queue
+        self._shown: QueueView | None = None
+
+    def build(self) -> None:
+        """Make its elements."""
+        with panel(self._text.core("Queue")), box("div", "stack"):
+            self._state = box("div", "stack")
+            self._clear = BenchClear(self._visitor)
+            self._items = box("div")
+            with box("details"):
+                words("summary", self._text.core("History"))
+                self._history = box("div")
+
+    def refresh(self) -> None:
+        """Show its present state, where that has changed."""
+        view = self._queue.view()
+        if view == self._shown:
+            return
+        self._shown = view
+        with refilled(self._state):
+            self._show_state(view)
+        with refilled(self._items):
+            if view.items:
+                with box("ol", "stack operations"):
+                    waiting = [each for each in view.items if each.state == "waiting"]
+                    for item in view.items:
+                        self._show_item(item, waiting)
+            else:
+                words("p", self._text.core("Nothing waits. Every operation can be added."), "muted")
+        with refilled(self._history):
+            self._show_history(view)
+
+    def _show_state(self, view: QueueView) -> None:
+        text = self._text
+        if view.reason:
+            note(text.sentence(view.reason), "warn", title=text.core("The queue has stopped"))
+        with box("div", "line"):
+            if view.running:
+                button(text.core("Begin no further"), self._pause, picture="pause")
+                icon("autorenew")
+                words("span", text.core(view.started_by), "muted")
+            elif view.items:
+                button(text.core("Start the queue"), self._start, "primary", picture="play_arrow")
+
+    def _show_item(self, item: QueueItem, waiting: list[QueueItem]) -> None:
+        text = self._text
+        with box("li"), box("div", "spread"):
+            with box("div"):
+                words("div", text.core(item.title))
+                words("div", f"{text.core(item.state)} · {item.added_by}", "small muted")
+            if item not in waiting:
+                return
+            place = waiting.index(item)
+            with box("div", "line"):
+                for words_, picture, to, last in (
+                    ("Move up", "arrow_upward", place - 1, place == 0),
+                    ("Move down", "arrow_downward", place + 1, place == len(waiting) - 1),
+                ):
+                    move = partial(self._change, self._queue.move, item.number, to)
+                    button(text.core(words_), move, "quiet small", picture=picture, disabled=last)
+                remove = partial(self._change, self._queue.remove, item.number)
+                button(text.core("Remove"), remove, "quiet small", picture="close")
+
+    def _show_history(self, view: QueueView) -> None:
+        text = self._text
+        rows = [
+            (
+                each.finished or each.added,
+                text.core(each.title),
+                text.verdict(each.verdict) if each.verdict else text.core(each.state),
+                text.core(each.headline),
+            )
+            for each in view.history[:SHOWN]
+        ]
+        columns = [(text.core(each), False) for each in ("ended", "operation", "state", "result")]
+        table(text.core("History"), columns, rows)
+
+    def _change(self, action: Callable[..., None], *arguments: int) -> None:
+        self._visitor.act(action, *arguments)
+        self.refresh()
+
+    def _start(self) -> None:
+        self._visitor.act(self._queue.start, bench_clear=self._clear.confirmed)
+        self.refresh()
+
+    def _pause(self) -> None:
+        self._visitor.act(self._queue.pause)
+        self.refresh()
