@@ -249,8 +249,8 @@ def test_from_calibration_to_certificate(
     assert max(shown["columns"]["output_torque_nm"]["high"]) > 1900.0
     curve = olga.get(f"/calibrations/{number}/errors", params={"model_id": model}).json()
     assert max(map(abs, curve["model_error_nm"])) < max(map(abs, curve["raw_error_nm"]))
-    drifts = olga.get("/drift", params={"transducer": "SIM-T2000"}).json()
-    assert {each["unit"] for each in drifts} == {"%", "% FS"}
+    drift = olga.post("/operations/records-drift", json={"serial": "SIM-T2000"}).json()
+    assert {each["unit"] for each in drift["charts"]} == {"%", "% FS"}
     run = olga.get(f"/runs/{result['run_ids'][0]}").json()
     assert (run["run"]["operator"], run["changes"]) == ("Olga", [])
     assert olga.get(f"/runs/{result['run_ids'][0]}/export").content.startswith(b"PK")

@@ -160,8 +160,8 @@ def test_exported_points_go_back_in_as_a_table(calibrated: dict[str, Any], max_:
     )
     found = max_.get("/calibrations", transducer=serial)
     assert [each["calibration_id"] for each in found] == [entered["calibration_id"]]
-    drifts = max_.get("/drift", transducer=serial)
-    assert all(len(each["moments"]) == 1 for each in drifts)
+    drift = max_.records_drift(serial=serial)
+    assert all(len(each["moments"]) == 1 for each in drift["charts"])
 
 
 def test_what_is_wrong_is_refused_at_the_request(calibrated: dict[str, Any], max_: Client) -> None:

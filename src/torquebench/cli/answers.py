@@ -225,17 +225,6 @@ EXPORTED_DATA = Record(
     "A run's samples or edges for other programs.",
     facts={"run": str, "stream": str, "format": str, **_FILES},
 )
-CHART = Record(
-    "One quantity of a transducer over time.",
-    "torquebench.campaign.drifting:DriftSeries",
-    "title unit simulated moments values tolerance mean=chart.centre lower=chart.lower "
-    "upper=chart.upper in_control=chart.in_control per_year=trend.per_year "
-    "significant=trend.significant leaves_tolerance=prediction.expected",
-)
-DRIFT = Record(
-    "Control charts of one transducer.",
-    facts={"transducer": str, "charts": [CHART], "due": str | None},
-)
 AUDIT = Record(
     "Lines of the audit log as they are written in its files.",
     facts={"lines": [{str: Any}], "earlier": int},
@@ -349,7 +338,6 @@ ANSWERS: dict[str, tuple[Record, ...]] = {
     "records rebuild": (REBUILT,),
     "records export": (EXPORTED_RUN,),
     "records export-data": (EXPORTED_DATA,),
-    "records drift": (DRIFT,),
     "records audit": (AUDIT,),
     "records equipment": (EQUIPMENT_SHOWN,),
     "records add-equipment": (ENTERED,),

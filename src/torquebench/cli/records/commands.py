@@ -14,7 +14,6 @@ import typer
 
 from torquebench.cli.answers import LISTED_CALIBRATION, LISTED_EQUIPMENT, LISTED_MODEL, LISTED_RUN
 from torquebench.cli.audit import audit
-from torquebench.cli.drift import drift
 from torquebench.cli.equipment import add_certificate, add_equipment, adjust, equipment, fit_part
 from torquebench.cli.export import export
 from torquebench.cli.export_data import export_data
@@ -57,7 +56,6 @@ for command in (
     rebuild,
     export,
     export_data,
-    drift,
     audit,
     equipment,
     add_equipment,

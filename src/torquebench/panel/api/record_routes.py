@@ -9,7 +9,7 @@ from urllib.parse import quote
 
 from fastapi import APIRouter, Path, Query, Response
 from fastapi.responses import StreamingResponse
-from pydantic import AwareDatetime, BaseModel
+from pydantic import BaseModel
 
 from torquebench.bench.roles import Side
 from torquebench.operations import Moment
@@ -52,21 +52,6 @@ class TrendOfRun(BaseModel):
 
     time_s: list[float]
     columns: dict[str, dict[str, list[float | None]]]
-
-
-class Drift(BaseModel):
-    """One quantity of a transducer over time, with its control chart's findings."""
-
-    title: str
-    unit: str
-    moments: list[AwareDatetime]
-    values: list[float]
-    remarks: list[str]
-    tolerance: float
-    centre: float | None
-    lower: float | None
-    upper: float | None
-    simulated: bool
 
 
 @router.get("/runs")
@@ -232,30 +217,6 @@ def model_file(service: Watched, model_id: Number) -> Response:
 def transducers(service: Watched) -> list[str]:
     """Return the serial numbers of all registered transducers."""
     return service.records.transducers()
-
-
-@router.get("/drift")
-def drift(
-    service: Watched,
-    transducer: Annotated[str, Query(max_length=200, description="Its serial number.")],
-    tolerance_percent: Annotated[float, Query(gt=0, le=100, allow_inf_nan=False)] = 0.1,
-) -> list[Drift]:
-    """Return span, zero and checks of a transducer over time, with control charts."""
-    return [
-        Drift(
-            title=series.title,
-            unit=series.unit,
-            moments=list(series.moments),
-            values=list(series.values),
-            remarks=[series.remark(row) for row in range(len(series.values))],
-            tolerance=series.tolerance,
-            centre=None if series.chart is None else series.chart.centre,
-            lower=None if series.chart is None else series.chart.lower,
-            upper=None if series.chart is None else series.chart.upper,
-            simulated=series.simulated,
-        )
-        for series in service.records.drift(transducer, tolerance_percent)
-    ]
 
 
 @router.get("/certificates")
