@@ -30,13 +30,12 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.drivers.simulated.driver import SimulatedOptions
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import measure_calibration
 from torquebench.campaign.reducers.results import ReducerTestOutcome
 from torquebench.campaign.reducers.settings import ReducerTestSettings
 from torquebench.campaign.reducers.tests import run_reducer_test
-from torquebench.campaign.registering import registers_calibration
+from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import TorquebenchError
 from torquebench.procedures.reducers.first_motion import BreakawaySettings
@@ -120,7 +119,7 @@ def calibrated(station: Station, side: Side, profile: Profile) -> None:
     """Calibrate a side as ``calibrate`` does, and put its model into use."""
     registers = registers_calibration(MODELS, RECOMMENDED)
     measured = measure_calibration(station, side, profile, metadata=registers)
-    finish_calibration(station.registry, measured, profile, MODELS, RECOMMENDED)
+    evaluate_and_register(CALIBRATION, station.registry, measured, profile)
     station.activate_compensation(side)
 
 

@@ -38,11 +38,12 @@ from torquebench.bench.devices import RampTo
 from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration import load_profile
 from torquebench.campaign.bench_chains import referenced
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.chains import reference_effect
 from torquebench.campaign.fitting import fit_table
-from torquebench.campaign.measuring import measure_calibration, measure_verification
 from torquebench.campaign.turning import identify_turning, joined_tables
 from torquebench.campaign.turning_runs import measure_turning
+from torquebench.campaign.verifying import measure_verification
 from torquebench.chain import MeasuringChain, Readings, RecordedStream
 from torquebench.procedures.reducers.setup import temperature_c
 from torquebench.procedures.setup import Setup, set_up, unloaded_after

@@ -28,7 +28,7 @@ drawing = tb.plot(comparison, ax=axes)
 from torquebench.calibration import verify
 
 fresh = tb.read_calibration(Path("../../examples") / "verification-output.csv")
-compensation = tb.fit(calibration)
+compensation = tb.fit(calibration, reference="0.02 of range")
 for found in verify(fresh, {"hybrid": compensation.chain}).models:
     errors = found.against_standard
     print(f"{found.name:7} worst {errors.worst_percent_fs:.3f} % FS, "

@@ -26,16 +26,18 @@ from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
 from torquebench.calibration import verify as judge
 from torquebench.campaign import finishing
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.checking import check_module
-from torquebench.campaign.finishing import finish_calibration, finish_run
+from torquebench.campaign.finishing import finish_run
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import measure_calibration, measure_verification
 from torquebench.campaign.registering import (
+    evaluate_and_register,
     register_verification,
     registered_patiently,
     registers_calibration,
 )
 from torquebench.campaign.resuming import read_interrupted, resume_calibration
+from torquebench.campaign.verifying import measure_verification
 from torquebench.errors import TorquebenchError
 from torquebench.records import (
     REGISTERS,
@@ -117,7 +119,7 @@ def certified(data: Path, seed: int) -> None:
         registry, profile = station.registry, calibration()
         known = registers_calibration([ModelChoice(MODEL)], MODEL)
         measured = measure_calibration(station, "output", profile, metadata=known)
-        done = finish_calibration(registry, measured, profile, [ModelChoice(MODEL)], MODEL)
+        done = evaluate_and_register(CALIBRATION, registry, measured, profile)
         models = done.registered.models
         verified = measure_verification(
             station,
@@ -330,7 +332,7 @@ def _measured_on(data: Path, seed: int, goes_on: bool) -> None:
             measured = resume_calibration(station, before, metadata=known)
         else:
             measured = measure_calibration(station, "output", profile, metadata=known)
-        finish_calibration(registry, measured, profile, [ModelChoice(MODEL)], MODEL)
+        evaluate_and_register(CALIBRATION, registry, measured, profile)
 
 
 def _acknowledged(data: Path) -> dict[str, int]:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import load_profile
-from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.station import Station
 

@@ -20,9 +20,9 @@ from torquebench.bench.drivers.simulated.driver import SimulatedDrive
 from torquebench.bench.safety import AlarmKind
 from torquebench.bench.safety.drives import DriveWorker
 from torquebench.calibration import load_profile
-from torquebench.campaign.measuring import rehearse_calibration
 from torquebench.cli.doctor.bench import _watchdog, instruments
 from torquebench.errors import BenchError, LimitError
+from torquebench.procedures import calibrate, rehearse
 from torquebench.simulators import Simulators
 from torquebench.station import Station
 
@@ -151,7 +151,7 @@ def test_a_drives_own_limit_is_found_before_anything_moves(
         Station.open(data_dir=tmp_path) as station,
         pytest.raises(LimitError, match=r"±1600 N·m, the drive's own limit"),
     ):
-        rehearse_calibration(station, "output", load_profile("staircase"))
+        rehearse(station.devices, calibrate(station.devices, "output", load_profile("staircase")))
 
 
 def test_a_refused_command_is_withdrawn(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

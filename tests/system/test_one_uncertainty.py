@@ -24,11 +24,10 @@ from torquebench.bench import default_bench
 from torquebench.bench.active_chain import ActiveChain, ZeroTaken
 from torquebench.bench.blocks import CONDITIONS as BLOCK_CONDITIONS
 from torquebench.bench.blocks import Block, Viewer
-from torquebench.bench.chain_effects import chain_effects
+from torquebench.bench.chain_effects import chain_effects, with_stated_limits
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import DEFAULT_BENCH, BenchDescription, CertifiedPoints
 from torquebench.bench.devices import Recorder
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, verify
 from torquebench.campaign.checking import judge_check
 from torquebench.campaign.fitting import store_model

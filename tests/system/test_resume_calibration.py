@@ -1,4 +1,5 @@
 import json
+import os
 import random
 import shutil
 import subprocess
@@ -17,7 +18,7 @@ from tests.watching import Watching
 from torquebench.bench.audit.entries import AUDIT_FILE, read_audit
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.resuming import (
     find_interrupted,
     read_interrupted,
@@ -36,9 +37,10 @@ ADAPTIVE = ("adaptive-20", "adaptive-32")
 @pytest.fixture(scope="module")
 def killed(tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[Path, int]]:
     folder = tmp_path_factory.mktemp("killed")
+    root = Path(__file__).resolve().parents[2]
     child = subprocess.run(
         [sys.executable, killed_calibrations.__file__, str(folder), *MOMENTS, *ADAPTIVE],
-        env=environment(PYTHONPATH=str(Path(__file__).resolve().parents[2])),
+        env=environment(PYTHONPATH=f"{root}{os.pathsep}{root / 'src'}"),
         capture_output=True,
         text=True,
         check=False,

@@ -80,7 +80,7 @@ def test_a_pause_is_held_at_a_point_without_torque_until_somebody_resumes(
     def resume_later() -> None:
         while not station.paused:
             time.sleep(0.01)
-        seen.append((station.paused, setpoint(station), station.devices.interruptions))
+        seen.append((station.paused, setpoint(station), station.engine.pauses))
         station.resume()
 
     other = threading.Thread(target=resume_later)

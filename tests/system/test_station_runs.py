@@ -315,7 +315,7 @@ def test_the_registrys_active_model_compensates(station: Station) -> None:
     (summary,) = station.registry.runs()
     kept = RunFolder.open(summary.folder).metadata["compensation"]
     assert kept["output"]["kind"] == "polynomial"
-    station.deactivate_compensation("output")
+    station.acquisition.set_compensation("output", None)
     row = station.run(staircase(station.devices, [400.0]), kind="measure").result[0]
     assert "torque_nm" not in row
 
@@ -333,7 +333,12 @@ def test_the_limits_of_the_bench_count_for_a_model_that_was_not_fitted_on_it(
     alone = bare.torque(Readings(np.array([row["reading_nm"]])))
     assert row["torque_uncertainty_nm"] > alone.standard_uncertainty_nm[0] + 0.05
     stated = {each.name for each in active.states() if each.uncertainty_nm}
-    assert {"temperature of zero", "temperature of span", "zero drift", "counter"} <= stated
+    assert {
+        "temperature of zero",
+        "temperature of span",
+        "zero drift",
+        "noise of the reading",
+    } <= stated
 
 
 def test_a_check_counts_the_same_limits_as_the_live_torque(station: Station) -> None:

@@ -12,7 +12,7 @@ from torquebench.bench import channels
 from torquebench.bench.clock import LARGEST_DRIFT
 from torquebench.bench.description import SafetyDescription
 from torquebench.bench.drivers import base as drivers
-from torquebench.bench.safety import following, priority, supervisor
+from torquebench.bench.safety import following, priority, stopping, supervisor
 from torquebench.campaign.reducers import sampling
 from torquebench.campaign.reducers.uncertainty import UNCOMPENSATED_SHARE
 from torquebench.cli import whole_command
@@ -26,7 +26,7 @@ from torquebench.panel.service.settings import documents, store
 from torquebench.procedures import guarding
 from torquebench.procedures.reducers.running import EfficiencySettings
 from torquebench.reducers.running.tare import TRANSFER_SHARE
-from torquebench.station import engine, runs
+from torquebench.station import engine, recording
 
 ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
@@ -188,8 +188,8 @@ FIGURES = {
         f"for {following.DEVIATING_S:g} s and two blocks",
         f"read every {supervisor.WATCH_PERIOD_S * 1000:.0f} ms in real time",
         f"doesn't answer for {engine.LOOP_TIMEOUT_S:.0f} s",
-        f"the ramp and {supervisor.UNLOAD_SETTLING_S:g} s of settling",
-        f"If that isn't so {supervisor.GOING_OFF_S:.0f} s after the time of watchdog and ramp",
+        f"the ramp and {stopping.UNLOAD_SETTLING_S:g} s of settling",
+        f"If that isn't so {stopping.GOING_OFF_S:.0f} s after the time of watchdog and ramp",
         f"Deviations below `following_percent` ({SAFETY['following_percent'].default:.0f} %)",
         f"allows {guarding.TORQUE_MARGIN * 100:.0f} % of its largest torque (plus "
         f"{guarding.ZERO_MARGIN * 100:.0f} % of the range before the zero is measured), "
@@ -201,7 +201,7 @@ FIGURES = {
     "how-to/use-the-panel.md": (
         f"The newest {hub.ROWS * 0.03:.0f} s are kept with every block",
         f"the newest {hub.ROWS * 0.3 / 60:.0f} min in rows of 0.3 s",
-        f"It can include up to {runs.LONGEST_BEFORE_S:.0f} s before the start",
+        f"It can include up to {recording.LONGEST_BEFORE_S:.0f} s before the start",
     ),
     "how-to/measure-quick-torques.md": (f"by default {GAIN_OF_BANDWIDTH:g} times the chain's",),
     "how-to/test-a-reducer.md": (

@@ -167,6 +167,7 @@ def test_what_is_wrong_with_a_fit_is_a_warning() -> None:
     with pytest.warns(tb.FitWarning) as caught:
         tb.fit(tb.read_calibration(table, range_nm=100.0), "polynomial-2")
     assert "row 6: reading" in str(caught[0].message)
+    assert "U of the reference standard isn't in U" in str(caught[-1].message)
 
 
 def test_a_missing_column_names_the_parameter() -> None:

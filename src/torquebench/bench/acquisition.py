@@ -108,6 +108,7 @@ class Acquisition:
         self._evaluator = BlockEvaluator(description, drivers)
         self._latest_block: Block | None = None
         self._compensations: dict[Side, ActiveChain] = {}
+        self._switched_off: dict[Side, tuple[str, ...]] = {}
         self._journal: JournalSink | None = None
         self._held: list[Block] = []
         self._past: deque[Block] = deque()
@@ -476,6 +477,8 @@ class Acquisition:
             active.warm_up()  # compiled before a block has to wait for it
             active.zero = self._zeroed.get(side)
         with self._release_lock:
+            if active is not None and side in self._switched_off:
+                active.switch_off(self._switched_off[side])
             failure = self._release()
             compensations = dict(self._compensations)
             compensations.pop(side, None)
@@ -491,6 +494,8 @@ class Acquisition:
     def switch_off(self, side: Side, off: Sequence[str]) -> None:
         """Leave corrections of a side out from the next block on, and make all others.
 
+        Models that the side gets later keep to it.
+
         Raises
         ------
         ModelMismatchError
@@ -498,17 +503,21 @@ class Acquisition:
         InputError
             The chain has no such correction.
         """
-        active = self._compensations.get(side)
-        if active is None:
-            raise ModelMismatchError(
-                Message("no active model for the {side} side", side),
-                "an active model",
-                "activate one",
-            )
-        with self._release_lock:
-            failure = self._release()
-            active.switch_off(off)
-        self._raise_alarm(failure)
+        failure = None
+        try:
+            with self._release_lock:
+                active = self._compensations.get(side)
+                if active is None:
+                    raise ModelMismatchError(
+                        Message("no active model for the {side} side", side),
+                        "an active model",
+                        "activate one",
+                    )
+                failure = self._release()
+                active.switch_off(off)
+                self._switched_off[side] = tuple(off)
+        finally:
+            self._raise_alarm(failure)
 
     # -- angle, speed, temperature ----------------------------------------------------------
 

@@ -88,7 +88,7 @@ class ActiveChain:
         self._stream = chain.stream()
         self._recent = _Torques()
         self._fine: tuple[ChainStream, _Torques] | None = None
-        self._last: tuple[Readings, Torque] | None = None
+        self._last: tuple[MeasuringChain, Readings, Torque] | None = None
 
     @property
     def accepted(self) -> Timebase | None:
@@ -154,7 +154,7 @@ class ActiveChain:
             stream, recent = self._fine
         torque = stream.push(readings)
         if len(torque) and not fine:
-            self._last = readings, torque
+            self._last = self.chain, readings, torque
         dynamics = self.chain.dynamics  # torques by a dynamic filter are later than their readings
         acted_s = record.time_s if dynamics is None else dynamics.acted_s(record.time_s)
         recent.append(acted_s, torque, readings)
@@ -212,12 +212,12 @@ class ActiveChain:
 
     def states(self) -> tuple[EffectState, ...]:
         """Return every effect's state at the newest window; nothing before the first window."""
-        last, chain = self._last, self.chain
-        if last is None:
+        if (last := self._last) is None:
             return ()
-        row = slice(len(last[1]) - 1, len(last[1]))
+        chain, readings, torque = last
+        row = slice(len(torque) - 1, len(torque))
         return tuple(
-            effect_states(chain, rows_of(last[0], row), last[1].at(np.arange(1) + row.start))
+            effect_states(chain, rows_of(readings, row), torque.at(np.arange(1) + row.start))
         )
 
     def switch_off(self, off: Sequence[str]) -> None:

@@ -1,4 +1,4 @@
-"""Effects of a measuring chain that the bench's description states beside its calibration."""
+"""Effects and limits of a measuring chain that the bench's description states."""
 
 from __future__ import annotations
 
@@ -6,21 +6,25 @@ from collections.abc import Sequence
 from datetime import date
 
 from torquebench.bench.description import BenchDescription, StandardDescription
-from torquebench.bench.roles import Side
+from torquebench.bench.roles import SIDES, Side
 from torquebench.chain import (
     Counter,
     Creep,
     Drift,
     Effect,
     Inertia,
+    MeasuringChain,
     Reference,
     Rotation,
     Temperature,
     Zero,
 )
+from torquebench.compensation import StoredModel
+from torquebench.errors import ModelMismatchError
+from torquebench.message import Message
 from torquebench.units import DAYS_PER_YEAR, HOURS_PER_DAY
 
-__all__ = ["chain_effects", "standard_effect"]
+__all__ = ["chain_effects", "chain_on_bench", "standard_effect", "with_stated_limits"]
 
 PROBE_K = 0.5
 """Limit by which a probe on a standard differs from the temperature of its transducer."""
@@ -131,3 +135,42 @@ def _years_since_certificate(standard: StandardDescription, day: date | None) ->
         return 1.0
     until = day or standard.certificate_due
     return 1.0 if until is None else max((until - performed).days, 0) / DAYS_PER_YEAR
+
+
+def chain_on_bench(stored: StoredModel, description: BenchDescription) -> MeasuringChain:
+    """Return a stored chain as it is in use on the bench that has its transducer.
+
+    Raises
+    ------
+    ModelMismatchError
+        The bench has another transducer, or the file doesn't name one.
+    """
+    modules = {side: description.module(side) for side in SIDES}
+    serial = stored.provenance.transducer_serial
+    for side, module in modules.items():
+        if serial and serial == module.transducer.serial:
+            return with_stated_limits(MeasuringChain.of(stored), description, side)
+    raise ModelMismatchError(
+        Message("a model of transducer {serial!r}", serial),
+        Message.joined(module.transducer.serial for module in modules.values()),
+        "fit the model with --serial, or take the description of the bench that it is used on",
+    )
+
+
+def with_stated_limits(
+    chain: MeasuringChain, description: BenchDescription, side: Side
+) -> MeasuringChain:
+    """Return a chain in use on a bench, with the bench's limits where its model has no record.
+
+    A model that was fitted to a table knows nothing of the bench that it measures on. One that was
+    calibrated on the bench has these effects already. The bench's reference standard is left out:
+    the chain wasn't calibrated against it.
+
+    Parameters
+    ----------
+    chain : MeasuringChain
+    description : BenchDescription
+    side : {"input", "output"}
+    """
+    effects = chain_effects(description, side)
+    return chain.with_limits(each for each in effects if not isinstance(each, Reference))

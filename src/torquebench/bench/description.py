@@ -397,7 +397,7 @@ class CertifiedPoints(_Section):
         return self
 
     def certified(self) -> CertifiedUncertainty:
-        """Return it over the torque."""
+        """Return the certified uncertainty over the torque."""
         from torquebench.uncertainty import CertifiedUncertainty  # heavy
 
         return CertifiedUncertainty.of_table(self.torque_nm, self.expanded_uncertainty_nm)

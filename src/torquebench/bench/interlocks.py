@@ -8,10 +8,12 @@ what to do.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Mapping
+from math import inf
 from typing import TYPE_CHECKING, Literal, Protocol
 
 from torquebench.bench.description import BenchDescription
-from torquebench.bench.drivers.base import DriveLimits, DriverSet
+from torquebench.bench.drivers.base import Drive, DriveLimits, DriverSet, Identity
 from torquebench.bench.roles import (
     MODES,
     MOUNTINGS,
@@ -25,9 +27,9 @@ from torquebench.bench.roles import (
 )
 from torquebench.bench.safety import SafetySupervisor
 from torquebench.bench.safety.alarms import Alarm
-from torquebench.bench.safety.limits import SideLimits
+from torquebench.bench.safety.limits import LimitBook, SideLimits
 from torquebench.bench.state import CommandState, Quantity
-from torquebench.errors import InputError, InterlockError, LimitError
+from torquebench.errors import BenchError, InputError, InterlockError, LimitError
 from torquebench.message import Message
 from torquebench.units import RPM_PER_RAD_S
 
@@ -36,10 +38,12 @@ if TYPE_CHECKING:
 
 __all__ = [
     "BenchState",
+    "PlannedState",
     "PresentState",
     "ProcedureKind",
     "check_clamp",
     "check_enable",
+    "check_identities",
     "check_mode_change",
     "check_mounting",
     "check_procedure",
@@ -142,7 +146,7 @@ class PresentState:
         self.mounted = drivers.operator.mounted
         self.clamped = drivers.clamp.clamped
         self.mode = drivers.modes.mode
-        self.limits = supervisor.limits_of
+        self.limits = supervisor.limits.side
         self.absent_s = supervisor.heartbeats.absent_s
         self.speed_rad_s = acquisition.speed_rad_s
         rail, supply = drivers.rail, drivers.supply
@@ -178,6 +182,57 @@ class PresentState:
     def alarm(self) -> Alarm | None:
         """Return the latched alarm."""
         return self._supervisor.alarm
+
+
+class PlannedState:
+    """The bench as a plan would leave it: its devices change it when they are rehearsed.
+
+    It assumes that the operator is present, the supply on and no alarm latched; the devices check
+    them at run time.
+    """
+
+    def __init__(self, present: BenchState, drives: Mapping[Side, Drive]) -> None:
+        self.description = present.description
+        self.book = LimitBook(present.description)
+        self.limits = self.book.side
+        self.drive_limits, self.has_rail = present.drive_limits, present.has_rail
+        self.mounting, self.closed = present.mounted(), present.clamped()
+        self.rail_position = present.rail()
+        self.modes = {side: present.mode(side) for side in SIDES}
+        self.power = {side: drives[side].state().enabled for side in SIDES}
+        self.mounted: Callable[[], Mounting] = lambda: self.mounting
+        self.clamped: Callable[[], bool] = lambda: self.closed
+        self.rail: Callable[[], RailPosition] = lambda: self.rail_position
+        self.mode, self.enabled = self.modes.__getitem__, self.power.__getitem__
+        self.supplied = _always_on
+        self._set_points = {side: {"torque": 0.0, "speed": 0.0} for side in SIDES}
+
+    def commanded(self, side: Side) -> tuple[float, float]:
+        """Planned torque and speed of a drive."""
+        return self.reading_nm(side), self.speed_rad_s(side)
+
+    def reading_nm(self, side: Side) -> float:
+        """Planned torque of a side."""
+        return self._set_points[side]["torque"]
+
+    def speed_rad_s(self, side: Side) -> float:
+        """Planned speed of a side."""
+        return self._set_points[side]["speed"]
+
+    def alarm(self) -> Alarm | None:
+        """Return that no alarm is latched."""
+        return None
+
+    def absent_s(self) -> float:
+        """Return that the operator is present."""
+        return 0.0
+
+    def ramp(self, side: Side, quantity: Quantity, target: float, rate: float = inf) -> float:
+        """Go to a torque or a speed, at the drive's rate or slower; return how long it takes, s."""
+        check_set_point(self, side, quantity, target)
+        way = abs(target - self._set_points[side][quantity])
+        self._set_points[side][quantity] = target
+        return way / min(rate, self.description.module(side).drive.rate(quantity))
 
 
 # -- torque and speed --------------------------------------------------------------------------
@@ -459,3 +514,37 @@ def standard_serial(state: BenchState) -> str:
     """Return the serial number of the mounted standard, empty when none is mounted."""
     standard = state.description.standard(state.mounted())
     return standard.serial if standard else ""
+
+
+# -- identity ----------------------------------------------------------------------------------
+
+
+def check_identities(description: BenchDescription, identities: Iterable[Identity]) -> None:
+    """Compare the serial numbers that instruments report with those of the description.
+
+    Parameters
+    ----------
+    description : BenchDescription
+    identities : iterable of Identity
+        Identities stated by the instruments. Roles without a serial number in the description (a
+        read-out) aren't compared, nor instruments that state none.
+
+    Raises
+    ------
+    BenchError
+        An instrument is another one than described: limits and calibrations would be wrong.
+    """
+    for identity in identities:
+        described = description.serials.get(identity.role)
+        if described is not None and identity.serial not in ("", described):
+            raise BenchError(
+                Message(
+                    "{role}: {manufacturer} {model} answers with serial {serial!r}",
+                    identity.role,
+                    identity.manufacturer,
+                    identity.model,
+                    identity.serial,
+                ),
+                Message("serial {described!r}, as described", described),
+                "connect the described instrument or correct the bench description",
+            )

@@ -354,7 +354,7 @@ def _scatter(u: FloatArray, error: FloatArray, legs: FloatArray) -> float:
 
 
 def _resolution(error: FloatArray, largest: float) -> float:
-    """Return the step of which all errors are multiples; next to nothing if there is none."""
+    """Return the step of which all errors are multiples (Euclid); next to nothing without one."""
     resolution = 0.0
     for value in np.unique(np.diff(np.unique(error))):
         rest = float(value)
@@ -548,8 +548,8 @@ class _Tested:
     others: tuple[_Explanation, ...]
 
 
-def _least(explanation: _Explanation) -> float:
-    """Return the logarithm of the odds from which on an explanation is stated."""
+def _least_log_odds(explanation: _Explanation) -> float:
+    """Return the logarithm of the odds above which an explanation is stated."""
     certain, doubtful = (
         (FALSE_ROW, FALSE_ROW_DOUBT) if explanation.kind == "row" else (FALSE_ALARM, FALSE_DOUBT)
     )
@@ -694,7 +694,7 @@ class _Search:
                 end <= each.explanation.first or each.explanation.end <= first
                 for each in self.doubtful
             )
-            if apart and one.odds > _least(one.explanation):
+            if apart and one.odds > _least_log_odds(one.explanation):
                 self.doubtful.append(one)
 
     def _promising(

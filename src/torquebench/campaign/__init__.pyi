@@ -3,6 +3,11 @@ from .bench_chains import (
     recorded_effects as recorded_effects,
     used_chain as used_chain,
 )
+from .calibrating import (
+    CALIBRATION as CALIBRATION,
+    FinishedCalibration as FinishedCalibration,
+    measure_calibration as measure_calibration,
+)
 from .checking import (
     check_module as check_module,
     judge_check as judge_check,
@@ -13,10 +18,8 @@ from .doubts import (
     doubts_before as doubts_before,
 )
 from .finishing import (
-    FinishedCalibration as FinishedCalibration,
     discard_run as discard_run,
     find_unfinished as find_unfinished,
-    finish_calibration as finish_calibration,
     finish_run as finish_run,
 )
 from .fitting import (
@@ -36,7 +39,6 @@ from .measuring import (
     RunAbortedError as RunAbortedError,
     RunOptions as RunOptions,
     measure as measure,
-    measure_calibration as measure_calibration,
     operator_name as operator_name,
 )
 from .reducers.quantities import (
@@ -56,6 +58,7 @@ from .reducers.tests import (
     run_reducer_test as run_reducer_test,
 )
 from .registering import (
+    evaluate_and_register as evaluate_and_register,
     read_measured as read_measured,
     registers_calibration as registers_calibration,
     run_data as run_data,

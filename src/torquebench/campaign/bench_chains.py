@@ -8,10 +8,9 @@ from typing import Any
 
 import numpy as np
 
-from torquebench.bench.chain_effects import chain_effects, standard_effect
+from torquebench.bench.chain_effects import chain_effects, standard_effect, with_stated_limits
 from torquebench.bench.description import BenchDescription, StandardDescription, stated_uncertainty
 from torquebench.bench.roles import Side
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData
 from torquebench.chain import Effect, MeasuringChain, Reference, load_chain
 from torquebench.message import Message

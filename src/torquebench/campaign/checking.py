@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, Profile
 from torquebench.campaign.bench_chains import check_standard, used_chain
-from torquebench.campaign.measuring import Measured, RunOptions, measure_check
-from torquebench.campaign.registering import registered_patiently
+from torquebench.campaign.measuring import Measured, RunKind, RunOptions
+from torquebench.campaign.registering import evaluate_and_register
 from torquebench.chain import (
     Component,
     MeasuringChain,
@@ -23,13 +23,14 @@ from torquebench.chain import (
     Torque,
     load_chain,
 )
-from torquebench.procedures import StaircaseResult
+from torquebench.message import Message
+from torquebench.procedures import StaircaseResult, verify
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.records import REGISTERS, CheckEntry, ModelEntry, Registry, RunFolder
 from torquebench.station import Station, enter_run
 from torquebench.uncertainty import Decision, Tolerance, Verdict, decide
 
-__all__ = ["CheckResult", "JudgedPoints", "check_module", "finish_check", "judge_check"]
+__all__ = ["CHECK", "CheckResult", "JudgedPoints", "check_module", "judge_check"]
 
 CHECK_STANDARD = {
     "reference standard": "check standard",
@@ -190,55 +191,32 @@ def check_module(
         "model_id": None if entry is None else entry.model_id,
     }
     options["metadata"] = {REGISTERS: asked}
-    measured = measure_check(station, side, profile, **options)
-    return finish_check(registry, measured, options.get("progress", NO_PROGRESS))
+    steps = profile.staircase(description.module(side).range_nm)
+    measured = CHECK.measure(station, side, profile, steps, **options)
+    progress = options.get("progress", NO_PROGRESS)
+    return evaluate_and_register(CHECK, registry, measured, profile, progress)
 
 
-def finish_check(
-    registry: Registry, measured: Measured[StaircaseResult], progress: Progress = NO_PROGRESS
+def _evaluate(
+    registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
 ) -> CheckResult:
-    """Evaluate a measured check, and register the verdict.
-
-    Parameters
-    ----------
-    registry : Registry
-    measured : Measured
-        Its run notes tolerance, model in use and standard.
-    progress : Progress
-
-    Raises
-    ------
-    RecordError
-        The registry can't take it. Everything is measured: it can be finished later.
-    """
+    """Judge a check by tolerance, model in use and standard that its run notes."""
     data, known = measured.result.data, measured.record.metadata
     asked = known[REGISTERS]
-    tolerance, model_id = float(asked["tolerance_percent_fs"]), asked["model_id"]
-
-    def register() -> CheckResult:
-        entry = None if model_id is None else registry.model(int(model_id))
-        chain = None if entry is None else used_chain(entry, known, data)
-        judged = judge_check(
-            data, chain, standard=check_standard(known, data), tolerance_percent_fs=tolerance
-        )
-        result = CheckResult(
-            data=data,
-            judged=judged,
-            model=entry,
-            run_id=measured.record.run_id,
-        )
-        _register(registry, measured, result, tolerance)
-        return result
-
-    return registered_patiently(registry, measured.record.run_id, register, progress)
+    entry = None if asked["model_id"] is None else registry.model(int(asked["model_id"]))
+    judged = judge_check(
+        data,
+        None if entry is None else used_chain(entry, known, data),
+        standard=check_standard(known, data),
+        tolerance_percent_fs=float(asked["tolerance_percent_fs"]),
+    )
+    return CheckResult(data, judged, entry, measured.record.run_id)
 
 
 def _register(
-    registry: Registry,
-    measured: Measured[StaircaseResult],
-    result: CheckResult,
-    tolerance_percent_fs: float,
-) -> None:
+    registry: Registry, measured: Measured[StaircaseResult], result: CheckResult
+) -> CheckResult:
+    asked = measured.record.metadata[REGISTERS]
     summary: dict[str, Any] = {
         "signed_worst_percent_fs": result.worst_percent_fs,
         "nominal_nm": result.data.nominal_nm,
@@ -252,14 +230,14 @@ def _register(
     with registry.writing():
         enter_run(registry, folder)
         if any(each.run_id == result.run_id for each in registry.checks(serial)):
-            return
+            return result
         registry.add_check(
             CheckEntry(
                 transducer_serial=serial,
                 performed=datetime.fromisoformat(folder.manifest["sealed"]),
                 verdict=result.verdict.value,
                 worst_percent_fs=abs(result.worst_percent_fs),
-                tolerance_percent_fs=tolerance_percent_fs,
+                tolerance_percent_fs=float(asked["tolerance_percent_fs"]),
                 simulated=result.data.simulated,
                 standard_serial=measured.result.standard_serial,
                 model_id=None if result.model is None else result.model.model_id,
@@ -268,3 +246,16 @@ def _register(
                 summary=summary,
             )
         )
+    return result
+
+
+CHECK = RunKind(
+    "check-{side}",
+    lambda side: Message("Checking the {side} module", side),
+    verify,
+    _evaluate,
+    _register,
+    lambda result: Message(
+        "run {run_id} is registered: {label}", result.run_id, result.verdict.label
+    ),
+)

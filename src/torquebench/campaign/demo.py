@@ -13,25 +13,25 @@ import numpy as np
 from torquebench import __version__
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.calibration import Profile, load_profile
-from torquebench.campaign.finishing import (
+from torquebench.campaign.calibrating import (
+    CALIBRATION,
     FinishedCalibration,
+    FittedCalibration,
     calibration_fit,
-    finish_calibration,
+    measure_calibration,
 )
 from torquebench.campaign.fitting import FittedModel, ModelChoice
-from torquebench.campaign.measuring import (
-    Measured,
-    measure_calibration,
-    measure_friction,
-    measure_verification,
-)
+from torquebench.campaign.measuring import Measured
 from torquebench.campaign.modules import dense_sweep, evaluate_module
 from torquebench.campaign.registering import (
+    register_evaluated,
     register_verification,
     registered_patiently,
     registers_calibration,
 )
 from torquebench.campaign.results import DemoResult, ModuleResult
+from torquebench.campaign.standard_reducer import FRICTION
+from torquebench.campaign.verifying import measure_verification
 from torquebench.chain import Readings
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import RecordError
@@ -115,7 +115,7 @@ def run_demo(
     friction = None
     if settings.friction is not None:
         station.activate_compensation("input", fitted=modules[0].recommended.model)
-        friction = measure_friction(station, settings.friction, progress=progress)
+        friction = FRICTION.measure(station, "input", settings.friction, progress=progress)
     description = station.description
     return DemoResult(
         bench_name=description.name,
@@ -156,9 +156,8 @@ def _modules(
         progress.start(Message("Fitting the {side} module", side))
         fitted = fit()
         progress.finish()
-        calibrated = finish_calibration(
-            registry, item, profile, choices, recommended, progress, fitted=fitted
-        )
+        models = FittedCalibration(profile, tuple(fitted), recommended)
+        calibrated = register_evaluated(CALIBRATION, registry, item, models, progress)
         _require_plausible(calibrated.registered.models[recommended])
         modules.append(_verify(station, settings, side, calibrated, recommended, progress))
         if verified is not None:

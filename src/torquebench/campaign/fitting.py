@@ -45,7 +45,7 @@ from torquebench.compensation import (
     worse_than_raw,
 )
 from torquebench.compensation.kinds import NETWORKS
-from torquebench.errors import InputError, ModelMismatchError, RecordError
+from torquebench.errors import InputError, ModelMismatchError, RecordError, TorquebenchError
 from torquebench.message import Message
 from torquebench.progress import NO_PROGRESS, SHARES, Part, Progress
 
@@ -212,7 +212,7 @@ def fit_models(
     effects: tuple[Effect, ...] = (),
     *,
     limits: Plausibility | None = None,
-    before: CompensationModel | None = None,
+    before: ModelInUse | None = None,
 ) -> list[FittedModel]:
     """Fit every chosen model to all points of a calibration, and find its contradictions.
 
@@ -231,8 +231,8 @@ def fit_models(
         What else is known of the measuring chain; its mountings follow from the points.
     limits : Plausibility, optional
         Of the profile that was followed.
-    before : CompensationModel, optional
-        The model in use so far; see `model_in_use`.
+    before : ModelInUse, optional
+        See `model_in_use`.
 
     Returns
     -------
@@ -249,6 +249,8 @@ def fit_models(
     effects = step_noise(data, (*effects, *mounting_effect(data)))
     data, examination = _examined(data)
     kept = _kept(data, examination, "downweight")
+    before = before or ModelInUse()
+    unread = (before.unreadable,) if before.unreadable else ()
     for choice in choices:
         settings = {**choice.parameters, "outliers": "keep"}
         model = make_model(choice.name, range_nm=data.range_nm, **settings)
@@ -262,7 +264,7 @@ def fit_models(
             model.fit(columns, points.standard_nm, progress=part)
         part.reach(SHARES)
         told = (f"{words}: {entry.message}" for entry in caught)
-        remarks = (*_remarks(data, kept, examination), *dict.fromkeys(told))
+        remarks = (*_remarks(data, kept, examination), *unread, *dict.fromkeys(told))
         seconds = time.perf_counter() - started
         fitted.append(
             FittedModel(
@@ -272,7 +274,7 @@ def fit_models(
                 seconds,
                 remarks,
                 effects,
-                _contradictions(data, examination, model, limits, before),
+                _contradictions(data, examination, model, limits, before.model),
                 choice,
                 data.measured_on,
             )
@@ -297,16 +299,31 @@ def entry_in_use(registry: Registry, serial: str, counter: str) -> ModelEntry | 
     return None if adjusted else entry
 
 
-def model_in_use(registry: Registry, data: CalibrationData) -> CompensationModel | None:
-    """Return the model of `entry_in_use`.
+@dataclass(frozen=True)
+class ModelInUse:
+    """The model that a chain was compensated with so far, for comparison with a new calibration.
 
-    A model whose file is missing or was changed is ignored; the bench refuses it.
+    `unreadable` is the reason why a model that is in use can't be read.
     """
+
+    model: CompensationModel | None = None
+    unreadable: str = ""
+
+
+def model_in_use(registry: Registry, data: CalibrationData) -> ModelInUse:
+    """Return the model of `entry_in_use`; one whose file is missing or was changed is stated."""
+    entry = entry_in_use(registry, data.transducer_serial, data.counter_identity)
+    if entry is None:
+        return ModelInUse()
     try:
-        entry = entry_in_use(registry, data.transducer_serial, data.counter_identity)
-        return None if entry is None else load_model(entry.check_file()).model
-    except RecordError:
-        return None
+        return ModelInUse(load_model(entry.check_file()).model)
+    except (InputError, RecordError) as error:
+        return ModelInUse(unreadable=not_compared(error))
+
+
+def not_compared(error: TorquebenchError) -> Message:
+    """Return that a calibration isn't compared with a model that can't be read."""
+    return Message("not compared with the model in use, which can't be read: {reason}", error.found)
 
 
 def _examined(data: CalibrationData) -> tuple[CalibrationData, Examination]:

@@ -6,52 +6,36 @@ import getpass
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 from typing import Any, Generic, Literal, TypedDict, TypeVar, Unpack
 
-import numpy as np
-
-from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.drivers.base import Mounting, Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile
-from torquebench.campaign.fitting import entry_in_use
-from torquebench.errors import BenchError, TorquebenchError
+from torquebench.errors import BenchError
 from torquebench.message import Message
-from torquebench.procedures import (
-    FrictionSettings,
-    FrictionSweep,
-    Plan,
-    Rehearsal,
-    StaircaseResult,
-    calibrate,
-    friction_sweep,
-    rehearse,
-    verify,
-)
-from torquebench.procedures.resuming import Resumption
+from torquebench.procedures import FrictionSettings, Plan, rehearse
 from torquebench.procedures.standard_check import check_zero
 from torquebench.procedures.turning.profile import TurningProfile
 from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.records import Registry
 from torquebench.station import RunRecord, Station
-from torquebench.station.matching import compensation_for
 
 __all__ = [
     "Measured",
     "OnPause",
     "RunAbortedError",
+    "RunKind",
     "RunOptions",
     "measure",
-    "measure_calibration",
-    "measure_check",
-    "measure_friction",
-    "measure_verification",
     "operator_name",
-    "rehearse_calibration",
     "run_metadata",
     "standard_at_rest",
 ]
 
 Result = TypeVar("Result")
+Evaluated = TypeVar("Evaluated")
+Outcome = TypeVar("Outcome")
 REST_S = 1.0
 """Interval over which an unloaded standard is read, s: it tells the clock of a read-out."""
 OnPause = Callable[[Station], Literal["resume", "abort"]]
@@ -110,13 +94,6 @@ class Measured(Generic[Result]):
     record: RunRecord
 
 
-def rehearse_calibration(
-    station: Station, side: Side, profile: Profile
-) -> Rehearsal[StaircaseResult]:
-    """Go through a calibration's plan without moving anything; see `procedures.rehearse`."""
-    return rehearse(station.devices, calibrate(station.devices, side, profile))
-
-
 def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float | None:
     """Return the unloaded torque of a standard, N·m; None if it isn't mounted.
 
@@ -142,122 +119,51 @@ def standard_at_rest(station: Station, side: Side, mounting: Mounting) -> float 
     return zero_nm
 
 
-def measure_calibration(
-    station: Station,
-    side: Side,
-    profile: Profile,
-    resumption: Resumption | None = None,
-    **options: Unpack[RunOptions],
-) -> Measured[StaircaseResult]:
-    """Calibrate one module against the calibrator, or continue with an interrupted calibration.
+@dataclass(frozen=True)
+class RunKind(Generic[Result, Evaluated, Outcome]):
+    """A kind of run: what it measures, and what becomes of that, at once or after a crash.
 
-    Parameters
-    ----------
-    station : Station
-    side : {"input", "output"}
-    profile : Profile
-    resumption : Resumption, optional
-        Where to go on; see `campaign.resuming`.
-    **options
-        See `RunOptions`.
-
-    Raises
-    ------
-    LimitError, InterlockError
-        Before anything moves.
-    RunAbortedError
-        Somebody ended the run.
-    SignalFault, BenchError
-        The run failed; the bench is without torque.
+    `plan` takes devices, side, profile and the arguments of `measure`. `evaluate` uses the run's
+    record and the registry only. `register` is one transaction, which finds what an earlier attempt
+    has registered; without it only the run itself is entered. `describe` says what is registered.
     """
-    before = _model_in_use(station, side)
-    return measure(
-        station,
-        lambda: calibrate(station.devices, side, profile, resumption, before),
-        kind=f"calibrate-{side}",
-        title=Message("Calibrating the {side} module", side),
-        **_stating(side, profile, options),
-    )
 
+    kind: str
+    title: Callable[[Side], str]
+    plan: Callable[..., Plan[Result]]
+    evaluate: Callable[[Registry, Measured[Result], Profile, Progress], Evaluated] | None = None
+    register: Callable[[Registry, Measured[Result], Evaluated], Outcome] | None = None
+    describe: Callable[[Outcome], Message] | None = None
 
-def _model_in_use(station: Station, side: Side) -> ActiveChain | None:
-    """Return the model that a module has had so far; None for none that can be read."""
-    description, counter = station.description, station.drivers.counter.clock_identity
-    serial = description.module(side).transducer.serial
-    try:
-        entry = station.registry.patiently(lambda: entry_in_use(station.registry, serial, counter))
-        return (
-            None
-            if entry is None
-            else compensation_for(station.registry, description, counter, side)
+    def measure(
+        self,
+        station: Station,
+        side: Side,
+        profile: Profile | TurningProfile | FrictionSettings,
+        *arguments: Any,
+        settings: Mapping[str, Any] = MappingProxyType({}),
+        rehearsed: Callable[[], Plan[Any]] | None = None,
+        **options: Unpack[RunOptions],
+    ) -> Measured[Result]:
+        """Rehearse and run the plan; its record names side and profile. See `measure`."""
+        options["metadata"] = {**run_metadata(side, profile), **options.get("metadata", {})}
+        return measure(
+            station,
+            lambda: self.plan(station.devices, side, profile, *arguments, **settings),
+            rehearsed=rehearsed,
+            kind=self.kind.format(side=side),
+            title=self.title(side),
+            **options,
         )
-    except TorquebenchError:
-        return None
 
 
-def measure_verification(
-    station: Station,
-    side: Side,
-    profile: Profile,
-    seed: int,
-    **options: Unpack[RunOptions],
-) -> Measured[StaircaseResult]:
-    """Verify one module against the verification standard at points drawn by `seed`."""
-    options["metadata"] = {"seed": seed, **options.get("metadata", {})}
-    rng = np.random.default_rng(seed)
-    steps = profile.staircase(station.description.module(side).range_nm, rng)
-    return measure(
-        station,
-        lambda: verify(station.devices, side, profile, steps),
-        kind=f"verify-{side}",
-        title=Message("Verifying the {side} module", side),
-        **_stating(side, profile, options),
-    )
-
-
-def measure_check(
-    station: Station, side: Side, profile: Profile, **options: Unpack[RunOptions]
-) -> Measured[StaircaseResult]:
-    """Load a few steps of one module against the check standard."""
-    steps = profile.staircase(station.description.module(side).range_nm)
-    return measure(
-        station,
-        lambda: verify(station.devices, side, profile, steps),
-        kind=f"check-{side}",
-        title=Message("Checking the {side} module", side),
-        **_stating(side, profile, options),
-    )
-
-
-def measure_friction(
-    station: Station,
-    settings: FrictionSettings | None = None,
-    **options: Unpack[RunOptions],
-) -> Measured[FrictionSweep]:
-    """Sweep the input speed of the mounted reducer, output free, and read its friction."""
-    options["metadata"] = {"side": "input", **options.get("metadata", {})}
-    return measure(
-        station,
-        lambda: friction_sweep(station.devices, settings),
-        kind="no-load-friction",
-        title="No-load friction of the reducer",
-        **options,
-    )
-
-
-def run_metadata(side: Side, profile: Profile | TurningProfile) -> dict[str, str]:
+def run_metadata(
+    side: Side, profile: Profile | TurningProfile | FrictionSettings
+) -> dict[str, str]:
     """Return what the registry stores of a run beside its start document."""
-    return {
-        "side": side,
-        "profile_name": profile.name,
-        "profile_sha256": profile.sha256,
-    }
-
-
-def _stating(side: Side, profile: Profile, options: RunOptions) -> RunOptions:
-    """Return options of a run with side and profile in its metadata."""
-    metadata = {**run_metadata(side, profile), **options.get("metadata", {})}
-    return {**options, "metadata": metadata}
+    if isinstance(profile, FrictionSettings):
+        return {"side": side}
+    return {"side": side, "profile_name": profile.name, "profile_sha256": profile.sha256}
 
 
 def operator_name() -> str:

@@ -23,7 +23,7 @@ from torquebench.calibration import (
     propose_due_date,
 )
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import Measured, operator_name
+from torquebench.campaign.measuring import Measured, RunKind, operator_name
 from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
@@ -45,8 +45,10 @@ __all__ = [
     "FittedFile",
     "RegisteredCalibration",
     "calibration_entry",
+    "evaluate_and_register",
     "read_measured",
     "register_calibration",
+    "register_evaluated",
     "register_verification",
     "registered_choices",
     "registered_patiently",
@@ -56,6 +58,8 @@ __all__ = [
 ]
 
 Result = TypeVar("Result")
+Evaluated = TypeVar("Evaluated")
+Outcome = TypeVar("Outcome")
 
 
 @dataclass(frozen=True)
@@ -309,6 +313,46 @@ def read_measured(folder: RunFolder) -> tuple[Measured[StaircaseResult], Profile
 def _placement(plain: Mapping[str, Any]) -> Placement:
     rounds = tuple(AdaptiveRound(**each) for each in plain["rounds"])
     return Placement(**{**plain, "rounds": rounds})
+
+
+def evaluate_and_register(
+    kind: RunKind[Result, Evaluated, Outcome],
+    registry: Registry,
+    measured: Measured[Result],
+    profile: Profile,
+    progress: Progress = NO_PROGRESS,
+) -> Outcome:
+    """Evaluate a measured run and register its result, right after the run or later.
+
+    Raises
+    ------
+    RecordError
+        The registry or the disk fails; the measured run can be finished later.
+    """
+    evaluate, run_id = kind.evaluate, measured.record.run_id
+    assert evaluate is not None
+    evaluated = registered_patiently(
+        registry, run_id, lambda: evaluate(registry, measured, profile, progress), progress
+    )
+    return register_evaluated(kind, registry, measured, evaluated, progress)
+
+
+def register_evaluated(
+    kind: RunKind[Result, Evaluated, Outcome],
+    registry: Registry,
+    measured: Measured[Result],
+    evaluated: Evaluated,
+    progress: Progress = NO_PROGRESS,
+) -> Outcome:
+    """Register an evaluated run; raises as `evaluate_and_register`."""
+    enter = kind.register
+    assert enter is not None
+    return registered_patiently(
+        registry,
+        measured.record.run_id,
+        lambda: enter(registry, measured, evaluated),
+        progress,
+    )
 
 
 def registered_patiently(

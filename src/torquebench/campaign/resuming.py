@@ -11,8 +11,9 @@ from torquebench.bench.description import BenchDescription
 from torquebench.bench.drivers.base import Side
 from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import Profile, Step
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import Measured, RunOptions, measure_calibration
+from torquebench.campaign.measuring import Measured, RunOptions
 from torquebench.campaign.registering import registered_choices, registers_calibration
 from torquebench.errors import InputError, ModelMismatchError, RecordError
 from torquebench.message import Message

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 from typing import Unpack
 
 from torquebench.bench.description import BenchDescription
-from torquebench.campaign.measuring import RunOptions, measure_friction
+from torquebench.campaign.measuring import RunKind, RunOptions
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.procedures import FrictionSettings, FrictionSweep
+from torquebench.procedures import FrictionSettings, FrictionSweep, friction_sweep
 from torquebench.reducers import (
     CertifiedFriction,
     FrictionCheck,
@@ -19,12 +19,20 @@ from torquebench.reducers import (
 from torquebench.station import Station
 
 __all__ = [
+    "FRICTION",
     "StandardReducer",
     "StandardReducerCheck",
     "certified_reducer",
     "check_standard_reducer",
     "within_certificate",
 ]
+
+FRICTION: RunKind[FrictionSweep, None, None] = RunKind(
+    "no-load-friction",
+    lambda _side: Message("No-load friction of the reducer"),
+    lambda devices, _side, settings: friction_sweep(devices, settings),
+)
+"""The sweep of a mounted reducer's input speed, output free; only the run is entered."""
 
 
 @dataclass(frozen=True)
@@ -195,7 +203,7 @@ def check_standard_reducer(
         }
     }
     options["metadata"] = {**known, **options.get("metadata", {})}
-    measured = measure_friction(station, settings, **options)
+    measured = FRICTION.measure(station, "input", settings, **options)
     found = measured.result
     check = check_friction(
         found.nominal_rpm,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import Unpack
+from typing import Any, Unpack
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,7 @@ from torquebench.atomic_write import atomic_write
 from torquebench.bench.roles import Side
 from torquebench.calibration import CalibrationData
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.measuring import RunOptions, measure, run_metadata
+from torquebench.campaign.measuring import RunKind, RunOptions
 from torquebench.dynamics import MotorInertia
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -34,6 +35,23 @@ ANGLE = "angle_deg"
 _RESUMED_AFTER_S = 60.0
 """Time between the last row of an interrupted run and the first after it; the real one is unknown.
 """
+
+
+EMPTY_RUN = RunKind[EmptySummary, None, None](
+    "empty-run-{side}", lambda side: Message("Empty run of the {side} module", side), turn_empty
+)
+DYNAMICS = RunKind[StepTable, None, None](
+    "dynamics-{side}", lambda side: Message("Dynamics of the {side} module", side), step_torques
+)
+CALIBRATION, VERIFICATION = (
+    RunKind[CalibrationData, None, None](
+        f"turning-{kind}-{{side}}",
+        partial(Message, "Turning {kind} of the {side} module", kind),
+        calibrate_turning,
+    )
+    for kind in ("calibration", "verification")
+)
+"""Runs whose results are tables: only the runs themselves are entered into the registry."""
 
 
 @dataclass(frozen=True)
@@ -65,11 +83,16 @@ def rehearse_turning(
     station: Station, side: Side, profile: TurningProfile
 ) -> Rehearsal[EmptySummary] | Rehearsal[CalibrationData] | Rehearsal[StepTable]:
     """Rehearse a run; its duration excludes waiting times."""
+    return rehearse(station.devices, _without_table(station, side, profile))
+
+
+def _without_table(station: Station, side: Side, profile: TurningProfile) -> Plan[Any]:
+    """Return the plan of a whole run that writes no table."""
     if profile.kind == "dynamics":
-        return rehearse(station.devices, step_torques(station.devices, side, profile, StepTable()))
+        return step_torques(station.devices, side, profile, StepTable())
     if profile.kind != "empty":
-        return rehearse(station.devices, calibrate_turning(station.devices, side, profile))
-    return rehearse(station.devices, turn_empty(station.devices, side, profile, EmptyTable(side)))
+        return calibrate_turning(station.devices, side, profile)
+    return turn_empty(station.devices, side, profile, EmptyTable(side))
 
 
 def measure_turning(
@@ -105,7 +128,6 @@ def measure_turning(
     RunAbortedError
         Somebody ended the run; complete series are in the file.
     """
-    options["metadata"] = run_metadata(side, profile)
     if profile.kind == "dynamics":
         if isinstance(begun, EmptyTable | BegunCalibration):
             raise InputError(
@@ -134,24 +156,13 @@ def measure_turning(
             stated = referenced(points, {"bench": station.description})
             write_calibration(target, stated, remarks)
 
-        def loading(*, kept: bool = True) -> Plan[CalibrationData]:
-            on_series = keep if kept else None
-            return calibrate_turning(
-                station.devices,
-                side,
-                profile,
-                wait=wait,
-                series_done=done,
-                on_series=on_series,
-            )
+        def rest_of_run() -> Plan[CalibrationData]:
+            return calibrate_turning(station.devices, side, profile, wait=wait, series_done=done)
 
-        points = measure(
-            station,
-            loading,
-            rehearsed=lambda: loading(kept=False),
-            kind=f"turning-{profile.kind}-{side}",
-            title=Message("Turning {kind} of the {side} module", profile.kind, side),
-            **options,
+        kind = CALIBRATION if profile.kind == "calibration" else VERIFICATION
+        settings = {"wait": wait, "series_done": done, "on_series": keep}
+        points = kind.measure(
+            station, side, profile, settings=settings, rehearsed=rest_of_run, **options
         )
         record = points.record
         rows = len(points.result) + (0 if before is None else len(before.points))
@@ -164,12 +175,13 @@ def measure_turning(
         _write(target, done, station, profile)
 
     _follow_on(table, station)
-    found = measure(
+    found = EMPTY_RUN.measure(
         station,
-        lambda: turn_empty(station.devices, side, profile, table, wait=wait, on_series=write),
-        rehearsed=lambda: turn_empty(station.devices, side, profile, EmptyTable(side)),
-        kind=f"empty-run-{side}",
-        title=Message("Empty run of the {side} module", side),
+        side,
+        profile,
+        table,
+        settings={"wait": wait, "on_series": write},
+        rehearsed=lambda: _without_table(station, side, profile),
         **options,
     )
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)
@@ -209,12 +221,13 @@ def _measure_steps(
         ]
         _write_table(target, stated, StepTable.COLUMNS, rows)
 
-    found = measure(
+    found = DYNAMICS.measure(
         station,
-        lambda: step_torques(station.devices, side, profile, table, on_series=write),
-        rehearsed=lambda: step_torques(station.devices, side, profile, StepTable()),
-        kind=f"dynamics-{side}",
-        title=Message("Dynamics of the {side} module", side),
+        side,
+        profile,
+        table,
+        settings={"on_series": write},
+        rehearsed=lambda: _without_table(station, side, profile),
         **options,
     )
     return TurningRun(found.record.run_id, len(table.rows), found.record.bench_seconds)

@@ -9,34 +9,30 @@ from typing import Unpack
 import numpy as np
 
 from torquebench.bench.drivers.base import Side
-from torquebench.bench.stated_limits import with_stated_limits
-from torquebench.calibration import Profile, VerificationResult, verify
-from torquebench.campaign.measuring import Measured, RunOptions, measure_verification
-from torquebench.campaign.registering import register_verification, registered_patiently
-from torquebench.chain import MeasuringChain, load_chain
-from torquebench.procedures import StaircaseResult
-from torquebench.progress import NO_PROGRESS
-from torquebench.records import REGISTERS, ModelEntry
+from torquebench.calibration import Profile, VerificationResult
+from torquebench.calibration import verify as compare_with_models
+from torquebench.campaign.bench_chains import used_chain
+from torquebench.campaign.measuring import Measured, RunKind, RunOptions
+from torquebench.campaign.registering import evaluate_and_register, register_verification
+from torquebench.chain import MeasuringChain
+from torquebench.message import Message
+from torquebench.procedures import StaircaseResult, verify
+from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.records import REGISTERS, ModelEntry, Registry
 from torquebench.station import Station
 
-__all__ = ["VerifiedModels", "verify_on_bench"]
+__all__ = ["VERIFICATION", "VerifiedModels", "measure_verification", "verify_on_bench"]
 
 
 @dataclass(frozen=True, eq=False)
 class VerifiedModels:
-    """Outcome of a verification on the bench.
+    """Fresh points of a verification, and the models compared with them.
 
-    Parameters
-    ----------
-    measured : Measured
-        The fresh points.
-    chains : mapping of str to MeasuringChain
-        By the name of the model; with the bench's limits.
-    result : VerificationResult
-        By which the points were drawn.
+    `chains` have the bench's limits.
     """
 
     measured: Measured[StaircaseResult]
+    models: Mapping[str, ModelEntry]
     chains: Mapping[str, MeasuringChain]
     result: VerificationResult
 
@@ -65,19 +61,51 @@ def verify_on_bench(
         See `RunOptions`.
     """
     registry = station.registry
-    chains = {
-        name: with_stated_limits(load_chain(entry.check_file()), station.description, side)
-        for name, entry in models.items()
-    }
+    for entry in models.values():
+        entry.check_file()  # before anything moves
     seed = int(np.random.default_rng().integers(2**32)) if seed is None else seed
     numbers = {name: entry.model_id for name, entry in models.items()}
     options["metadata"] = {**(options.get("metadata") or {}), REGISTERS: {"models": numbers}}
     measured = measure_verification(station, side, profile, seed, **options)
-    result = verify(measured.result.data, chains)
-    registered_patiently(
-        registry,
-        measured.record.run_id,
-        lambda: register_verification(registry, models, result, measured.record),
-        options.get("progress", NO_PROGRESS),
-    )
-    return VerifiedModels(measured, chains, result)
+    progress = options.get("progress", NO_PROGRESS)
+    return evaluate_and_register(VERIFICATION, registry, measured, profile, progress)
+
+
+def measure_verification(
+    station: Station, side: Side, profile: Profile, seed: int, **options: Unpack[RunOptions]
+) -> Measured[StaircaseResult]:
+    """Verify one module against the verification standard at points drawn by `seed`."""
+    options["metadata"] = {"seed": seed, **options.get("metadata", {})}
+    rng = np.random.default_rng(seed)
+    steps = profile.staircase(station.description.module(side).range_nm, rng)
+    return VERIFICATION.measure(station, side, profile, steps, **options)
+
+
+def _evaluate(
+    registry: Registry, measured: Measured[StaircaseResult], _profile: Profile, _progress: Progress
+) -> VerifiedModels:
+    """Compare the points with the models that the run was begun for."""
+    data, known = measured.result.data, measured.record.metadata
+    numbers: Mapping[str, int] = known[REGISTERS]["models"]
+    models = {name: registry.model(int(number)) for name, number in numbers.items()}
+    chains = {name: used_chain(entry, known, data) for name, entry in models.items()}
+    return VerifiedModels(measured, models, chains, compare_with_models(data, chains))
+
+
+def _register(
+    registry: Registry, measured: Measured[StaircaseResult], verified: VerifiedModels
+) -> VerifiedModels:
+    register_verification(registry, verified.models, verified.result, measured.record)
+    return verified
+
+
+VERIFICATION = RunKind(
+    "verify-{side}",
+    lambda side: Message("Verifying the {side} module", side),
+    verify,
+    _evaluate,
+    _register,
+    lambda verified: Message(
+        "run {run_id} is registered as a verification", verified.measured.record.run_id
+    ),
+)

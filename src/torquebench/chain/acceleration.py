@@ -53,7 +53,7 @@ class AccelerationBySpeed:
 
     @classmethod
     def of(cls, time_s: FloatArray, speed_rpm: FloatArray) -> AccelerationBySpeed:
-        """Return the evaluation that suits the noise of a record.
+        """Return the evaluation over the fewest samples whose noise is low enough, by a record.
 
         Parameters
         ----------
@@ -68,9 +68,9 @@ class AccelerationBySpeed:
         if not step_s > 0.0:
             return cls(1, noise)
         widest = max(int(_LONGEST_S / step_s), 1)
-        for half in range(1, widest):
-            if RAD_S_PER_RPM * noise * _per_noise(half) / step_s <= _WANTED_RAD_S2:
-                return cls(half, noise, step_s)
+        for half_width in range(1, widest):
+            if RAD_S_PER_RPM * noise * _per_noise(half_width) / step_s <= _WANTED_RAD_S2:
+                return cls(half_width, noise, step_s)
         return cls(widest, noise, step_s)
 
     @property

@@ -152,7 +152,7 @@ EXPORTED_MODEL = Record(
     "torquebench.compensation.table:CompensationTable",
     "intervals=curve.intervals degree=curve.degree branch_aware=curve.branch_aware "
     "low_nm=reading_low_nm high_nm=reading_high_nm largest_deviation_nm=bound_nm",
-    _FILES,
+    {"partial_loops_deviation_nm": float, **_FILES},
 )
 BUDGETED_READING = Record(
     "The budget of one compensated reading, and the interval of Monte Carlo. k is 2: u of curve "

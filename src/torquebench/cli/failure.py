@@ -56,7 +56,7 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     run : callable
         Runs the command; its return value is the exit code (None counts as 0).
     debug : callable
-        Asked after an error: True lets the traceback through.
+        RunningPoint after an error: True lets the traceback through.
 
     Returns
     -------

@@ -346,9 +346,16 @@ def check_output(path: Path, *inputs: Path, endings: Sequence[str] = ()) -> Path
     if endings:
         from torquebench.tables.formats import endings as endings_of_tables
 
-        known = {*endings_of_tables(), ".json", ".html", ".htm", ".pdf", ".h", ".onnx"} - set(
-            endings
-        )
+        known = {
+            *endings_of_tables(),
+            ".json",
+            ".html",
+            ".htm",
+            ".pdf",
+            ".h",
+            ".st",
+            ".onnx",
+        } - set(endings)
         if path.suffix.lower() in known:
             raise InputError(
                 path.name,

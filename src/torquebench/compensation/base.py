@@ -233,7 +233,7 @@ class CompensationModel(Estimator, ABC):
         Parameters
         ----------
         X : array of shape (n, k)
-            As many columns as `fit` was given.
+            As many columns as `fit` was given, or reading and branch alone.
         return_std : bool, default False
             Whether to return the standard uncertainty of the model's curve as well.
 
@@ -258,7 +258,7 @@ class CompensationModel(Estimator, ABC):
         Parameters
         ----------
         X : array of shape (n, k)
-            As many columns as `fit` was given.
+            As for `predict`.
 
         Returns
         -------
@@ -271,10 +271,21 @@ class CompensationModel(Estimator, ABC):
         """
         return np.concatenate(self._in_blocks(X, self._curve_uncertainty))
 
+    def _completed(self, X: ArrayLike) -> ArrayLike:
+        """Return X with zeros for columns that only the fit uses, if it ends with the branch."""
+        used = {*self.used_features} - {"series"}  # which a fit alone needs
+        needed = 1 + max(map(FEATURES.index, used))
+        alone = FEATURES.index("branch") + 1
+        if needed <= alone < self.n_features_in_:
+            known = by_names(X)
+            if isinstance(known, np.ndarray) and known.shape[1:] == (alone,):
+                return np.pad(known, ((0, 0), (0, self.n_features_in_ - alone)))
+        return by_names(X, self.n_features_in_)
+
     def _in_blocks(self, X: ArrayLike, evaluate: Callable[[FloatArray], _Result]) -> list[_Result]:
         """Evaluate checked rows in blocks."""
         self._require_fit()
-        rows = self._validated_rows(by_names(X, self.n_features_in_))
+        rows = self._validated_rows(self._completed(X))
         self._refuse_outside_range(rows[:, 0])
         with single_blas_thread():
             return [

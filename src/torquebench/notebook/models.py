@@ -216,7 +216,7 @@ def fit(
     -----
     FitWarning
         Points that contradict each other, outliers, a model worse than the raw reading, another
-        standard than the table's.
+        standard than the table's or none.
 
     Examples
     --------
@@ -225,7 +225,8 @@ def fit(
     >>> reading = np.concatenate([up, down, -up, -down])
     >>> branch = (["up"] * 10 + ["down"] * 9) * 2
     >>> points = {"reading_nm": reading, "standard_nm": 1.01 * reading, "branch": branch}
-    >>> tb.fit(tb.read_calibration(points, range_nm=10.0), "polynomial-1")
+    >>> calibration = tb.read_calibration(points, range_nm=10.0)
+    >>> tb.fit(calibration, "polynomial-1", reference="0.02 of range")
     Compensation(polynomial, degree 1, 10 N·m)
     """
     data = _calibration(calibration)
@@ -234,6 +235,8 @@ def fit(
     found = fit_table(data, "the calibration", model, outliers=outliers)
     remarks = [*found.remarks, *map(str, found.contradictions)]
     standard = reference_effect(data, stated, "the calibration", remarks.append)
+    if not standard:
+        remarks.append(Message("U of the reference standard isn't in U: state it as `reference`"))
     for remark in remarks:
         warnings.warn(remark, FitWarning, stacklevel=2)
     effects = (*standard, *mounting_effect(data))

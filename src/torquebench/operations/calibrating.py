@@ -800,7 +800,7 @@ def run_calibration(
             profile,
             **place.run_options(progress, request.mounting, known),
         )
-        modules.append(_finished(place, measured, profile, choices, active, progress))
+        modules.append(_registered(place, measured, profile, progress))
     return CalibrationResult(**calibration_result(modules, ()))
 
 
@@ -809,18 +809,13 @@ def _active(place: Place, choices: Sequence[campaign.ModelChoice], activate: boo
     return choices[0].name if activate and choices and place.may("metrologist") else None
 
 
-def _finished(
-    place: Place,
-    measured: Any,
-    profile: calibration.Profile,
-    choices: Sequence[campaign.ModelChoice],
-    active: str | None,
-    progress: Progress,
+def _registered(
+    place: Place, measured: Any, profile: calibration.Profile, progress: Progress
 ) -> CalibratedModule:
-
     place.check()
+    kind = campaign.CALIBRATION
     return calibrated_module(
-        campaign.finish_calibration(place.registry, measured, profile, choices, active, progress)
+        campaign.evaluate_and_register(kind, place.registry, measured, profile, progress)
     )
 
 
@@ -875,7 +870,7 @@ def run_resumption(place: Place, request: ResumeRequest, progress: Progress) -> 
         interrupted,
         **place.run_options(progress, request.mounting, known),
     )
-    module = _finished(place, measured, interrupted.profile, choices, active, progress)
+    module = _registered(place, measured, interrupted.profile, progress)
     remarks = [
         Message(
             "{kept} points of {run} were kept, {count} were measured again from series {series} on",

@@ -105,7 +105,7 @@ class Place:
     station : Station
         The open bench; None for others.
     on_pause : callable, optional
-        Asked whether a paused run goes on; see `Station.run`.
+        RunningPoint whether a paused run goes on; see `Station.run`.
     compute : callable
         Calls a long computation, perhaps in another process: with its arguments and `progress`.
     finishing : threading.Event

@@ -312,7 +312,7 @@ def _setup(rehearsal: Rehearsal[Any]) -> Iterable[str]:
     ):
         if move.device == "mounting":
             yield Message("mount the {what}", str(move.value).replace("_", " "))
-        elif move.device == "guide rail":
+        elif move.device == "rail":
             yield "move the rail to its end" if move.value == "end" else "retract the rail"
         elif move.device == "clamp":
             yield "close the clamp" if move.value else "open the clamp"

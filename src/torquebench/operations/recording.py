@@ -14,7 +14,7 @@ from torquebench.operations.operation import Moment, Number, Operation, Request,
 from torquebench.operations.place import EndedError, Place
 from torquebench.operations.result import Result
 from torquebench.progress import Progress
-from torquebench.station.runs import LONGEST_BEFORE_S
+from torquebench.station.recording import LONGEST_BEFORE_S
 from torquebench.units import DAY, RPM_PER_RAD_S, unit_of_name
 
 if TYPE_CHECKING:

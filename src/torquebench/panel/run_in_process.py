@@ -38,7 +38,7 @@ def run_in_process(
     progress : Progress
         Receives the function's progress.
     cancelled : callable
-        Asked every 0.2 s; True ends the process.
+        RunningPoint every 0.2 s; True ends the process.
 
     Raises
     ------

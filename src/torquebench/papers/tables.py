@@ -17,14 +17,10 @@ from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.measuring import (
-    Measured,
-    RunOptions,
-    measure_calibration,
-    measure_friction,
-    measure_verification,
-)
-from torquebench.campaign.standard_reducer import within_certificate
+from torquebench.campaign.calibrating import measure_calibration
+from torquebench.campaign.measuring import Measured, RunOptions
+from torquebench.campaign.standard_reducer import FRICTION, within_certificate
+from torquebench.campaign.verifying import measure_verification
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
@@ -318,7 +314,7 @@ def _friction(
 ) -> FrictionTable:
     speeds = [point.speed_rpm for point in certified]
     settings = within_certificate(settings, certified)
-    found = measure_friction(station, settings, **options).result
+    found = FRICTION.measure(station, "input", settings, **options).result
     speed = np.abs(found.nominal_rpm)
     return FrictionTable(
         found.nominal_rpm,

@@ -243,10 +243,10 @@ def _staircase(
     if profile.adaptive is not None:  # every round reverses at full scale
         largest_nm = range_nm
     limits = loading_limits(devices, setup.side, largest_nm)
-    yield from measured_in(setup, devices, load(), metadata, limits)
+    serial = yield from measured_in(setup, devices, load(), metadata, limits)
     if not table.rows:
         raise BenchError("a staircase that recorded no point", "at least one point")
-    return table.result(devices, setup.side, str(metadata["standard_serial"]))
+    return table.result(devices, setup.side, serial)
 
 
 def _range_nm(devices: BenchDevices, side: Side) -> float:

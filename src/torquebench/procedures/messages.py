@@ -8,26 +8,65 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Mapping
 from inspect import unwrap
-from typing import Any
+from typing import Any, TypeVar
 
 import bluesky.plan_stubs as bps
 from bluesky.protocols import Readable
 from bluesky.utils import Msg
 
-__all__ = ["checkpoint", "move", "prepare", "progress", "read", "sleep", "take"]
+__all__ = [
+    "again_after_pause",
+    "checkpoint",
+    "leg_checkpoint",
+    "move",
+    "prepare",
+    "progress",
+    "read",
+    "sleep",
+    "take",
+]
 
 _GROUP = "torquebench-point"
 
 Stub = Callable[..., Generator[Msg, Any, Any]]
+Result = TypeVar("Result")
 
 checkpoint: Stub = unwrap(bps.checkpoint)
-"""Let the run be held here."""
+"""Let the run be held here; tell whether it was."""
 prepare: Stub = unwrap(bps.prepare)
 """Hand settings to a device; with `wait=True` wait until it has them."""
 read: Stub = unwrap(bps.rd)
 """Read the value of a device without an event."""
 sleep: Stub = unwrap(bps.sleep)
 """Sleep in bench time, s."""
+
+
+class _LegPaused(Exception):  # noqa: N818
+    """A pause has interrupted a leg."""
+
+
+def leg_checkpoint() -> Generator[Msg, Any, None]:
+    """Let the run be held within a leg of `again_after_pause`, which then begins again."""
+    if (yield from checkpoint()):
+        raise _LegPaused
+
+
+def again_after_pause(
+    leg: Callable[[], Generator[Msg, Any, Result]],
+    restore: Callable[[], Generator[Msg, Any, None]] | None = None,
+) -> Generator[Msg, Any, Result]:
+    """Let the run be held, then drive a leg; drive it again if it is held at a `leg_checkpoint`.
+
+    A pause takes the torque off and stops the shafts: `restore` brings back how the leg begins.
+    """
+    held = yield from checkpoint()
+    while True:
+        if held and restore is not None:
+            yield from restore()
+        try:
+            return (yield from leg())
+        except _LegPaused:
+            held = True
 
 
 def move(*devices_and_values: Any) -> Generator[Msg, Any, None]:

@@ -1,42 +1,32 @@
 """Rehearsal of a plan before anything moves: its messages change a model of the bench's state.
 
-The rehearsal uses the same plan as the run. Each command is checked against the limits of the bench
-description and against the predicted mounting, clamping and coupling.
+The rehearsal uses the same plan as the run. Each device's `rehearse` checks a command as its `set`
+does, but against the planned mounting, clamping and coupling, which it then changes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import partial
-from math import inf
 from typing import Any, Generic, TypeVar
 
 from bluesky.utils import Msg
+from ophyd_async.core import Device
 
-from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySettings
-from torquebench.bench.devices.drive import DriveAxis
-from torquebench.bench.interlocks import (
-    check_clamp,
-    check_enable,
-    check_mode_change,
-    check_mounting,
-    check_procedure,
-    check_rail,
-    check_seating,
-    check_set_point,
-)
-from torquebench.bench.roles import SIDES, Mode, Mounting, RailPosition, Seating, Side
-from torquebench.bench.safety.limits import LimitBook
+from torquebench.bench.devices import BenchDevices, RampTo, SteadySettings
+from torquebench.bench.interlocks import PlannedState
+from torquebench.bench.roles import SIDES, Side
 from torquebench.bench.state import Quantity
 from torquebench.errors import TorquebenchError
-from torquebench.procedures.setup import Plan, ProcedureGate
-from torquebench.procedures.standard_check import StandardCheck
+from torquebench.procedures.setup import Plan
 from torquebench.units import RPM_PER_RAD_S
 
 __all__ = ["Move", "Rehearsal", "rehearse"]
 
 Result = TypeVar("Result")
+
+ROOM_C = 23.0
 
 
 @dataclass(frozen=True)
@@ -127,115 +117,31 @@ def rehearse(devices: BenchDevices, plan: Plan[Result]) -> Rehearsal[Result]:
             raise
 
 
-class _Books:
-    """The predicted state of the bench.
-
-    It assumes that the operator is present and no alarm is latched; the devices check both at run
-    time.
-    """
-
-    def __init__(self, devices: BenchDevices) -> None:
-        self.present = present = devices.context.state
-        self.description = present.description
-        self.book = LimitBook(present.description)
-        self.limits = self.book.side
-        self.drive_limits = present.drive_limits
-        self.standard = present.mounted()
-        self.closed = present.clamped()
-        self.rail_at = present.rail()
-        drives = devices.context.drivers.drives
-        self.sides: dict[Side, _SideState] = {
-            side: _SideState(present.mode(side), drives[side].state().enabled) for side in SIDES
-        }
-
-    def mounted(self) -> Mounting:
-        return self.standard
-
-    def clamped(self) -> bool:
-        return self.closed
-
-    def has_rail(self) -> bool:
-        return self.present.has_rail()
-
-    def rail(self) -> RailPosition:
-        return self.rail_at
-
-    def supplied(self) -> bool:
-        return True
-
-    def mode(self, side: Side) -> Mode:
-        return self.sides[side].mode
-
-    def enabled(self, side: Side) -> bool:
-        return self.sides[side].enabled
-
-    def commanded(self, side: Side) -> tuple[float, float]:
-        return self.reading_nm(side), self.speed_rad_s(side)
-
-    def reading_nm(self, side: Side) -> float:
-        return self.sides[side].set_points["torque"]
-
-    def speed_rad_s(self, side: Side) -> float:
-        return self.sides[side].set_points["speed"]
-
-    def alarm(self) -> None:
-        return None
-
-    def absent_s(self) -> float:
-        return 0.0
-
-
-@dataclass
-class _SideState:
-    mode: Mode
-    enabled: bool
-    set_points: dict[Quantity, float] = field(default_factory=lambda: {"torque": 0.0, "speed": 0.0})
-    settings: SteadySettings = field(default_factory=SteadySettings)
-
-
 class _Stage:
-    """The simulated devices of a rehearsal."""
+    """The planned bench: the devices of a rehearsal change it."""
 
     def __init__(self, devices: BenchDevices) -> None:
         self.devices = devices
-        self.books = _Books(devices)
-        self.description, self.sides = self.books.description, self.books.sides
-        self.stamp = Point()
+        self.planned = planned = PlannedState(devices.context.state, devices.context.drivers.drives)
         self.now_s = 0.0
         self.moves: list[Move] = []
         self.points = self.steps = 0
         self._ends_s: dict[object, float] = {}
         self._stream = ""
-        self._setters: dict[int, tuple[str, Callable[[Any], None]]] = {
-            id(devices.clamp): ("clamp", self._clamp),
-            id(devices.rail): ("guide rail", self._move_rail),
-            id(devices.mounting): ("mounting", self._mount),
-            id(devices.seat): ("seat", self._seat),
-            id(devices.point): ("point", self._mark),
-        }
+        self._settings: dict[int, SteadySettings] = {}
         self._readings: dict[int, Callable[[], object]] = {
-            id(devices.mounting.mounted): self.books.mounted,
-            id(devices.clamp.clamped): self.books.clamped,
-            id(devices.rail.position): self.books.rail,
+            id(devices.mounting.mounted): planned.mounted,
+            id(devices.clamp.clamped): planned.clamped,
+            id(devices.rail.position): planned.rail,
         }
         for side in SIDES:
-            self._connect(side)
-
-    def _connect(self, side: Side) -> None:
-        module, state = self.devices.module(side), self.sides[side]
-        drive = module.drive
-
-        def bind(device: object, name: str, action: Callable[[Side, Any], None]) -> None:
-            self._setters[id(device)] = (f"{side} {name}", lambda value: action(side, value))
-
-        bind(module.mode, "mode", self._change_mode)
-        bind(drive.power, "power", self._switch)
-        axes: dict[Quantity, DriveAxis] = {"torque": drive.torque, "speed": drive.speed}
-        for quantity, axis in axes.items():
-            bind(axis, quantity, partial(self._drive, quantity))
-            self._readings[id(axis.setpoint)] = partial(state.set_points.get, quantity)
-        self._readings[id(module.mode.mode)] = lambda: state.mode
-        self._readings[id(drive.power.enabled)] = lambda: state.enabled
+            module = devices.module(side)
+            self._readings |= {
+                id(module.drive.torque.setpoint): partial(planned.reading_nm, side),
+                id(module.drive.speed.setpoint): partial(planned.speed_rad_s, side),
+                id(module.mode.mode): partial(planned.mode, side),
+                id(module.drive.power.enabled): partial(planned.enabled, side),
+            }
 
     # -- messages ---------------------------------------------------------------------------
 
@@ -248,10 +154,10 @@ class _Stage:
         elif message.command == "sleep":
             self.now_s += float(message.args[0])
         elif message.command == "prepare":
-            self._side_of(message.obj).settings = message.args[0]
+            self._settings[id(message.obj)] = message.args[0]
         elif message.command == "trigger":
             if message.obj is not self.devices.recorder:
-                settings = self._side_of(message.obj).settings
+                settings = self._settings_of(message.obj)
                 self.now_s += settings.settle_s + settings.window_s
         elif message.command in ("read", "locate"):
             return self._read(message)
@@ -260,18 +166,12 @@ class _Stage:
         elif message.command == "save":
             self.points += self._stream == "points"
         elif message.command == "tighten":
-            return self.books.book.tighten(*message.args)
+            return self.planned.book.tighten(*message.args)
         elif message.command == "loosen":
-            self.books.book.loosen(message.args[0])
+            self.planned.book.loosen(message.args[0])
         elif message.command == "progress":
             self.steps = max(self.steps, message.args[1])
         return None
-
-    def _side_of(self, device: object) -> _SideState:
-        return next(
-            state for side, state in self.sides.items()
-            if self.devices.module(side).steady is device
-        )  # fmt: skip
 
     def _begin(self, message: Msg) -> None:
         """Set a device; devices set in one group move at the same time."""
@@ -282,18 +182,19 @@ class _Stage:
             self.now_s = began_s
 
     def _set(self, device: Any, value: Any) -> None:
-        if isinstance(device, ProcedureGate):
-            check_procedure(self.books, value)
-            return
-        if isinstance(device, StandardCheck):  # nothing was measured
-            return
-        name, action = self._setters.get(id(device), (device.name, lambda _value: None))
-        action(value)
-        if device is not self.devices.point:
+        rehearse = getattr(device, "rehearse", None)  # without it nothing depends on it
+        if rehearse is not None:
+            self.now_s += rehearse(self.planned, value) or 0.0
+        if isinstance(device, Device) and device is not self.devices.point:
+            name = device.name.replace("-drive-", " ").replace("-", " ")
             target = value.target if isinstance(value, RampTo) else value
             self.moves.append(Move(self.now_s, name, target))
 
+    def _settings_of(self, steady: object) -> SteadySettings:
+        return self._settings.get(id(steady), SteadySettings())
+
     def _read(self, message: Msg) -> dict[str, Any]:
+        """Return what a device would state if every drive followed its commands."""
         device: Any = message.obj
         getter = self._readings.get(id(device))
         if getter is not None:
@@ -311,14 +212,15 @@ class _Stage:
                 }
         if device is self.devices.temperatures:
             return {
-                f"{device.name}-{probe}_c": {"value": 23.0, "timestamp": self.now_s}
-                for probe in self.description.temperatures
+                f"{device.name}-{probe}_c": {"value": ROOM_C, "timestamp": self.now_s}
+                for probe in self.planned.description.temperatures
             }
         return {}
 
     def _steady(self, side: Side) -> dict[str, Any]:
-        state, (torque_nm, speed_rad_s) = self.sides[side], self.books.commanded(side)
-        scale = self.description.module(side).transducer.scale()
+        planned = self.planned
+        torque_nm, speed_rad_s = planned.commanded(side)
+        scale = planned.description.module(side).transducer.scale()
         fields = {
             "reading_nm": torque_nm,
             "reading_standard_error_nm": 0.0,
@@ -327,49 +229,9 @@ class _Stage:
             "settled": True,
             "commanded_nm": torque_nm,
             "speed_rpm": speed_rad_s * RPM_PER_RAD_S,
-            "temperature_c": 23.0,
+            "temperature_c": ROOM_C,
             "time_s": self.now_s,
         }
-        if state.settings.reference:
+        if self._settings_of(self.devices.module(side).steady).reference:
             fields["standard_nm"] = torque_nm
         return fields
-
-    # -- effects of each command on the state ------------------------------------------------
-
-    def _mount(self, value: Mounting) -> None:
-        check_mounting(self.books, value)
-        self.books.standard = value
-
-    def _move_rail(self, value: RailPosition) -> None:
-        check_rail(self.books, value)
-        self.books.rail_at = value
-
-    def _seat(self, _value: Seating) -> None:
-        check_seating(self.books)
-
-    def _clamp(self, value: bool) -> None:
-        check_clamp(self.books, value)
-        self.books.closed = value
-
-    def _mark(self, value: Point) -> None:
-        self.stamp = value
-
-    def _change_mode(self, side: Side, value: Mode) -> None:
-        check_mode_change(self.books, side, value)
-        self.sides[side].mode = value
-
-    def _switch(self, side: Side, value: bool) -> None:
-        if value:
-            check_enable(self.books, side)
-        else:  # the drive ramps to zero first
-            self._drive("torque", side, 0.0)
-            self._drive("speed", side, 0.0)
-        self.sides[side].enabled = value
-
-    def _drive(self, quantity: Quantity, side: Side, value: float | RampTo) -> None:
-        ramp = value if isinstance(value, RampTo) else RampTo(value, inf)
-        check_set_point(self.books, side, quantity, ramp.target)
-        set_points = self.sides[side].set_points
-        rate = min(ramp.rate, self.description.module(side).drive.rate(quantity))
-        self.now_s += abs(ramp.target - set_points[quantity]) / rate
-        set_points[quantity] = ramp.target

@@ -14,7 +14,7 @@ from ophyd_async.core import AsyncStatus
 from torquebench import __version__
 from torquebench.bench.devices import BenchDevices
 from torquebench.bench.drivers.base import Mode, Mounting, Seating, Side
-from torquebench.bench.interlocks import ProcedureKind, check_procedure
+from torquebench.bench.interlocks import PlannedState, ProcedureKind, check_procedure
 from torquebench.procedures.guarding import StepLimits, guarded
 from torquebench.procedures.messages import move, read, sleep
 
@@ -74,6 +74,10 @@ class ProcedureGate(Movable[ProcedureKind]):
     async def set(self, value: ProcedureKind) -> None:
         """Raise InterlockError unless the mounted part fits the procedure."""
         check_procedure(self._state, value)
+
+    def rehearse(self, planned: PlannedState, value: ProcedureKind) -> None:
+        """Raise InterlockError unless the part that is mounted then fits."""
+        check_procedure(planned, value)
 
 
 def start_metadata(
@@ -228,8 +232,10 @@ def measured_in(
     measuring: Plan[None],
     metadata: dict[str, Any],
     *limits: StepLimits,
-) -> Plan[None]:
-    """Set the bench up and measure in one run; the bench is without torque afterwards.
+) -> Plan[str]:
+    """Set the bench up and measure in one run; return the serial number of the mounted standard.
+
+    The bench is without torque afterwards. Without a standard the serial number is empty.
 
     Parameters
     ----------
@@ -238,16 +244,16 @@ def measured_in(
     measuring : Plan
         What the run records.
     metadata : dict of str to object
-        Of the start document; gets the serial number of the mounted standard.
+        Of the start document.
     *limits : StepLimits
         What the whole procedure needs at most.
     """
+    standard = devices.context.description.standard(setup.mounting)
+    known = {} if standard is None else {"standard_serial": standard.serial}
 
     def in_bench() -> Plan[None]:
         yield from set_up(devices, setup)
-        standard = devices.context.description.standard(setup.mounting)
-        if standard is not None:
-            metadata["standard_serial"] = standard.serial
-        yield from bpp.run_wrapper(measuring, md=metadata)
+        yield from bpp.run_wrapper(measuring, md={**metadata, **known})
 
     yield from guarded(lambda: unloaded_after(devices, in_bench), *limits)
+    return known.get("standard_serial", "")

@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 from torquebench.bench.devices import BenchDevices, Point, SteadySettings
 from torquebench.bench.drivers.base import Seating
 from torquebench.calibration import Step
 from torquebench.message import Message
-from torquebench.procedures.messages import checkpoint, move, prepare, progress, sleep, take
+from torquebench.procedures.messages import (
+    again_after_pause,
+    move,
+    prepare,
+    progress,
+    sleep,
+    take,
+)
 from torquebench.procedures.setup import Plan, Setup, power_on, reseat
 from torquebench.procedures.standard_check import StandardCheck, TakenStep
 from torquebench.procedures.zeroing import zero
@@ -75,31 +83,32 @@ class _Loader:
     done: int = 0
     total: int = 0
     check: StandardCheck | None = None
-    seen: int = 0
     settings: SteadySettings | None = None
 
     def run(self, on_row: Callable[[Step, Row], None]) -> Plan[None]:
-        self.seen = self.devices.interruptions
         # From here on the standard is monitored, also during a preload.
         yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
         yield from power_on(self.devices, self.setup.side)
         for number, step in enumerate(self.steps):
             yield from progress(self.done + number, self.total, describe_step(step))
-            yield from checkpoint()
-            yield from self._return_to_branch(number)
-            if step.change != "none":
-                seating = Seating(step.change, step.position_deg)
-                yield from reseat(self.devices, self.setup, seating)
-                yield from power_on(self.devices, self.setup.side)
-            if step.kind == "zero":
-                yield from self._zero(step)
-            elif step.recorded:
-                on_row(step, (yield from self._point(number)))
-            else:
-                yield from self._load(step)
-                yield from sleep(step.duration_s)
-                yield from self._checked(TakenStep(step))
+            yield from again_after_pause(
+                partial(self._step, step, on_row), partial(self._return_to_branch, number)
+            )
         yield from progress(self.done + len(self.steps), self.total, "done")
+
+    def _step(self, step: Step, on_row: Callable[[Step, Row], None]) -> Plan[None]:
+        if step.change != "none":
+            seating = Seating(step.change, step.position_deg)
+            yield from reseat(self.devices, self.setup, seating)
+            yield from power_on(self.devices, self.setup.side)
+        if step.kind == "zero":
+            yield from self._zero(step)
+        elif step.recorded:
+            on_row(step, (yield from self._point(step)))
+        else:
+            yield from self._load(step)
+            yield from sleep(step.duration_s)
+            yield from self._checked(TakenStep(step))
 
     def _zero(self, step: Step) -> Plan[None]:
         yield from self._stamp(step)
@@ -122,9 +131,9 @@ class _Loader:
         )
         yield from move(self.devices.point, point)
 
-    def _point(self, number: int) -> Plan[Row]:
+    def _point(self, step: Step) -> Plan[Row]:
         """Load one step and take its steady value."""
-        step, steady = self.steps[number], self._module.steady
+        steady = self._module.steady
         wanted = steady_settings(step)
         if wanted != self.settings:
             yield from prepare(steady, wanted, wait=True)
@@ -146,9 +155,6 @@ class _Loader:
         A rising branch from zero is the same as before the pause; a falling branch needs the
         turning point of its series again.
         """
-        if self.devices.interruptions == self.seen:
-            return
-        self.seen = self.devices.interruptions
         step = self.steps[number]
         if step.kind == "point" and step.branch < 0:
             yield from move(self._module.drive.torque, self.turning_point(number))

@@ -552,7 +552,7 @@ def _torque_at(time: Floats, torque: Floats, motion: FirstMotion) -> tuple[float
 
 
 def _change(t: Floats, load: Floats, first: int, *, falls: bool) -> tuple[float, float] | None:
-    """Return the torque at which its line changes after a sample, and its standard uncertainty."""
+    """Return the load where its line over time bends, with its standard uncertainty, if it does."""
     breaks = np.arange(max(first, LEAST_LINE - 1), t.size - 3)
     if not breaks.size:
         return None

@@ -475,7 +475,7 @@ class _Steady:
         used = np.isfinite(self.share)
         bad = np.zeros(used.size, dtype=np.bool_)
         loss = np.abs(self.samples["input_nm"]) - np.abs(self.samples["output_nm"] / self.ratio)
-        # Scatter grows with the torque, or doesn't: an outlier is one by both measures.
+        # Scatter may grow with the torque or not: an outlier of the share must be one of the loss.
         for measure in (self.share, loss):
             bad[used] = repeat_outliers(measure[used], self.group[used]) & (
                 bad[used] | (measure is self.share)

@@ -8,7 +8,7 @@ import numpy as np
 
 from torquebench.bench.mounting_record import MountingRecord, mounting_facts
 from torquebench.calibration import CalibrationData, summarise_errors
-from torquebench.campaign.finishing import FinishedCalibration
+from torquebench.campaign.calibrating import FinishedCalibration
 from torquebench.campaign.fitting import feature_columns
 from torquebench.campaign.results import FitResult
 from torquebench.figures import Curve

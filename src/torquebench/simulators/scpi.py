@@ -75,7 +75,7 @@ def _number(text: str, lowest: float, highest: float) -> float:
 
 
 def _choice(text: str, words: Sequence[str]) -> str:
-    """Return the short form of a word."""
+    """Return the short form of the keyword that a parameter is, in its short or its long form."""
     for word in words:
         short = "".join(letter for letter in word if letter.isupper())
         if text in (short, word.upper()):

@@ -9,7 +9,7 @@ from .entering import (
     SPECIMEN as SPECIMEN,
     enter_run as enter_run,
 )
-from .runs import (
+from .recording import (
     LONGEST_BEFORE_S as LONGEST_BEFORE_S,
     RunRecord as RunRecord,
 )

@@ -6,7 +6,7 @@ import contextlib
 import logging
 import os
 import threading
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, Literal, Self
@@ -21,8 +21,7 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import DriverSet, OperatorPrompts
-from torquebench.bench.identification import check_identities
-from torquebench.bench.interlocks import PresentState
+from torquebench.bench.interlocks import PresentState, check_identities
 from torquebench.bench.roles import SIDES, Side, torque_channel
 from torquebench.bench.safety import Alarm, AlarmKind, RaisedAlarm, SafetySupervisor
 from torquebench.bench.safety.priority import available_priority
@@ -37,10 +36,9 @@ from torquebench.records.runs.time_check import clock_behind
 from torquebench.station.bench_lock import BenchLock
 from torquebench.station.engine import BenchEngine, Plan
 from torquebench.station.matching import compensation_for
-from torquebench.station.recording import Recording, RunEnd
+from torquebench.station.recording import Recording, RunEnd, RunRecord
 from torquebench.station.registration import register_equipment
 from torquebench.station.registry_queue import RegistryQueue
-from torquebench.station.runs import RunRecord
 from torquebench.station.unfinished import RecoveredRun, recover_unfinished
 
 __all__ = ["Station", "data_directory"]
@@ -131,7 +129,6 @@ class Station:
         self.engine = BenchEngine(self.clock, self.supervisor, description.safety.procedure_s)
         self.engine.on_interrupt = self._on_interrupt
         self._run_lock = threading.Lock()
-        self._switched_off: dict[Side, tuple[str, ...]] = {}
         self._lock: BenchLock | None = None
         self._registry_warning: int | None = None
         self._closed = False
@@ -366,7 +363,7 @@ class Station:
         files: Callable[[], Mapping[str, bytes]],
     ) -> RunRecord:
         self.supervisor.raise_if_latched()
-        started_s, before = self.clock.now(), self.devices.interruptions
+        started_s = self.clock.now()
         alarms_before = len(self.supervisor.history)
         recording = Recording(
             self.devices.context,
@@ -380,7 +377,6 @@ class Station:
         )
         writer = recording.writer
         self.engine.progress = progress
-        self.engine.on_held = self._on_held
         self.engine.attend = lambda: self._attend(on_pause)
 
         def finish(status: RunEnd, reason: str) -> None:
@@ -418,7 +414,7 @@ class Station:
             result=None if aborted else outcome.plan_result,
             reason=reason,
             bench_seconds=self.clock.now() - started_s,
-            interruptions=self.devices.interruptions - before,
+            interruptions=self.engine.pauses,
             alarms=self.supervisor.history[alarms_before:],
             metadata=recording.known,
         )
@@ -504,7 +500,7 @@ class Station:
         self.engine.pause()
 
     def resume(self) -> None:
-        """Resume a paused run; `devices.interruptions` has grown by one in the meantime."""
+        """Resume a paused run."""
         self.engine.resume()
 
     @property
@@ -529,9 +525,6 @@ class Station:
         return self.supervisor.trip(
             AlarmKind.STOP, "station", reason, "", "acknowledge when the cause is gone"
         )
-
-    def _on_held(self) -> None:
-        self.devices.interruptions += 1
 
     def _attend(self, on_pause: OnPause | None) -> None:
         """Ask how to continue after a pause, on the thread that called `run`."""
@@ -579,32 +572,5 @@ class Station:
         active = self.registry.patiently(
             lambda: compensation_for(self.registry, description, counter, side, accepted, fitted)
         )
-        if side in self._switched_off:
-            active.switch_off(self._switched_off[side])
         self.acquisition.set_compensation(side, active)
         return active
-
-    def switch_off(self, side: Side, off: Sequence[str]) -> None:
-        """Leave corrections of a side out until the bench is closed, and make all others.
-
-        U then contains their corrections. Models that are put into use later keep to it.
-
-        Parameters
-        ----------
-        side : {"input", "output"}
-        off : sequence of str
-            Out of `torquebench.chain.SWITCHES`.
-
-        Raises
-        ------
-        ModelMismatchError
-            Nothing is compensated there.
-        InputError
-            No such correction.
-        """
-        self.acquisition.switch_off(side, off)
-        self._switched_off[side] = tuple(off)
-
-    def deactivate_compensation(self, side: Side) -> None:
-        """Measure a side without compensation from the next block on."""
-        self.acquisition.set_compensation(side, None)

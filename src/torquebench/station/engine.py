@@ -10,7 +10,6 @@ import threading
 from collections.abc import Callable, Coroutine, Generator, Iterator
 from typing import Any, TypeVar
 
-from bluesky.preprocessors import plan_mutator
 from bluesky.run_engine import RunEngine, RunEngineResult, set_bluesky_event_loop
 from bluesky.utils import (
     DuringTask,
@@ -19,7 +18,6 @@ from bluesky.utils import (
     RequestAbort,
     RunEngineInterrupted,
     TransitionError,
-    single_gen,
 )
 
 from torquebench.bench.clock import BenchClock
@@ -73,6 +71,11 @@ class BenchEngine:
     supervisor : SafetySupervisor
     procedure_s : float
         How long a plan under watch may neither send anything nor wait for the bench, s.
+
+    Attributes
+    ----------
+    pauses : int
+        Number of pauses of the present or the last run.
     """
 
     def __init__(
@@ -84,8 +87,8 @@ class BenchEngine:
         self._supervisor = supervisor
         self.progress: Progress = NO_PROGRESS
         self.on_interrupt: Callable[[], None] = self.abort
-        self.on_held: Callable[[], None] = lambda: None
         self.attend: Callable[[], None] = lambda: None
+        self.pauses = 0
         self._pausing = False
         self._reason = ""
         self._resumed: asyncio.Event | None = None
@@ -97,10 +100,9 @@ class BenchEngine:
             during_task=_Waiting(self),
             call_returns_result=True,
         )
-        self._engine.preprocessors.append(_held_at_checkpoints)
         self._engine.msg_hook = self._on_message
         self._engine.register_command("sleep", self._sleep)
-        self._engine.register_command("hold", self._hold)
+        self._engine.register_command("checkpoint", self._checkpoint)
         self._engine.register_command("progress", self._report)
         self._engine.register_command("tighten", self._tighten)
         self._engine.register_command("loosen", self._loosen)
@@ -137,7 +139,7 @@ class BenchEngine:
         Exception
             The plan's error, without bluesky's wrapping.
         """
-        self._pausing, self._reason = False, ""
+        self._pausing, self._reason, self.pauses = False, "", 0
         try:
             return self._engine(plan, on_document)
         except RunEngineInterrupted:  # aborted, or paused by bluesky itself
@@ -221,24 +223,24 @@ class BenchEngine:
         """
 
         def beat() -> None:
-            self._supervisor.beat(ENGINE)
+            self._supervisor.heartbeats.beat(ENGINE)
             if self.held or self._clock.sleeping or self._computing:
-                self._supervisor.beat(PROCEDURE)
+                self._supervisor.heartbeats.beat(PROCEDURE)
 
         def ping() -> None:
             self.loop.call_soon_threadsafe(beat)
 
-        self._supervisor.expect(ENGINE, LOOP_TIMEOUT_S, ping)
-        self._supervisor.expect(PROCEDURE, self._procedure_s)
+        self._supervisor.heartbeats.expect(ENGINE, LOOP_TIMEOUT_S, ping)
+        self._supervisor.heartbeats.expect(PROCEDURE, self._procedure_s)
 
     def unwatch(self) -> None:
         """End the monitoring begun by `watch`."""
         for name in (ENGINE, PROCEDURE):
-            self._supervisor.release(name)
+            self._supervisor.heartbeats.release(name)
 
     def _on_message(self, message: Msg) -> None:
         self._computing = message.command == "wait_for"
-        self._supervisor.beat(PROCEDURE)
+        self._supervisor.heartbeats.beat(PROCEDURE)
 
     # -- commands that plans may use --------------------------------------------------------
 
@@ -260,31 +262,20 @@ class BenchEngine:
         """Remove narrower limits."""
         self._supervisor.limits.loosen(message.args[0])
 
-    async def _hold(self, message: Msg) -> None:
-        """Hold at zero torque while a pause is requested."""
-        del message
+    async def _checkpoint(self, message: Msg) -> bool:
+        """Hold at zero torque while a pause is requested; tell the plan whether it was held."""
+        await self._engine._checkpoint(message)
         if not self._pausing:
-            return
+            return False
         await self._clock.sleep(self._supervisor.unload())
-        resumed = asyncio.Event()
-        self._resumed = resumed
-        self.on_held()
+        self.pauses += 1
+        resumed = self._resumed = asyncio.Event()
         try:
             if self._pausing:  # otherwise the request was withdrawn meanwhile
                 await resumed.wait()
         finally:
             self._resumed = None
-
-
-def _held_at_checkpoints(plan: Plan) -> Plan:
-    """Allow a pause at every checkpoint of a plan."""
-
-    def hold_after(message: Msg) -> tuple[None, Plan | None]:
-        if message.command == "checkpoint":
-            return None, single_gen(Msg("hold"))
-        return None, None
-
-    return (yield from plan_mutator(plan, hold_after))
+        return True
 
 
 @contextlib.contextmanager

@@ -10,9 +10,9 @@ from dataclasses import replace
 from datetime import UTC, datetime
 
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.chain_effects import with_stated_limits
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import Side
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.chain import MeasuringChain, Timebase
 from torquebench.compensation import CompensationModel, load_model
 from torquebench.errors import ModelMismatchError

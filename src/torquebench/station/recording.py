@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from math import ceil
 from pathlib import Path
 from typing import Any, Literal
@@ -11,7 +12,7 @@ from torquebench.bench.audit.entries import AuditLog
 from torquebench.bench.channels import described_transducer
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.roles import CHANNELS
-from torquebench.bench.safety import AlarmKind
+from torquebench.bench.safety import Alarm, AlarmKind
 from torquebench.errors import InputError, RecordError
 from torquebench.message import Message
 from torquebench.records import Registry, RunFolder, RunLock
@@ -21,9 +22,51 @@ from torquebench.station.journal import WAITING_BLOCKS, QueuedJournal, RunJourna
 from torquebench.station.registration import run_metadata
 from torquebench.station.registry_queue import RegistryQueue
 
-__all__ = ["Recording", "RunEnd"]
+__all__ = ["LONGEST_BEFORE_S", "ExitStatus", "Recording", "RunEnd", "RunRecord"]
 
+LONGEST_BEFORE_S = 60.0
+"""Longest time before a run for which acquired data are kept, s."""
+
+ExitStatus = Literal["success", "abort", "fail"]
 RunEnd = Literal["completed", "aborted", "failed"]
+
+
+@dataclass(frozen=True)
+class RunRecord:
+    """Result of a run: its folder and how it ended.
+
+    Parameters
+    ----------
+    run_id : str
+    kind : str
+    folder : pathlib.Path
+        The sealed run folder.
+    exit_status : {"success", "abort"}
+        A failed run raises instead.
+    result : object
+        Return value of the plan; None unless it succeeded.
+    reason : str
+        Why it was aborted.
+    bench_seconds : float
+        Bench time that it took, s.
+    interruptions : int
+        Number of pauses.
+    alarms : tuple of Alarm
+        Alarms during the run.
+    metadata : mapping
+        Metadata at the start.
+    """
+
+    run_id: str
+    kind: str
+    folder: Path
+    exit_status: ExitStatus
+    result: Any = None
+    reason: str = ""
+    bench_seconds: float = 0.0
+    interruptions: int = 0
+    alarms: tuple[Alarm, ...] = ()
+    metadata: Mapping[str, Any] = field(default_factory=dict)
 
 
 class Recording:

@@ -85,7 +85,7 @@ KINDS: dict[str, tuple[tuple[str, ...], tuple[Order, ...]]] = {
 }
 """What is ordered of which instruments."""
 SET_UP_ONLY = ("modes", "clamp")
-"""Asked while a procedure sets up the bench; they misbehave from its start."""
+"""RunningPoint while a procedure sets up the bench; they misbehave from its start."""
 MAY_DO_NO_HARM = ("freeze", "lie", "ignore", "scale", "jitter")
 """An answer in the right form that nobody can doubt may go unnoticed, if it makes nothing wrong."""
 DOES_NO_HARM = ("latency", "slow", "drop once", "busy once", "not yet")

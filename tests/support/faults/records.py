@@ -21,9 +21,10 @@ from tests.hostile_files import FILES
 from tests.support.faults.judging import Outcome
 
 from torquebench.calibration import load_profile
-from torquebench.campaign.finishing import finish_calibration, finish_run
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
+from torquebench.campaign.finishing import finish_run
 from torquebench.campaign.fitting import ModelChoice
-from torquebench.campaign.measuring import measure_calibration
+from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.errors import TorquebenchError
 from torquebench.panel.service import read_table
 from torquebench.panel.service.records.table_import import LONGEST_TABLE
@@ -140,10 +141,13 @@ def attacked(name: str, seed: int, *, real: bool) -> Outcome:
             pass
         with Station.open(None, Path(scratch), real_time=real) as station:
             registry = station.registry
+            known = registers_calibration([ModelChoice(KIND)], KIND)
 
             def calibrate(progress: NoProgress) -> int:
-                measured = measure_calibration(station, "output", PROFILE, progress=progress)
-                finish_calibration(registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
+                measured = measure_calibration(
+                    station, "output", PROFILE, metadata=known, progress=progress
+                )
+                evaluate_and_register(CALIBRATION, registry, measured, PROFILE)
                 return len(measured.result.data)
 
             def attack() -> None:

@@ -125,7 +125,7 @@ def one_fault(
             elif kind.name.startswith("disk full"):
                 disk.full = True
             elif kind.name == "heartbeat missing":
-                station.supervisor.expect("campaign", 0.1)
+                station.supervisor.heartbeats.expect("campaign", 0.1)
 
         moment_s = float(draw.uniform(0.05, 0.95)) * procedure.lasts_s(station)
         due_s = station.clock.now() + moment_s
@@ -136,7 +136,7 @@ def one_fault(
             result = procedure.go(station)
         except Exception as raised:
             error = raised
-    station.supervisor.release("campaign")
+    station.supervisor.heartbeats.release("campaign")
     station.supervisor.wait_safe(KEPT_POWER_S if faulty.keeps_power else 20.0)
     outcome = judged(station, faulty, kind, procedure, error, result)
     problems = [*outcome.problems, *works_again(station, faulty, kind)]

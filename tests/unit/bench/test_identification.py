@@ -5,7 +5,7 @@ import pytest
 
 from torquebench.bench.drivers import open_drivers
 from torquebench.bench.drivers.base import Identity
-from torquebench.bench.identification import check_identities
+from torquebench.bench.interlocks import check_identities
 from torquebench.errors import BenchError
 
 

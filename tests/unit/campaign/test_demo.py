@@ -7,8 +7,9 @@ import pytest
 from tests.watching import Watching
 
 from torquebench.calibration import RAW, load_profile
+from torquebench.campaign.calibrating import measure_calibration
 from torquebench.campaign.demo import DemoSettings, ModelChoice, run_demo
-from torquebench.campaign.measuring import RunAbortedError, measure_calibration, operator_name
+from torquebench.campaign.measuring import RunAbortedError, operator_name
 from torquebench.campaign.modules import dense_sweep
 from torquebench.campaign.results import DemoResult
 from torquebench.compensation import RECOMMENDED, load_model

@@ -9,10 +9,13 @@ import pytest
 from torquebench import cli
 from torquebench.bench.drivers.base import Side
 from torquebench.calibration import CalibrationData, load_profile
-from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models, fit_table
-from torquebench.campaign.measuring import measure_calibration
-from torquebench.campaign.registering import RegisteredCalibration
+from torquebench.campaign.registering import (
+    RegisteredCalibration,
+    evaluate_and_register,
+    registers_calibration,
+)
 from torquebench.compensation import load_model
 from torquebench.errors import InputError, RecordError
 from torquebench.progress import NoProgress
@@ -46,8 +49,11 @@ class Breaks(NoProgress):
 def calibrate(
     station: Station, side: Side, progress: NoProgress | None = None
 ) -> tuple[CalibrationData, RegisteredCalibration]:
-    measured = measure_calibration(station, side, PROFILE, progress=progress or NoProgress())
-    done = finish_calibration(station.registry, measured, PROFILE, [ModelChoice(KIND)], KIND)
+    known = registers_calibration([ModelChoice(KIND)], KIND)
+    measured = measure_calibration(
+        station, side, PROFILE, metadata=known, progress=progress or NoProgress()
+    )
+    done = evaluate_and_register(CALIBRATION, station.registry, measured, PROFILE)
     return measured.result.data, done.registered
 
 

@@ -22,7 +22,7 @@ class Bench:
         self.description = SimpleNamespace(
             name="Bench 1", safety=SimpleNamespace(presence_s=presence_s)
         )
-        self.supervisor = self
+        self.supervisor = self.heartbeats = self
         self.confirmed: list[str] = []
 
     def confirm_presence(self, who: str) -> None:

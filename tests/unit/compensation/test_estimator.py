@@ -3,6 +3,7 @@ import sys
 from dataclasses import replace
 
 import numpy as np
+import polars as pl
 import pytest
 from sklearn.base import clone as scikit_learn_clone
 from sklearn.base import is_regressor
@@ -48,6 +49,19 @@ def test_scikit_learn_takes_a_model_for_a_regressor() -> None:
         piped.predict(READING), model.fit(READING, STANDARD).predict(READING)
     )
     assert model.score(READING, STANDARD) == pytest.approx(1.0)
+
+
+def test_reading_and_branch_alone_are_enough_to_predict() -> None:
+    """A model that was fitted with the series wanted it for every reading, too."""
+    X = np.column_stack([np.tile(np.linspace(-90.0, 90.0, 25), 2), np.repeat([1.0, -1.0], 25)])
+    with_series = np.column_stack([X, np.repeat([1.0, 2.0], 25)])
+    model = make_model("hybrid", range_nm=100.0).fit(with_series, 1.01 * X[:, 0] + 0.01 * X[:, 1])
+    expected = model.predict(with_series)
+    np.testing.assert_array_equal(model.predict(X), expected)
+    frame = pl.DataFrame({"branch": X[:, 1], "reading_nm": X[:, 0]})
+    np.testing.assert_array_equal(model.predict(frame), expected)
+    with pytest.raises(InputError):
+        model.predict(X[:, :1])
 
 
 def test_a_list_is_checked_as_an_array_is() -> None:

@@ -1,5 +1,6 @@
 """Exports, each read back by what will read it: NumPy, a C compiler, ONNX Runtime."""
 
+import itertools
 import json
 import subprocess
 import sys
@@ -8,9 +9,12 @@ import numpy as np
 import onnx
 import onnxruntime
 import pytest
+from tests.support.structured_text import Program
 
 from torquebench.compensation import Provenance, features, make_model
+from torquebench.compensation.export.branches import followed_branches, turning_nm
 from torquebench.compensation.export.formats import export_table
+from torquebench.compensation.hysteresis import HistoryCompensator, one_sided_path
 from torquebench.compensation.table import compile_table
 from torquebench.errors import InputError
 
@@ -158,6 +162,83 @@ def test_c_header_is_compiled_and_agrees(case, probe, tmp_path):
     np.testing.assert_allclose(rows[:, 2], table.standard_uncertainty(reading, branch), atol=1e-6)
 
 
+def test_structured_text_runs_on_an_interpreter_and_agrees(case, probe, tmp_path):
+    _, table = case
+    path = export_table(tmp_path / "8 chain.st", table, _PROVENANCE)
+    units = Program(path.read_text("ascii")).units
+    torque, spread, block = (
+        units[f"table_8_chain_{name}"] for name in ("torque", "curve_uncertainty", "compensation")
+    )
+    reading, branch = probe
+    found = [torque(*row) for row in zip(reading.tolist(), branch.tolist(), strict=True)]
+    np.testing.assert_allclose(found, table.torque(reading, branch), atol=1e-6)
+    found = [spread(*row) for row in zip(reading.tolist(), branch.tolist(), strict=True)]
+    np.testing.assert_allclose(found, table.standard_uncertainty(reading, branch), atol=1e-6)
+    stream = _stream(table)
+    branches = followed_branches(stream, turning_nm(table))
+    for value, side in zip(stream.tolist(), branches.tolist(), strict=True):
+        block(value)
+        assert block.values["branch"] == side
+        assert not block.values["outside"]
+        assert block.values["torque_nm"] == pytest.approx(table.at(value, side), abs=1e-6)
+    for outside in (1.1 * table.reading_high_nm, np.nan):
+        block(outside)
+        assert block.values["outside"]
+        assert block.values["branch"] == branches[-1] or outside == outside
+
+
+def _stream(table):
+    """A noisy random walk between random turning points."""
+    generator = np.random.default_rng(11)
+    turns = generator.uniform(table.reading_low_nm, table.reading_high_nm, 12) * 0.98
+    steps = [np.linspace(a, b, 40) for a, b in itertools.pairwise([0.0, *turns])]
+    walk = np.concatenate(steps)
+    return walk + 0.2 * turning_nm(table) * generator.standard_normal(walk.size)
+
+
+def test_the_branch_function_of_the_c_header_follows_the_readings(case, tmp_path):
+    _, table = case
+    export_table(tmp_path / "my_table.h", table, _PROVENANCE)
+    program = _PROGRAM.replace(
+        "double reading", "my_table_history history = {0, 0, 0.0}; double reading"
+    )
+    program = program.replace(
+        "&reading, &branch) == 2",
+        "&reading, &branch) == 2 && (branch = my_table_branch(reading, &history)) < 2",
+    )
+    program = program.replace('%d %.17g %.17g\\n", outside', '%d %.17g %.17g\\n", branch')
+    (tmp_path / "main.c").write_text(program.replace("int outside =", "(void)"))
+    subprocess.run(
+        ["cc", "-std=c99", "-Wall", "-Werror", "main.c", "-o", "main"], cwd=tmp_path, check=True
+    )
+    stream = _stream(table)
+    done = subprocess.run(
+        [tmp_path / "main"], input="\n".join(f"{r!r} 0" for r in stream.tolist()),
+        capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    found = [int(line.split()[0]) for line in done.stdout.splitlines()]
+    assert found == followed_branches(stream, turning_nm(table)).tolist()
+
+
+def test_exports_state_their_largest_deviation_over_partial_loops(case, tmp_path):
+    """A header stated 0.001 N·m where partial loops deviate by 0.48 N·m."""
+    _, table = case
+    for ending in ("csv", "h", "st"):
+        text = export_table(tmp_path / f"a.{ending}", table, _PROVENANCE).read_text("ascii")
+        lines = [line for line in text.splitlines() if "partial loops" in line]
+        assert len(lines) == table.curve.branch_aware
+    if not table.curve.branch_aware:
+        return
+    stated = float(lines[0].split()[-3])
+    stream = _stream(table)
+    live = HistoryCompensator(table)
+    live.push(one_sided_path(table.full_scale_nm)[:5])
+    error = live.push(stream).torque_nm - table.torque(
+        stream, followed_branches(stream, turning_nm(table))
+    )
+    assert 0.2 * stated < np.abs(error[40:]).max() < 1.1 * stated
+
+
 def test_onnx_runs_and_agrees(case, probe, tmp_path):
     _, table = case
     path = export_table(tmp_path / "table.onnx", table, _PROVENANCE)
@@ -179,10 +260,10 @@ def test_onnx_runs_and_agrees(case, probe, tmp_path):
 
 
 def test_same_table_gives_the_same_bytes(case, tmp_path):
-    for ending in ("csv", "h", "onnx"):
+    for ending in ("csv", "h", "onnx", "st"):
         first = export_table(tmp_path / f"a.{ending}", case[1], _PROVENANCE).read_bytes()
         assert export_table(tmp_path / f"a.{ending}", case[1], _PROVENANCE).read_bytes() == first
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h", "a.onnx"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv", "a.h", "a.onnx", "a.st"]
 
 
 @pytest.fixture(scope="module")
@@ -202,7 +283,7 @@ def test_table_without_branches_or_uncertainty(plain, tmp_path):
 
 
 def test_unknown_ending_missing_folder_and_missing_package(plain, tmp_path, monkeypatch):
-    with pytest.raises(InputError, match=r"\.csv, \.h, \.onnx"):
+    with pytest.raises(InputError, match=r"\.csv, \.h, \.onnx, \.st"):
         export_table(tmp_path / "table.xlsx", plain, _PROVENANCE)
     with pytest.raises(InputError, match="can't write"):
         export_table(tmp_path / "no folder" / "table.h", plain, _PROVENANCE)

@@ -1,5 +1,6 @@
 """A standard that is wrong is found before the series begins, and no healthy one is refused."""
 
+import re
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from pathlib import Path
@@ -8,16 +9,18 @@ import numpy as np
 import pytest
 
 from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.chain_effects import with_stated_limits
 from torquebench.bench.description import BenchDescription, default_bench
 from torquebench.bench.roles import Side
-from torquebench.bench.stated_limits import with_stated_limits
 from torquebench.calibration import CalibrationData, Plausibility, Profile, load_profile
-from torquebench.campaign.finishing import finish_calibration
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
 from torquebench.campaign.fitting import ModelChoice, fit_models
-from torquebench.campaign.measuring import measure_calibration, standard_at_rest
+from torquebench.campaign.measuring import standard_at_rest
+from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.cli.doctor.bench import _standard
 from torquebench.errors import BenchError, SignalFault
 from torquebench.procedures.standard_check import PairedTorque, check_pair
+from torquebench.progress import NoProgress
 from torquebench.records import Adjustment, RunFolder
 from torquebench.station import Station
 
@@ -25,12 +28,13 @@ PROFILE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 BARE = load_profile("rapid-in-situ").with_options(step_percent=25.0)
 BARE = BARE.model_copy(update={"preload": BARE.preload.model_copy(update={"cycles": 0})})
 KIND = "polynomial-2"
+KNOWN = registers_calibration([ModelChoice(KIND)], KIND)
 SIDE: Side = "output"
 
 
 def calibrate(station: Station, profile: Profile = PROFILE) -> None:
-    measured = measure_calibration(station, SIDE, profile)
-    finish_calibration(station.registry, measured, profile, [ModelChoice(KIND)], KIND)
+    measured = measure_calibration(station, SIDE, profile, metadata=KNOWN)
+    evaluate_and_register(CALIBRATION, station.registry, measured, profile)
 
 
 def points_of_last_run(station: Station) -> int:
@@ -90,6 +94,31 @@ def test_an_offset_is_found_at_rest(station: Station) -> None:
     with pytest.raises(BenchError, match="unloaded the standard SIM-CAL-1-OUT"):
         measure_calibration(station, SIDE, PROFILE)
     assert points_of_last_run(station) == 0
+
+
+def test_a_model_that_cannot_be_read_is_stated(tmp_path: Path) -> None:
+    words = r"not compared with the model in use, which can't be read: model file .*json is missing"
+    with Station.open(None, tmp_path) as station:
+        calibrate(station, BARE)
+        station.registry.model(1).file.unlink()
+        stages = Stages()
+        measured = measure_calibration(station, SIDE, BARE, metadata=KNOWN, progress=stages)
+        assert re.fullmatch(words, stages.ends[0])
+        assert [re.fullmatch(words, text) for text in measured.record.metadata["remarks"]]
+        done = evaluate_and_register(CALIBRATION, station.registry, measured, BARE)
+    (fitted,) = done.fitted
+    assert len([text for text in fitted.remarks if re.fullmatch(words, text)]) == 1
+
+
+class Stages(NoProgress):
+    """Keeps how stages end."""
+
+    def __init__(self) -> None:
+        self.ends: list[str] = []
+
+    def finish(self, detail: str = "") -> None:
+        """Keep it."""
+        self.ends.append(detail)
 
 
 def test_a_chain_that_was_changed_on_record_is_calibrated_anew(tmp_path: Path) -> None:

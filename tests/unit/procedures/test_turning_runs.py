@@ -1,5 +1,6 @@
 """Empty runs and turning calibrations by profiles, on the simulated bench."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -32,6 +33,18 @@ SHORT = {
 
 def profile(**changes: object) -> TurningProfile:
     return TurningProfile.model_validate({**SHORT, **changes})
+
+
+def paused_at(station: Station, wanted: Callable[[int, str], bool]) -> Watching:
+    """Pause the run once, at the first step with such a description."""
+    pauses: list[str] = []
+
+    def pause(done: int, detail: str) -> None:
+        if wanted(done, detail) and not pauses:
+            pauses.append(detail)
+            station.pause()
+
+    return Watching(pause)
 
 
 def columns(path: Path) -> np.ndarray:
@@ -114,8 +127,12 @@ def test_an_aborted_run_keeps_its_series_and_goes_on_with_the_others(
     with pytest.raises(InputError, match="profile_hash"):
         read_begun(file, "input", profile(), serial)
     begun = read_begun(file, "input", chosen, serial)
-    measure_turning(station, "input", chosen, file, begun=begun)
+    watching = paused_at(station, lambda _, detail: detail.startswith("steep ramp to rest"))
+    measure_turning(
+        station, "input", chosen, file, begun=begun, progress=watching, on_pause=lambda _: "resume"
+    )
     whole = columns(file)
+    assert whole[2].max() == pytest.approx(first[2].max(), rel=0.01)
     np.testing.assert_allclose(whole[:, : first.shape[1]], first)
     assert np.all(np.diff(whole[0]) > 0.0)
     assert whole.shape[1] == pytest.approx(2 * first.shape[1], rel=0.02)
@@ -127,9 +144,12 @@ def test_a_turning_module_is_calibrated_over_whole_revolutions(
     station: Station, tmp_path: Path
 ) -> None:
     chosen = profile(kind="calibration", torque_shares=[0.5, 1.0])
-    file = tmp_path / "points.csv"
-    measure_turning(station, "input", chosen, file)
+    file, points = tmp_path / "points.csv", chosen.points("input", 50.0)
+    assert points[-2].branch < 0
+    watching = paused_at(station, lambda done, _: done == len(points) - 2)
+    measure_turning(station, "input", chosen, file, progress=watching, on_pause=lambda _: "resume")
     data = read_calibration(file)
+    assert len(data) == len(points)
     assert data.speed_rpm is not None
     assert data.nominal_nm is not None
     assert set(np.round(data.speed_rpm)) == {1200.0, -1200.0}

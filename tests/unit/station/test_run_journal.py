@@ -5,12 +5,20 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from torquebench.bench.active_chain import ActiveChain
 from torquebench.bench.blocks import CONDITIONS, Block
+from torquebench.bench.channels import open_channel
+from torquebench.bench.description import default_bench
 from torquebench.bench.roles import SIDES, angle_channel
-from torquebench.chain import Component, Shared, Torque
+from torquebench.chain import Component, MeasuringChain, Shared, Temperature, Torque
+from torquebench.compensation import features, make_model
+from torquebench.procedures.messages import move, sleep
+from torquebench.procedures.setup import Plan
 from torquebench.records import RunFolder
 from torquebench.signals import EdgeBlock, Record, SignalFaultKind
+from torquebench.station import Station
 from torquebench.station.journal import NO_COUNTS, NOT_IN_USE, RunJournal
+from torquebench.units import RPM_PER_RAD_S
 
 WINDOWS = 5
 PROBES = ("ambient", "input_transducer")
@@ -158,3 +166,60 @@ def test_blocks_kept_together_are_the_same_rows_as_one_by_one(tmp_path: Path) ->
         np.testing.assert_array_equal(column, tables[1][name], err_msg=name)
     assert tables[0]["output_speed_rad_s"][-1] == -0.3 * 3
     assert not blocks[2].follows(blocks[0])
+
+
+def test_the_edges_of_a_sealed_run_give_its_readings_and_torques_again_bit_for_bit(
+    tmp_path: Path,
+) -> None:
+    description = default_bench()
+    recording = description.recording.model_copy(update={"edges": True})
+    description = description.model_copy(update={"recording": recording})
+    size = np.concatenate((np.linspace(0.04, 1.0, 13), np.linspace(0.98, 0.02, 13)))
+    torque, up = 500.0 * np.concatenate((size, -size)), np.tile(np.repeat([1.0, -1.0], 13), 2)
+    loop = torque + 1e-3 * up * (500.0 - np.abs(torque)) * np.sign(torque)
+    model = make_model("hybrid", range_nm=500.0).fit(
+        features(torque, up, np.where(torque > 0, 1, 2)), loop
+    )
+    chain = MeasuringChain(model, (Temperature("data sheet", 0.1, 0.001, 23.0),))
+
+    def loading(station: Station) -> Plan:
+        devices = station.devices
+        yield from move(devices.mounting, "calibrator")
+        yield from move(devices.clamp, True)
+        yield from move(devices.input.mode, "locked", devices.output.mode, "driven")
+        yield from move(devices.output.drive.power, True)
+        station.acquisition.set_compensation("output", ActiveChain(chain, "1", "hybrid"))
+        for torque_nm in (300.0, -200.0, 100.0, 0.0):
+            yield from move(devices.output.drive.torque, torque_nm)
+            yield from sleep(0.2)
+
+    with Station.open(description, tmp_path) as station:
+        run = station.run(loading(station), kind="replayed")
+        channel = open_channel("output_torque", description, station.drivers, "calibrator")
+    folder = RunFolder.open(run.folder)
+    folder.verify()
+    recorded = folder.raw().columns
+    replayed = Record.join(
+        [channel.push(each.block) for each in folder.edges() if each.channel == "output_torque"]
+    )
+    kept = np.isin(recorded["time_s"], replayed.time_s)
+    assert np.count_nonzero(~kept) <= 1  # the window that had begun before the recording
+    rows = {name: column[kept] for name, column in recorded.items()}
+    np.testing.assert_array_equal(rows["output_torque_hz"], replayed["frequency_hz"])
+    np.testing.assert_array_equal(rows["output_torque_nm"], replayed["reading_nm"])
+    compensated = np.flatnonzero(np.isfinite(rows["output_compensated_nm"]))
+    assert compensated.size > 100
+    last = slice(compensated[0], None)
+    again = ActiveChain(chain, "1", "hybrid").push(
+        replayed.at(last),
+        {
+            "speed_rpm": rows["output_speed_rad_s"][last] * RPM_PER_RAD_S,
+            "temperature_c": rows["output_transducer_c"][last],
+            "window_s": description.counter.window_s,
+        },
+        0.0,
+    )
+    np.testing.assert_array_equal(again.value_nm, rows["output_compensated_nm"][last])
+    np.testing.assert_array_equal(
+        again.standard_uncertainty_nm, rows["output_torque_uncertainty_nm"][last]
+    )

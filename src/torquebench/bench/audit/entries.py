@@ -199,7 +199,7 @@ class AuditLog:
                 self._end = end
                 self._size += len(content)
                 if self._size > self._largest:
-                    self._putfiles_aside()
+                    self._put_log_aside()
             except OSError as error:
                 self._close_log()  # opened again by the next line, which cuts off an incomplete one
                 self._fails(f"{self.path}: {error.strerror or error}")
@@ -242,7 +242,8 @@ class AuditLog:
             os.close(self._file)
             self._file = None
 
-    def _putfiles_aside(self) -> None:
+    def _put_log_aside(self) -> None:
+        """Continue in a new file; delete the oldest of too many and note their last lines."""
         self._close_log()
         self.path.rename(self.path.with_name(f"audit-{datetime.now(UTC):%Y%m%dT%H%M%S%fZ}.jsonl"))
         for old in files_aside(self.path.parent)[: -self._kept]:

@@ -57,9 +57,6 @@ class BenchDevices(Device):
         Stamp for the events of a procedure.
     recorder : Recorder
         Angles and torques of both sides at the same times.
-    interruptions : int
-        Number of pauses, each of which removes the load: after one, a plan must approach its point
-        again.
 
     Examples
     --------
@@ -89,7 +86,6 @@ class BenchDevices(Device):
         self.temperatures = TemperatureProbes(context)
         self.point = PointLabel()
         self.recorder = Recorder(context)
-        self.interruptions = 0
         super().__init__()
         for attribute, child in self.children():
             child.set_name(attribute)

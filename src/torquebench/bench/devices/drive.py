@@ -17,7 +17,7 @@ from ophyd_async.core import (
 
 from torquebench.bench.description import ModuleDescription
 from torquebench.bench.devices.context import BenchContext
-from torquebench.bench.interlocks import check_enable, check_set_point
+from torquebench.bench.interlocks import PlannedState, check_enable, check_set_point
 from torquebench.bench.roles import Side
 from torquebench.bench.state import Quantity, SetPoint
 from torquebench.errors import InputError, LimitError
@@ -129,6 +129,11 @@ class DriveAxis(StandardReadable, AsyncLocatable[float]):
             done = min(ahead, done + rate * passed_s)
         await context.clock.sleep_until(told.told_s + left_s)
 
+    def rehearse(self, planned: PlannedState, value: float | RampTo) -> float:
+        """Ramp as planned; return how long it takes, s."""
+        ramp = value if isinstance(value, RampTo) else RampTo(value, math.inf)
+        return planned.ramp(self._side, self._quantity, ramp.target, ramp.rate)
+
     async def _command(self, target: float, rate: float) -> SetPoint:
         """Command the drive, if it has power, and record that."""
         context, side, quantity = self._context, self._side, self._quantity
@@ -224,6 +229,16 @@ class DriveSwitch(StandardReadable):
         alarm = await context.call(context.supervisor.read_off, (side,))
         if alarm is not None:
             raise alarm.error()
+
+    def rehearse(self, planned: PlannedState, value: bool) -> float:
+        """Switch as planned, off after a ramp to zero; return how long it takes, s."""
+        side, lasts_s = self._side, 0.0
+        if value:
+            check_enable(planned, side)
+        else:
+            lasts_s = planned.ramp(side, "torque", 0.0) + planned.ramp(side, "speed", 0.0)
+        planned.power[side] = value
+        return lasts_s
 
     async def _take_off(self) -> None:
         context, side = self._context, self._side

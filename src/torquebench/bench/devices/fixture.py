@@ -11,6 +11,7 @@ from ophyd_async.core import (
 
 from torquebench.bench.devices.context import BenchContext
 from torquebench.bench.interlocks import (
+    PlannedState,
     check_clamp,
     check_mode_change,
     check_mounting,
@@ -41,6 +42,11 @@ class ModeDevice(StandardReadable):
         check_mode_change(context.state, self._side, value)
         await context.call(context.drivers.modes.set_mode, self._side, value)
 
+    def rehearse(self, planned: PlannedState, value: Mode) -> None:
+        """Change the planned mode."""
+        check_mode_change(planned, self._side, value)
+        planned.modes[self._side] = value
+
 
 class ClampDevice(StandardReadable):
     """The hydraulic clamp: `set(True)` closes it, `set(False)` opens it, only without load."""
@@ -57,6 +63,11 @@ class ClampDevice(StandardReadable):
         context = self._context
         check_clamp(context.state, value)
         await context.call(context.drivers.clamp.set_clamped, value)
+
+    def rehearse(self, planned: PlannedState, value: bool) -> None:
+        """Close or open the planned clamp."""
+        check_clamp(planned, value)
+        planned.closed = value
 
 
 class GuideRailDevice(StandardReadable):
@@ -75,6 +86,11 @@ class GuideRailDevice(StandardReadable):
         check_rail(context.state, value)
         assert context.drivers.rail is not None
         await context.call(context.drivers.rail.move, value)
+
+    def rehearse(self, planned: PlannedState, value: RailPosition) -> None:
+        """Move the planned rail."""
+        check_rail(planned, value)
+        planned.rail_position = value
 
 
 class MountingDevice(StandardReadable):
@@ -101,6 +117,11 @@ class MountingDevice(StandardReadable):
         # The first samples of the reference standard have arrived when this is done.
         await context.clock.sleep(context.description.counter.block_s)
 
+    def rehearse(self, planned: PlannedState, value: Mounting) -> None:
+        """Have this mounted as planned."""
+        check_mounting(planned, value)
+        planned.mounting = value
+
 
 class SeatDevice(StandardReadable):
     """How the mounted standard sits: `set(Seating(...))` has the operator turn or re-seat it."""
@@ -123,3 +144,7 @@ class SeatDevice(StandardReadable):
         self._set_position(value.position_deg)
         self._set_seatings(self._count)
         await context.clock.sleep(context.description.counter.block_s)
+
+    def rehearse(self, planned: PlannedState, _value: Seating) -> None:
+        """Have it seated as planned."""
+        check_seating(planned)

@@ -179,6 +179,10 @@ class Violation:
     allowed: str
     remedy: str
 
+    def alarm(self, time_s: float, level: AlarmLevel = AlarmLevel.CRITICAL) -> Alarm:
+        """Return the alarm about it."""
+        return Alarm(self.kind, self.source, self.found, self.allowed, self.remedy, time_s, level)
+
 
 @dataclass(frozen=True)
 class Alarm:

@@ -83,13 +83,7 @@ class DriveWorker:
             self._thread.join(ENDING_S)
 
     def read(self, since: float) -> DriveState | None:
-        """Return its state where it was requested it after a moment, and has answered.
-
-        Parameters
-        ----------
-        since : float
-            In `time.monotonic` seconds.
-        """
+        """Return the state that the drive answered after `since` (`time.monotonic`); else None."""
         return self.state if self.asked > since and not self.failure else None
 
     # -- called by the supervisor ------------------------------------------------------------

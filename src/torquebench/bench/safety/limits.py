@@ -7,7 +7,6 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, fields, replace
-from typing import Literal
 
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side
@@ -171,6 +170,3 @@ class Watch:
         elif value <= warned:
             self.level = None
         return self.level is not before
-
-
-Quantity = Literal["torque", "speed", "angle", "temperature", "torque rate", "speed rate"]

@@ -438,6 +438,7 @@ class SignalJudge:
         )
 
     def _speed(self, side: Side, speed_rpm: float, now_s: float, *, quick: bool) -> None:
+        """Check a speed and its change since the last one, of slices (`quick`) or of blocks."""
         self._speed_level(side, speed_rpm)
         shaft = self._memory.shafts[side]
         if quick:
@@ -524,6 +525,7 @@ class SignalJudge:
     def _violated(
         self, kind: AlarmKind, source: str, found: str, allowed: str, remedy: str
     ) -> None:
+        """Keep the first violation of a check."""
         if self._violation is None:
             self._violation = Violation(kind, source, found, allowed, remedy)
 

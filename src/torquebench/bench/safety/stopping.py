@@ -7,24 +7,51 @@ are read after every stop, until both are gone.
 from __future__ import annotations
 
 import math
+import threading
 import time
-from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
 
 from torquebench.bench.blocks import Block
 from torquebench.bench.clock import BenchClock
 from torquebench.bench.description import BenchDescription
 from torquebench.bench.roles import SIDES, Side, reference_channel, torque_channel
+from torquebench.bench.safety.alarms import AlarmBook, AlarmKind, AlarmLevel, Violation
 from torquebench.bench.safety.drives import DriveWorker
+from torquebench.bench.state import CommandState
 from torquebench.message import Message
 
-__all__ = ["PRESS_STOP", "Deadline", "ReadBack", "Remaining", "Stage", "said"]
+__all__ = [
+    "FAST_PATIENCE",
+    "GOING_OFF_S",
+    "PRESS_STOP",
+    "Deadline",
+    "ReadBack",
+    "Remaining",
+    "Stage",
+    "StopSequence",
+    "said",
+]
 
 PRESS_STOP = (
     "press the emergency stop and keep away from the bench; then find out why the drive doesn't "
     "go off"
 )
+UNLOAD_SETTLING_S = 0.2
+"""Settling time of shafts and drives after a ramp to zero, s of bench time."""
+GOING_OFF_S = 1.0
+"""Longest time until power and torque are gone, s, in addition to a drive's own watchdog."""
+UNREAD_S = 0.5
+"""How long a torque reading is awaited after power is off, s."""
+NEWS = 0.05
+"""An alarm that states the remaining torque is updated when it has changed by this share."""
+RETOLD_S = 1.0
+"""Interval at which a drive that is still on is told again to go off, s of wall time."""
+READ_PERIOD_S = 0.005
+"""Interval at which a drive that was switched off is read, s of wall time."""
+FAST_PATIENCE = 15.0
+"""Factor of times by the wall clock in simulated time, which stands meanwhile."""
 NO_SET_POINT = 1e-3
 """A set point below this share of the range is zero."""
 
@@ -39,16 +66,7 @@ class Stage(Enum):
 
 
 class Deadline:
-    """A time-out in bench time; in wall time while bench time stands.
-
-    Parameters
-    ----------
-    clock : BenchClock
-    lasts_s : float
-        From now on.
-    longest_wall_s : float
-        Limit by the wall clock, s.
-    """
+    """A time-out of `lasts_s` in bench time, of `longest_wall_s` in wall time where that stands."""
 
     def __init__(self, clock: BenchClock, lasts_s: float, longest_wall_s: float) -> None:
         self._clock = clock
@@ -63,15 +81,9 @@ class Deadline:
 
 @dataclass(frozen=True)
 class Remaining:
-    """Remaining torque and power of one side after a stop, as read back.
+    """Power and torque of one side after a stop, as read back.
 
-    Parameters
-    ----------
-    side : {"input", "output"}
-    power : bool or None
-        None where the drive doesn't say.
-    torque_nm : float
-        NaN if it can't be read, 0 if there is none.
+    `power` is None where the drive doesn't say; `torque_nm` is NaN if it can't be read.
     """
 
     side: Side
@@ -90,7 +102,7 @@ class Remaining:
 
     @property
     def words(self) -> str:
-        """Say it."""
+        """Describe power and torque of the side."""
         if math.isnan(self.torque_nm):
             torque = "torque can't be read"
         else:
@@ -103,13 +115,7 @@ class Remaining:
 
 
 class ReadBack:
-    """Readings of drives and transducers after a stop.
-
-    Parameters
-    ----------
-    description : BenchDescription
-    workers : mapping of side to DriveWorker
-    """
+    """Readings of drives and transducers after a stop."""
 
     def __init__(self, description: BenchDescription, workers: Mapping[Side, DriveWorker]) -> None:
         self._description = description
@@ -138,10 +144,7 @@ class ReadBack:
     def at_zero(self, since_s: float, since: float) -> bool:
         """Whether every drive is off or at zero set points, and no torque is read.
 
-        Parameters
-        ----------
-        since_s, since : float
-            Bench time and `time.monotonic` seconds; earlier readings don't count.
+        Readings before `since_s` of bench time and `since` of `time.monotonic` don't count.
         """
         return all(
             self._without_set_point(side, since) and self.torque_nm(side, since_s) == 0.0
@@ -158,14 +161,9 @@ class ReadBack:
         )
 
     def remaining(self, since_s: float, since: float, *, torque: bool) -> list[Remaining]:
-        """Return the remaining torque and power of each side.
+        """Return power and torque of each side; with `torque` False that isn't a drive's.
 
-        Parameters
-        ----------
-        since_s, since : float
-            As above.
-        torque : bool
-            Whether torque counts: without power before, it isn't a drive's.
+        Readings count as in `at_zero`.
         """
         found = []
         for side, worker in self._workers.items():
@@ -186,3 +184,220 @@ class ReadBack:
 def said(remaining: Iterable[Remaining]) -> str:
     """Describe remaining torque and power of the sides."""
     return Message.joined((each.words for each in remaining if not each.gone), "; ")
+
+
+class StopSequence:
+    """The way of both drives to the safe state, step by step; its caller holds the lock.
+
+    The book of alarms gets those about power and torque that remain.
+    """
+
+    def __init__(
+        self,
+        description: BenchDescription,
+        clock: BenchClock,
+        commands: CommandState,
+        workers: Mapping[Side, DriveWorker],
+        book: AlarmBook,
+    ) -> None:
+        self._description = description
+        self._clock = clock
+        self._commands = commands
+        self._workers = workers
+        self._book = book
+        self.read_back = ReadBack(description, workers)
+        self.stage = Stage.SAFE
+        self.powered = False  # since power and torque were last read back as gone
+        self.news: list[int] = []  # numbers of alarms that are announced without the lock
+        self._began_s, self._began = 0.0, 0.0  # of the stage, in bench and wall time
+        self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
+        self._ended = threading.Event()  # the safe state is reached, or given up
+        self._ended.set()
+        self._unloaded_s = 0.0
+        self._off_s: float | None = None  # bench time of the last orderly switching off
+        self._told_wall = 0.0
+        self._remains: int | None = None  # number of the warning about torque without power
+        self._stated: list[Remaining] = []
+
+    def wait(self, timeout_s: float) -> None:
+        """Wait (wall time) until the safe state is reached, or given up."""
+        self._ended.wait(timeout_s)
+
+    def remaining(self) -> list[Remaining]:
+        """Return the torque and power of each side, read since the stage began."""
+        return self.read_back.remaining(self._began_s, self._began, torque=self.powered)
+
+    def begin_ramp(self) -> None:
+        """Start a ramp's time; power goes off when zero is read back or the time is over."""
+        safety = self._description.safety
+        lasts_s = safety.ramp_to_zero_s + UNLOAD_SETTLING_S + self._description.counter.block_s
+        self._enter(Stage.RAMPING, lasts_s, safety.stall_s)
+        self._unloaded_s = max(self._unloaded_s, self._clock.now() + lasts_s)
+
+    def _enter(self, stage: Stage, lasts_s: float, patience_s: float) -> None:
+        self.stage = stage
+        self._began_s, self._began = self._clock.now(), time.monotonic()
+        self._deadline = Deadline(self._clock, lasts_s, lasts_s + patience_s)
+        self._ended.clear()
+
+    def ramp_to_zero(self, side: Side, ramp_s: float) -> None:
+        """Tell a drive to go to zero torque and speed, and disable one that can't."""
+        commands = self._commands.side(side)
+        asked = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
+        self._workers[side].ramp_to_zero(ramp_s)
+        commands.told_zero(asked, self._clock.present())
+
+    def unload(self, sides: Iterable[Side] = SIDES) -> float:
+        """Ramp drives to zero at their own rates; return the bench time until they settle, s."""
+        now, present = self._clock.now(), self._clock.present()
+        for side in sides:
+            commands, rates = self._commands.side(side), self._description.module(side).drive
+            ramp_s = max(
+                abs(commands.torque_nm) / rates.torque_rate_nm_per_s,
+                abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
+                commands.uncertain_s,
+            )
+            if commands.enabled and ramp_s > 0.0:  # otherwise it is at zero, or on its way
+                self.ramp_to_zero(side, ramp_s)
+                self._unloaded_s = max(self._unloaded_s, present + ramp_s + UNLOAD_SETTLING_S)
+        return max(0.0, self._unloaded_s - now)
+
+    def advance(self, now_s: float) -> Violation | None:
+        """Take the next step to the safe state; return a reason to stop the bench again."""
+        stage, since_s, since = self.stage, self._began_s, self._began
+        if stage is Stage.RAMPING:
+            if self._deadline.passed(now_s) or self.read_back.at_zero(since_s, since):
+                self._take_power_off()
+        elif stage is not Stage.SAFE:
+            self._await_off(now_s)
+        elif self._book.latched is not None:
+            states = [worker.read(since) for worker in self._workers.values()]
+            if any(state is not None and state.enabled for state in states):
+                self._take_power_off()
+        elif self._commands.any_enabled:
+            self._off_s = None
+        elif self.powered:
+            return self._watch_torque_go(now_s)
+        return None
+
+    def _take_power_off(self) -> None:
+        """Take the power off both drives; from now on their watchdogs aren't fed."""
+        drives = [self._description.module(side).drive for side in self._workers]
+        lasts_s = max(drive.watchdog_s for drive in drives) + GOING_OFF_S
+        lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
+        self._unread = Deadline(self._clock, UNREAD_S, 2.0 * UNREAD_S)
+        self._enter(Stage.GOING_OFF, lasts_s, FAST_PATIENCE * lasts_s if self._clock.fast else 0.0)
+        self._told_wall = time.monotonic()
+        for side, worker in self._workers.items():
+            self._commands.side(side).off(self._clock.now())
+            worker.disable(lambda _told: None)
+
+    def _await_off(self, now_s: float) -> None:
+        """Read back whether power and torque are gone; raise an alarm where they aren't in time."""
+        found = self.remaining()
+        known = [each for each in found if each.known]
+        if all(each.gone for each in found):
+            self.powered = False
+        if not known:
+            # A torque that can't be read delays the acknowledgement only.
+            if all(each.gone for each in found) or self._unread.passed(now_s):
+                self.stage = Stage.SAFE
+                self._ended.set()
+            return
+        if self.stage is Stage.GOING_OFF and self._deadline.passed(now_s):
+            self.stage = Stage.NOT_SAFE
+        if self.stage is Stage.NOT_SAFE:
+            self._state_what_is_on(known)
+            self._ended.set()
+        if time.monotonic() - self._told_wall > RETOLD_S:
+            self._told_wall = time.monotonic()
+            for side in (each.side for each in known if each.power is not False):
+                if self._workers[side].idle:
+                    self._workers[side].disable(lambda _told: None)
+
+    def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
+        """State remaining power and torque in the alarm, again after each change."""
+        latched, found = self._book.latched, self.not_safe(known)
+        if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
+            self.news.append(self._book.add(found.alarm(self._clock.now())).number)
+        elif self._differs(known):
+            self._book.restate(latched.number, found.found)
+            self.news.append(latched.number)
+        else:
+            return
+        self._stated = list(known)
+
+    def _differs(self, known: Sequence[Remaining]) -> bool:
+        """Whether the state has changed: another power state, or 5 % of the range."""
+        if [(each.side, each.power) for each in known] != [
+            (each.side, each.power) for each in self._stated
+        ]:
+            return True
+        return any(
+            abs(each.torque_nm - before.torque_nm)
+            > NEWS * self._description.module(each.side).range_nm
+            for each, before in zip(known, self._stated, strict=True)
+        )
+
+    def _watch_torque_go(self, now_s: float) -> Violation | None:
+        """Check that torque goes after an orderly stop; return torque that a drive may cause."""
+        if self._off_s is None:
+            self._off_s = now_s
+        found = self.read_back.remaining(self._off_s, self._began, torque=True)
+        if all(each.gone for each in found):
+            self.powered, self._off_s = False, None
+            if self._remains is not None:
+                self._book.clear(self._remains)
+                self._remains = None
+            return None
+        loaded = [each for each in found if abs(each.torque_nm) > 0.0]
+        if not loaded or now_s - self._off_s <= GOING_OFF_S:
+            return None
+        violation = self.not_safe(loaded)
+        if any(abs(each.torque_nm) > self.much_nm(each.side) for each in loaded):
+            return violation
+        if self._remains is None:
+            warning = replace(
+                violation, remedy="release the shafts by hand before you reach in, or zero again"
+            )
+            alarm = warning.alarm(self._clock.now(), AlarmLevel.WARNING)
+            self._remains = self._book.add(alarm).number
+            self.news.append(self._remains)
+        return None
+
+    def much_nm(self, side: Side) -> float:
+        """Torque that a drive may cause, beyond what friction holds in a shaft, N·m."""
+        share = self._description.safety.following_percent / 100.0
+        return share * self._description.module(side).range_nm
+
+    def not_safe(self, remaining: Sequence[Remaining]) -> Violation:
+        """Return the message about remaining power and torque."""
+        sides = " and ".join(each.side for each in remaining)
+        return Violation(
+            AlarmKind.NOT_SAFE, sides, said(remaining), self.read_back.allowed(), PRESS_STOP
+        )
+
+    def read_off(self, sides: Sequence[Side], *, torque: bool) -> Violation | None:
+        """Wait until drives are read back as off, with `torque` also without it; else return why.
+
+        Called without the supervisor's lock.
+        """
+        begun, begun_s = time.monotonic(), self._clock.now() - GOING_OFF_S
+        while True:
+            for side in sides:
+                self._workers[side].ask(feed=True)
+                self._workers[side].wait_asked(GOING_OFF_S)
+            found = self.read_back.remaining(begun_s, begun, torque=torque)
+            left = [
+                each
+                for each in found
+                if each.side in sides
+                and (each.power is not False or abs(each.torque_nm) > self.much_nm(each.side))
+            ]
+            if not left:
+                return None
+            if time.monotonic() - begun > GOING_OFF_S:
+                break
+            time.sleep(READ_PERIOD_S)
+        found = self.read_back.remaining(begun_s, begun, torque=True)
+        return self.not_safe([each for each in found if each.side in sides])

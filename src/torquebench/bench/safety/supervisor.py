@@ -31,15 +31,16 @@ from torquebench.bench.safety.alarms import (
 )
 from torquebench.bench.safety.drives import DriveWorker, unreachable
 from torquebench.bench.safety.heartbeats import Heartbeats
-from torquebench.bench.safety.limits import LimitBook, SideLimits, StepLimits
+from torquebench.bench.safety.limits import LimitBook, StepLimits
 from torquebench.bench.safety.priority import lift_process, prefer_this_thread
 from torquebench.bench.safety.signals import Change, FastCheck, SignalJudge
 from torquebench.bench.safety.stopping import (
+    FAST_PATIENCE,
+    GOING_OFF_S,
     PRESS_STOP,
-    Deadline,
-    ReadBack,
     Remaining,
     Stage,
+    StopSequence,
     said,
 )
 from torquebench.bench.state import CommandState
@@ -61,18 +62,6 @@ WATCH_PERIOD_S = 0.005
 """Interval of the supervisor's thread in real time, s of wall time."""
 IDLE_PERIOD_S = 0.05
 """The same in simulated time, where most checks are made by acquisition, block by block."""
-UNLOAD_SETTLING_S = 0.2
-"""Settling time of shafts and drives after a ramp to zero, s of bench time."""
-GOING_OFF_S = 1.0
-"""Longest time until power and torque are gone, s, in addition to a drive's own watchdog."""
-UNREAD_S = 0.5
-"""How long the supervisor waits for a torque reading after power is off, s."""
-NEWS = 0.05
-"""An alarm that states the remaining torque is updated when it has changed by this share."""
-RETOLD_S = 1.0
-"""Interval at which a drive that is still on is told again to go off, s of wall time."""
-FAST_PATIENCE = 15.0
-"""Additional stall time in simulated time, which stands meanwhile."""
 FAST_SILENCE_S = 0.5
 """In simulated time, drives are polled without a block after this time, s of wall time."""
 DRIVE_PATIENCE_S = 0.1
@@ -122,22 +111,10 @@ class SafetySupervisor:
         self._stall_s = safety.stall_s * (FAST_PATIENCE if clock.fast else 1.0)
         self._lock = threading.RLock()
         self._book = AlarmBook()
-        self._unloaded_s = 0.0
-        self._read_back = ReadBack(description, self._workers)
-        self._stage = Stage.SAFE
-        self._stage_s, self._stage_wall = 0.0, 0.0  # start, bench and wall time
-        self._deadline = self._unread = Deadline(clock, 0.0, 0.0)
-        self._ended = threading.Event()  # state of the way to the safe state: reached, or given up
-        self._ended.set()
-        self._powered = False  # since power and torque were last read back as gone
-        self._off_s: float | None = None  # bench time of the last orderly switching off
-        self._told_wall = 0.0
+        self._stop = StopSequence(description, clock, commands, self._workers, self._book)
         self._unreachable_since: dict[Side, float] = {}
         self._on_since: dict[Side, float] = {}
-        self._remains: int | None = None
         self._late: int | None = None  # number of the warning that acquisition is late
-        self._stated: list[Remaining] = []
-        self._news: list[int] = []  # numbers of alarms that are announced without the lock
         self._failed = ""
         self._busy_since: float | None = None
         self._checked_wall = time.monotonic()
@@ -172,7 +149,7 @@ class SafetySupervisor:
     @property
     def safe(self) -> bool:
         """Whether the bench is at rest: after an alarm, the safe state was read back."""
-        return self._stage is Stage.SAFE
+        return self._stop.stage is Stage.SAFE
 
     @property
     def unsafe(self) -> Alarm | None:
@@ -185,7 +162,7 @@ class SafetySupervisor:
     @property
     def unconfirmed(self) -> bool:
         """Whether drives had power that wasn't read back as off since."""
-        return self._powered
+        return self._stop.powered
 
     def raise_if_latched(self) -> None:
         """Raise the latched alarm's error."""
@@ -195,7 +172,7 @@ class SafetySupervisor:
 
     def wait_safe(self, timeout_s: float) -> bool:
         """Wait (wall time) until the safe state was read back; False when it isn't reached."""
-        self._ended.wait(timeout_s)
+        self._stop.wait(timeout_s)
         return self.safe
 
     def still_on(self) -> Sequence[Remaining]:
@@ -205,9 +182,7 @@ class SafetySupervisor:
         """
         if self._commands.any_enabled and self._book.latched is None:
             return ()
-        since_s, since = self._stage_s, self._stage_wall
-        found = self._read_back.remaining(since_s, since, torque=self._powered)
-        return [each for each in found if not each.gone]
+        return [each for each in self._stop.remaining() if not each.gone]
 
     def acknowledge(self, who: str, seen: Collection[int] | None = None) -> Alarm | None:
         """Clear the latched alarm, once the safe state was read back; return the cleared alarm.
@@ -232,17 +207,17 @@ class SafetySupervisor:
             alarm = self._book.latched
             if alarm is None:
                 return None
-            if self._stage is Stage.RAMPING:
+            if self._stop.stage is Stage.RAMPING:
                 raise InterlockError(
                     Message("alarm {alarm} while the drives still ramp to zero", alarm.kind.value),
                     "acknowledgement in the safe state",
                     "wait a moment",
                 )
             if still := self.still_on():
-                known = self._stage is Stage.NOT_SAFE or any(each.power for each in still)
+                known = self._stop.stage is Stage.NOT_SAFE or any(each.power for each in still)
                 raise InterlockError(
                     Message("alarm {alarm}, {still}", alarm.kind.value, said(still)),
-                    self._read_back.allowed(),
+                    self._stop.read_back.allowed(),
                     PRESS_STOP
                     if known
                     else "wait a moment; check that drive and signal can be read",
@@ -273,31 +248,6 @@ class SafetySupervisor:
         """Clear a warning whose cause is gone."""
         self._book.clear(number)
 
-    # -- limits of a step, heartbeats, presence ---------------------------------------------
-
-    def limits_of(self, side: Side) -> SideLimits:
-        """Limits in force on a side, as the bench description and the present step have them."""
-        return self.limits.side(side)
-
-    def expect(self, name: str, timeout_s: float, ping: Callable[[], None] | None = None) -> None:
-        """Require a heartbeat from now on, at the latest every `timeout_s` of bench time.
-
-        `ping` is called at every check and may ask for the beat without waiting for it.
-        """
-        self.heartbeats.expect(name, timeout_s, ping)
-
-    def beat(self, name: str) -> None:
-        """Record a heartbeat of the named part."""
-        self.heartbeats.beat(name)
-
-    def release(self, name: str) -> None:
-        """Require the heartbeat no longer."""
-        self.heartbeats.release(name)
-
-    def confirm_presence(self, who: str) -> None:
-        """Confirm the operator's presence for `safety.presence_s`."""
-        self.heartbeats.confirm_presence(who)
-
     # -- called by acquisition --------------------------------------------------------------
 
     @contextlib.contextmanager
@@ -318,7 +268,7 @@ class SafetySupervisor:
         """Check a block; act on violations, continue an action that has begun."""
         self._checked_wall = time.monotonic()
         self._act(*self._signals.judge(block))
-        self._read_back.take(block)
+        self._stop.read_back.take(block)
         # bench time passes only with blocks, so the other checks are made with them
         if self._clock.fast:
             self._look_around()
@@ -371,9 +321,9 @@ class SafetySupervisor:
             if not self._commands.side(side).enabled:
                 self._enabled_since.pop(side, None)
             else:
-                self._powered = True
+                self._stop.powered = True
                 self._enabled_since.setdefault(side, time.monotonic())
-        feed = not latched or self._stage is Stage.RAMPING
+        feed = not latched or self._stop.stage is Stage.RAMPING
         self.heartbeats.ask()  # also without power: heartbeats must be present when power comes on
         for worker in self._workers.values():
             worker.ask(feed=feed)
@@ -415,15 +365,9 @@ class SafetySupervisor:
             if commands.enabled or commands.switching or state is None or not state.enabled:
                 self._on_since.pop(side, None)
             elif now - self._on_since.setdefault(side, now) > GOING_OFF_S:
-                torque_nm = self._read_back.torque_nm(side, self._clock.now() - GOING_OFF_S)
-                return self._not_safe([Remaining(side, True, torque_nm)])
+                torque_nm = self._stop.read_back.torque_nm(side, self._clock.now() - GOING_OFF_S)
+                return self._stop.not_safe([Remaining(side, True, torque_nm)])
         return None
-
-    def _not_safe(self, remaining: Sequence[Remaining]) -> Violation:
-        sides = " and ".join(each.side for each in remaining)
-        return Violation(
-            AlarmKind.NOT_SAFE, sides, said(remaining), self._read_back.allowed(), PRESS_STOP
-        )
 
     # -- acting -----------------------------------------------------------------------------
 
@@ -435,155 +379,34 @@ class SafetySupervisor:
         with self._lock:
             first = self._book.latched is None
             if first:  # before others see that the bench is on its way to the safe state
-                self._powered = self._powered or self._commands.any_enabled
-                self._begin_ramp()
+                self._stop.powered = self._stop.powered or self._commands.any_enabled
+                self._stop.begin_ramp()
             violation = Violation(kind, source, found, allowed, remedy)
-            alarm = self._book.add(_alarm(violation, self._clock.now()))
+            alarm = self._book.add(violation.alarm(self._clock.now()))
             if first:
                 for side in SIDES:
-                    self._ramp_to_zero(side, self._description.safety.ramp_to_zero_s)
-                self._begin_ramp()
+                    self._stop.ramp_to_zero(side, self._description.safety.ramp_to_zero_s)
+                self._stop.begin_ramp()
         if first:
             self._clock.interrupt(alarm.error())
             self._go_on()
         self._book.announce(alarm.number)  # without the lock: a listener may wait for a disk
         return alarm
 
-    def _begin_ramp(self) -> None:
-        """Start a ramp's time; power goes off when zero is read back or the time is over."""
-        safety = self._description.safety
-        lasts_s = safety.ramp_to_zero_s + UNLOAD_SETTLING_S + self._description.counter.block_s
-        self._enter(Stage.RAMPING, lasts_s, safety.stall_s)
-        self._unloaded_s = max(self._unloaded_s, self._clock.now() + lasts_s)
-
-    def _enter(self, stage: Stage, lasts_s: float, patience_s: float) -> None:
-        self._stage = stage
-        self._stage_s, self._stage_wall = self._clock.now(), time.monotonic()
-        self._deadline = Deadline(self._clock, lasts_s, lasts_s + patience_s)
-        self._ended.clear()
-
     def _go_on(self, now_s: float | None = None) -> None:
         """Continue to the safe state as far as the readings allow."""
         now_s = self._clock.now() if now_s is None else now_s
         with self._lock:
-            violation = self._advance(now_s)
-            if self._clock.fast and self._stage in (Stage.RAMPING, Stage.GOING_OFF):
+            violation = self._stop.advance(now_s)
+            if self._clock.fast and self._stop.stage in (Stage.RAMPING, Stage.GOING_OFF):
                 self._clock.require(self._clock.now() + 2.0 * self._description.counter.block_s)
-            news, self._news = self._news, []
+            news, self._stop.news = self._stop.news, []
         self._book.announce(*news)
         if violation is not None:
             self._trip_for(violation)
 
-    def _advance(self, now_s: float) -> Violation | None:
-        """Take the next step to the safe state; return a reason to stop the bench again."""
-        stage, since_s, since = self._stage, self._stage_s, self._stage_wall
-        if stage is Stage.RAMPING:
-            if self._deadline.passed(now_s) or self._read_back.at_zero(since_s, since):
-                self._take_power_off()
-        elif stage is not Stage.SAFE:
-            self._await_off(now_s)
-        elif self._book.latched is not None:
-            states = [worker.read(since) for worker in self._workers.values()]
-            if any(state is not None and state.enabled for state in states):
-                self._take_power_off()
-        elif self._commands.any_enabled:
-            self._off_s = None
-        elif self._powered:
-            return self._watch_torque_go(now_s)
-        return None
-
     def _trip_for(self, found: Violation) -> Alarm:
         return self.trip(found.kind, found.source, found.found, found.allowed, found.remedy)
-
-    def _take_power_off(self) -> None:
-        """Take the power off both drives; from now on their watchdogs aren't fed."""
-        drives = [self._description.module(side).drive for side in self._workers]
-        lasts_s = max(drive.watchdog_s for drive in drives) + GOING_OFF_S
-        lasts_s += self._description.safety.ramp_to_zero_s + self._description.counter.block_s
-        self._unread = Deadline(self._clock, UNREAD_S, 2.0 * UNREAD_S)
-        self._enter(Stage.GOING_OFF, lasts_s, FAST_PATIENCE * lasts_s if self._clock.fast else 0.0)
-        self._told_wall = time.monotonic()
-        for side, worker in self._workers.items():
-            self._commands.side(side).off(self._clock.now())
-            worker.disable(lambda _told: None)
-
-    def _await_off(self, now_s: float) -> None:
-        """Read back whether power and torque are gone; raise an alarm where they aren't in time."""
-        found = self._read_back.remaining(self._stage_s, self._stage_wall, torque=self._powered)
-        known = [each for each in found if each.known]
-        if all(each.gone for each in found):
-            self._powered = False
-        if not known:
-            # A torque that can't be read delays the acknowledgement only.
-            if all(each.gone for each in found) or self._unread.passed(now_s):
-                self._stage = Stage.SAFE
-                self._ended.set()
-            return
-        if self._stage is Stage.GOING_OFF and self._deadline.passed(now_s):
-            self._stage = Stage.NOT_SAFE
-        if self._stage is Stage.NOT_SAFE:
-            self._state_what_is_on(known)
-            self._ended.set()
-        if time.monotonic() - self._told_wall > RETOLD_S:
-            self._told_wall = time.monotonic()
-            for side in (each.side for each in known if each.power is not False):
-                if self._workers[side].idle:
-                    self._workers[side].disable(lambda _told: None)
-
-    def _state_what_is_on(self, known: Sequence[Remaining]) -> None:
-        """State remaining power and torque in the alarm, again after each change."""
-        latched, found = self._book.latched, self._not_safe(known)
-        if latched is None or latched.kind is not AlarmKind.NOT_SAFE:
-            self._news.append(self._book.add(_alarm(found, self._clock.now())).number)
-        elif self._differs(known):
-            self._book.restate(latched.number, found.found)
-            self._news.append(latched.number)
-        else:
-            return
-        self._stated = list(known)
-
-    def _differs(self, known: Sequence[Remaining]) -> bool:
-        """Whether the state has changed: another power state, or 5 % of the range."""
-        if [(each.side, each.power) for each in known] != [
-            (each.side, each.power) for each in self._stated
-        ]:
-            return True
-        return any(
-            abs(each.torque_nm - before.torque_nm)
-            > NEWS * self._description.module(each.side).range_nm
-            for each, before in zip(known, self._stated, strict=True)
-        )
-
-    def _watch_torque_go(self, now_s: float) -> Violation | None:
-        """Check that torque goes after an orderly stop; return torque that a drive may cause."""
-        if self._off_s is None:
-            self._off_s = now_s
-        found = self._read_back.remaining(self._off_s, self._stage_wall, torque=True)
-        if all(each.gone for each in found):
-            self._powered, self._off_s = False, None
-            if self._remains is not None:
-                self._book.clear(self._remains)
-                self._remains = None
-            return None
-        loaded = [each for each in found if abs(each.torque_nm) > 0.0]
-        if not loaded or now_s - self._off_s <= GOING_OFF_S:
-            return None
-        violation = self._not_safe(loaded)
-        if any(abs(each.torque_nm) > self._much_nm(each.side) for each in loaded):
-            return violation
-        if self._remains is None:
-            warning = replace(
-                violation, remedy="release the shafts by hand before you reach in, or zero again"
-            )
-            alarm = _alarm(warning, self._clock.now(), AlarmLevel.WARNING)
-            self._remains = self._book.add(alarm).number
-            self._news.append(self._remains)
-        return None
-
-    def _much_nm(self, side: Side) -> float:
-        """Torque that a drive may cause, beyond what friction holds in a shaft, N·m."""
-        share = self._description.safety.following_percent / 100.0
-        return share * self._description.module(side).range_nm
 
     def unload(self, sides: Iterable[Side] = SIDES) -> float:
         """Bring drives to zero torque and speed at their usual rates, without an alarm.
@@ -594,25 +417,7 @@ class SafetySupervisor:
             Bench time until they are there and have settled, s; 0 where they are already.
         """
         with self._lock:
-            now, present = self._clock.now(), self._clock.present()
-            for side in sides:
-                commands, rates = self._commands.side(side), self._description.module(side).drive
-                ramp_s = max(
-                    abs(commands.torque_nm) / rates.torque_rate_nm_per_s,
-                    abs(commands.speed_rad_s) / rates.speed_rate_rad_per_s2,
-                    commands.uncertain_s,
-                )
-                if commands.enabled and ramp_s > 0.0:  # otherwise it is at zero, or on its way
-                    self._ramp_to_zero(side, ramp_s)
-                    self._unloaded_s = max(self._unloaded_s, present + ramp_s + UNLOAD_SETTLING_S)
-            return max(0.0, self._unloaded_s - now)
-
-    def _ramp_to_zero(self, side: Side, ramp_s: float) -> None:
-        """Tell a drive to go to zero torque and speed, and disable one that can't."""
-        commands = self._commands.side(side)
-        asked = commands.ask_zero(self._clock.now(), ramp_s)  # the drive may move at once
-        self._workers[side].ramp_to_zero(ramp_s)
-        commands.told_zero(asked, self._clock.present())
+            return self._stop.unload(sides)
 
     def disable(self) -> None:
         """Switch off both drives after an operation; check that the power goes.
@@ -621,7 +426,7 @@ class SafetySupervisor:
         take the command causes an alarm.
         """
         with self._lock:
-            if self._book.latched is not None and self._stage is not Stage.SAFE:
+            if self._book.latched is not None and self._stop.stage is not Stage.SAFE:
                 return
             self._unreachable_since = dict.fromkeys(self._workers, time.monotonic())
 
@@ -647,26 +452,8 @@ class SafetySupervisor:
         if self._book.latched is not None:
             self.wait_safe(GOING_OFF_S)
             return self.unsafe
-        begun, begun_s = time.monotonic(), self._clock.now() - GOING_OFF_S
-        while True:
-            for side in sides:
-                self._workers[side].ask(feed=True)
-                self._workers[side].wait_asked(GOING_OFF_S)
-            found = self._read_back.remaining(begun_s, begun, torque=torque)
-            left = [
-                each
-                for each in found
-                if each.side in sides
-                and (each.power is not False or abs(each.torque_nm) > self._much_nm(each.side))
-            ]
-            if not left:
-                return None
-            if time.monotonic() - begun > GOING_OFF_S:
-                break
-            time.sleep(WATCH_PERIOD_S)
-        found = self._read_back.remaining(begun_s, begun, torque=True)
-        violation = self._not_safe([each for each in found if each.side in sides])
-        return self._trip_for(violation)
+        violation = self._stop.read_off(sides, torque=torque)
+        return None if violation is None else self._trip_for(violation)
 
     # -- the supervisor's own thread --------------------------------------------------------
 
@@ -704,10 +491,10 @@ class SafetySupervisor:
             self.trip(AlarmKind.STALL, "acquisition", found, "a block in its own time", remedy)
         if not self._clock.fast:
             self._look_around()
-        elif self._stage is not Stage.SAFE:
+        elif self._stop.stage is not Stage.SAFE:
             if time.monotonic() - self._checked_wall > FAST_SILENCE_S:  # no more blocks come
                 self._look_around()
-            if self._stage is Stage.NOT_SAFE:  # wall time continues until the bench is safe
+            if self._stop.stage is Stage.NOT_SAFE:  # wall time continues until the bench is safe
                 self._clock.require(self._clock.now() + self._description.counter.block_s)
         self._go_on()
         for side, since in tuple(self._unreachable_since.items()):
@@ -743,7 +530,3 @@ class SafetySupervisor:
             logger.exception("the supervisor can't stop the bench normally")
             for worker in self._workers.values():
                 worker.disable(lambda _told: None)
-
-
-def _alarm(found: Violation, time_s: float, level: AlarmLevel = AlarmLevel.CRITICAL) -> Alarm:
-    return Alarm(found.kind, found.source, found.found, found.allowed, found.remedy, time_s, level)

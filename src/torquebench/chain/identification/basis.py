@@ -190,11 +190,12 @@ def _drag_on_load(c: Circumstances) -> FloatArray:
 
 
 def _bent_drag_on_load(c: Circumstances) -> FloatArray:
+    """Return columns of a drag that isn't proportional to the load."""
     size = np.abs(c.share)
     return _stack(size**2, size**0.5)
 
 
-def _wanderings(runs: int) -> Columns:
+def _zeros_of_runs(runs: int) -> Columns:
     """Return columns of each run's zero after creep and remanence: constant and decaying part."""
 
     def columns(c: Circumstances) -> FloatArray:
@@ -274,7 +275,7 @@ def blocks(lengths_s: Sequence[float]) -> tuple[Block, ...]:
         ),
         Block("inertia", "inertia", lambda c: c.acceleration[:, None], 10.0, 2.5),
         Block("zero of empty runs", "", lambda c: np.sign(c.run)[:, None], 1.0),
-        Block("zero of each empty run", "", _wanderings(len(lengths_s)), 0.1, 1.0),
+        Block("zero of each empty run", "", _zeros_of_runs(len(lengths_s)), 0.1, 1.0),
         Block("wandering zero of empty runs", "", _random_walks(np.array(lengths_s)), 0.3),
         Block("static curve", "", _on(lambda c: 1.0 - np.sign(c.run), _static_columns), 0.3),
     )

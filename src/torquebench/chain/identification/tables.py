@@ -451,7 +451,7 @@ def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
         return runs, 1.0
     residuals = [target - columns @ fit.mean for columns, target, _ in runs]
     noise = 1.4826 * float(np.median(np.abs(np.concatenate(residuals))))
-    slowness = float(np.mean([_slowness(each) for each in residuals]))
+    slowness = float(np.mean([_autocorrelation_time(each) for each in residuals]))
     kept = [np.flatnonzero(np.abs(each) <= _OUTLIER * noise) for each in residuals]
     cleaned = [
         (
@@ -464,7 +464,7 @@ def _cleaned(runs: list[_Run], fit: Posterior) -> tuple[list[_Run], float]:
     return cleaned, slowness
 
 
-def _slowness(residual: FloatArray) -> float:
+def _autocorrelation_time(residual: FloatArray) -> float:
     """Return the integrated autocorrelation time in samples: 1 for white noise."""
     centred = residual - np.mean(residual)
     size = int(2 ** np.ceil(np.log2(2 * centred.size)))

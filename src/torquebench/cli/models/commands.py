@@ -473,7 +473,7 @@ def chain_of(stored: StoredModel, bench: Path | None) -> MeasuringChain:
     if bench is None:
         return MeasuringChain.of(stored)
     from torquebench.bench import load_bench
-    from torquebench.bench.stated_limits import chain_on_bench
+    from torquebench.bench.chain_effects import chain_on_bench
 
     return chain_on_bench(stored, load_bench(bench))
 

@@ -38,7 +38,7 @@ _SIGNS = {Branch.UP: 1, Branch.DOWN: -1, Branch.UNKNOWN: 0}
 def export(
     model: ModelArgument,
     result: Annotated[
-        Path, typer.Option("--out", help="The file to write: NAME.csv, NAME.h or NAME.onnx.")
+        Path, typer.Option("--out", help="The file to write: NAME.csv, .h, .st or .onnx.")
     ],
     decimal_comma: Annotated[
         bool, typer.Option("--decimal-comma", help="CSV with decimal commas and semicolons.")
@@ -47,9 +47,10 @@ def export(
         bool, typer.Option("--no-uncertainty", help="Leave the uncertainty out.")
     ] = False,
 ) -> None:
-    """Compile a model to a table for other programs: CSV, C header or ONNX.
+    """Compile a model to a table for other programs: CSV, C header, Structured Text or ONNX.
 
-    The file states its largest deviation from the model.
+    The file states its largest deviation from the model, on the calibrated loop and over partial
+    loops. C header and Structured Text (IEC 61131-3, for PLCs) have a function for the branch.
     """
     from torquebench.compensation import load_model
     from torquebench.compensation.export.formats import check_export
@@ -60,6 +61,7 @@ def export(
 
     from torquebench.chain import MeasuringChain
     from torquebench.compensation import compile_table, export_table
+    from torquebench.compensation.export.branches import partial_loop_deviation
 
     if MeasuringChain.of(stored).turns:
         warn("the table is the static curve alone: temperature, rotation and inertia aren't in it")
@@ -72,11 +74,13 @@ def export(
         f"{escape(str(result))}: {table.curve.intervals} {degree} intervals for {branches}, "
         f"{table.reading_low_nm:g} to {table.reading_high_nm:g} N·m"
     )
-    answer(**EXPORTED_MODEL.of(table, files=[str(result)]))
+    partial_nm = partial_loop_deviation(table)
+    answer(**EXPORTED_MODEL.of(table, files=[str(result)], partial_loops_deviation_nm=partial_nm))
     percent = 100.0 * table.bound_nm / table.full_scale_nm
     say(f"table's deviation from the model: at most {table.bound_nm:.2g} N·m ({percent:.1g} % FS)")
-    if no_uncertainty or not table.curve.branch_aware:
+    if not table.curve.branch_aware:
         return
+    say(f"after reversals in mid-range, with the branch alone: at most {partial_nm:.2g} N·m")
     say("branch: +1 if the magnitude of the torque increases, -1 if it decreases, 0 if unknown")
 
 

@@ -124,7 +124,7 @@ class _Attendance:
     def _confirm(self) -> None:
         self._confirmed_s = time.monotonic()
         self._reminded = False
-        self._supervisor.confirm_presence(self._who)
+        self._supervisor.heartbeats.confirm_presence(self._who)
 
     def _run(self) -> None:
         while not (self._ending.wait(0.0) or self._keys.gone):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from torquebench.atomic_write import atomic_write
-from torquebench.compensation.export.shared import provenance_lines
+from torquebench.compensation.export.branches import turning_nm
+from torquebench.compensation.export.shared import identifier, provenance_lines
 from torquebench.compensation.model_file import Provenance
 
 if TYPE_CHECKING:
@@ -33,10 +33,7 @@ def export_header(path: Path, table: CompensationTable, provenance: Provenance) 
     -------
     path : Path
     """
-    prefix = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
-    if not prefix or prefix[0].isdigit():
-        prefix = f"table_{prefix}"
-    atomic_write(path, header_text(table, provenance, prefix).encode("ascii"))
+    atomic_write(path, header_text(table, provenance, identifier(path)).encode("ascii"))
     return path
 
 
@@ -61,14 +58,40 @@ def header_text(table: CompensationTable, provenance: Provenance, prefix: str) -
         f"/*\n{comments}\n *\n"
         f" * int {prefix}_torque(double reading_nm, int branch, double *torque_nm)\n"
         " *   returns 0, or 1 where the reading is outside the accepted range or not a number;\n"
-        " *   the torque then carries the additional torque of the nearest limit.\n */",
+        " *   the torque then carries the additional torque of the nearest limit.\n"
+        f" * int {prefix}_branch(double reading_nm, {prefix}_history *history)\n"
+        " *   returns the branch by the readings so far: call it with each of them. Begin with\n"
+        f" *   {prefix}_history history = {{0, 0, 0.0}};\n */",
         f"#ifndef {guard}\n#define {guard}",
         _function(table.curve, prefix, "torque"),
     ]
     if table.uncertainty_curve is not None:
         parts.append(_function(table.uncertainty_curve, prefix, "curve_uncertainty"))
+    parts.append(_branch_function(prefix, turning_nm(table)))
     parts.append(f"#endif /* {guard} */\n")
     return "\n\n".join(parts)
+
+
+def _branch_function(prefix: str, turning: float) -> str:
+    return f"""typedef struct {{
+    int started, direction;
+    double extreme_nm;
+}} {prefix}_history;
+
+static inline int {prefix}_branch(double reading_nm, {prefix}_history *history)
+{{
+    double moved;
+    if (!history->started) {{
+        history->started = reading_nm - reading_nm == 0.0;
+        history->extreme_nm = reading_nm;
+    }}
+    moved = reading_nm - history->extreme_nm;
+    if (moved * history->direction > 0.0 || moved > {turning!r} || moved < -{turning!r}) {{
+        history->direction = moved > 0.0 ? 1 : -1;
+        history->extreme_nm = reading_nm;
+    }}
+    return reading_nm >= 0.0 ? history->direction : -history->direction;
+}}"""
 
 
 def _function(curve: PiecewisePolynomial, prefix: str, what: str) -> str:

@@ -10,6 +10,7 @@ from torquebench.atomic_write import is_standard_output
 from torquebench.compensation.export.c_header import export_header
 from torquebench.compensation.export.csv_table import export_csv
 from torquebench.compensation.export.onnx_graph import export_onnx
+from torquebench.compensation.export.structured_text import export_structured_text
 from torquebench.compensation.model_file import Provenance
 from torquebench.errors import InputError
 from torquebench.message import Message
@@ -23,6 +24,7 @@ EXPORTS: dict[str, Callable[[Path, CompensationTable, Provenance], Path]] = {
     ".csv": export_csv,
     ".h": export_header,
     ".onnx": export_onnx,
+    ".st": export_structured_text,
 }
 """Exporters by file name ending."""
 
@@ -62,9 +64,9 @@ def export_table(
     Parameters
     ----------
     path : str or Path
-        ``.csv`` (nodes for linear interpolation, LabVIEW and others), ``.h`` (C header) or
-        ``.onnx`` (needs the extra ``onnx``). An existing file is replaced when the new one is
-        complete.
+        ``.csv`` (nodes for linear interpolation, LabVIEW and others), ``.h`` (C header), ``.st``
+        (IEC 61131-3 Structured Text for PLCs) or ``.onnx`` (needs the extra ``onnx``). An existing
+        file is replaced when the new one is complete.
     table : CompensationTable
         Compiled model.
     provenance : Provenance

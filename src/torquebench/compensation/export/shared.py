@@ -1,15 +1,24 @@
-"""Provenance of a compiled table in words, for all exports."""
+"""Provenance of a compiled table in words, and names in code, for all exports."""
 
 from __future__ import annotations
 
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
+from torquebench.compensation.export.branches import partial_loop_deviation, turning_nm
 from torquebench.compensation.model_file import Provenance, ReadingScale
 
 if TYPE_CHECKING:
     from torquebench.compensation.table import CompensationTable
 
-__all__ = ["provenance_lines"]
+__all__ = ["identifier", "provenance_lines"]
+
+
+def identifier(path: Path) -> str:
+    """Return the beginning of all names in a file of code: the file's own name."""
+    prefix = re.sub(r"\W", "_", path.stem, flags=re.ASCII)
+    return f"table_{prefix}" if not prefix or prefix[0].isdigit() else prefix
 
 
 def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[str]:
@@ -39,6 +48,13 @@ def provenance_lines(table: CompensationTable, provenance: Provenance) -> list[s
         "branch: +1 the size of the torque grew, -1 it fell, 0 unknown",
         f"deviation from the model: at most {table.bound_nm:.3g} N m",
     ]
+    if table.curve.branch_aware:
+        lines += [
+            f"the branch turns where a reading has moved back by {turning_nm(table):.4g} N m from "
+            "its last extreme; 0 until it has moved so far at all",
+            "partial loops: after reversals in mid-range the branch alone deviates from the model "
+            f"with its memory by at most {partial_loop_deviation(table):.2g} N m",
+        ]
     if provenance.reading_scale:
         formula = ReadingScale.of_text(provenance.reading_scale).formula
         lines.insert(6, f"readings of the calibration, to be converted alike: {formula}")

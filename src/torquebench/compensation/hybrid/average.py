@@ -158,10 +158,11 @@ def _add_tails(search: _Average) -> None:
     for structure in even:
         search.log_prior[structure] += float(np.log(1.0 - _TAILED_CHANCE))
 
-    def chance(structure: Structure) -> float:
+    def tailed_prior(structure: Structure) -> float:
+        """Return the prior probability of a structure's twin with heavy tails."""
         return float(np.exp(search.log_prior[structure])) * _TAILED_CHANCE / (1.0 - _TAILED_CHANCE)
 
-    search.log_prior[replace(best.structure, tailed=True)] = np.log(chance(best.structure))
+    search.log_prior[replace(best.structure, tailed=True)] = np.log(tailed_prior(best.structure))
     tailed = search.keep(best.tailed())
     if search.score(tailed) < search.score(best) - _TAILS_LAG:
         return
@@ -170,4 +171,4 @@ def _add_tails(search: _Average) -> None:
     for structure in dict.fromkeys([*likeliest, *PLAIN]):
         if structure != best.structure:
             parent = search.members[structure]
-            search.add(replace(structure, tailed=True), chance(structure), parent)
+            search.add(replace(structure, tailed=True), tailed_prior(structure), parent)

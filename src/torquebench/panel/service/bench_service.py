@@ -340,7 +340,7 @@ class BenchService:
         try:
             active = station.activate_compensation(side)
         except (InputError, ModelMismatchError, RecordError) as error:
-            station.deactivate_compensation(side)
+            station.acquisition.set_compensation(side, None)
             self._compensation[side] = (None, error.found)
             return
         today = datetime.now(UTC).date()
@@ -518,7 +518,7 @@ class BenchService:
         """
         require(actor, "metrologist")
         self.jobs.command(actor)
-        self.station.switch_off(side, off)
+        self.station.acquisition.switch_off(side, off)
         self.note(
             actor, "switched corrections", side=side, off=", ".join(off) or "none", reason=reason
         )
@@ -631,7 +631,7 @@ class BenchService:
             Another session commands.
         """
         self.jobs.command(actor)
-        self.station.supervisor.confirm_presence(actor.label)
+        self.station.supervisor.heartbeats.confirm_presence(actor.label)
 
     def stop(self, actor: Actor, reason: str = "") -> StopReport:
         """Bring the bench to its safe state at once; for every signed-in user, without the lease.

@@ -11,7 +11,11 @@ from torquebench.bench.devices import BenchDevices
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, sleep
-from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
+from torquebench.procedures.reducers.running_table import (
+    RunningPoint,
+    RunningRecording,
+    RunningTable,
+)
 from torquebench.procedures.reducers.setup import (
     GENTLE_RPM_PER_S,
     ReducerLimits,
@@ -60,7 +64,7 @@ class EmptyRunSettings:
         """Return the settings without speeds at which the reducer isn't driven."""
         return replace(self, speeds_rpm=limits.reachable(self.speeds_rpm))
 
-    def points(self) -> list[Asked]:
+    def points(self) -> list[RunningPoint]:
         """Return all points in the order in which they are driven.
 
         Examples
@@ -70,7 +74,7 @@ class EmptyRunSettings:
         [100.0, 200.0, -100.0, -200.0]
         """
         return [
-            Asked(sign * speed, 0.0, 1, repeat)
+            RunningPoint(sign * speed, 0.0, 1, repeat)
             for repeat in range(1, self.repeats + 1)
             for sign in (1.0, -1.0)
             for speed in self.speeds_rpm
@@ -118,7 +122,7 @@ def _turned(
     devices: BenchDevices,
     limits: ReducerLimits,
     settings: EmptyRunSettings,
-    points: list[Asked],
+    points: list[RunningPoint],
     table: RunningTable,
 ) -> Plan[None]:
     def turn(speed_rpm: float) -> Plan[None]:

@@ -234,15 +234,13 @@ class _Finder:
                 total,
                 Message("{position_deg:g}°, {value}", position_deg, "+" if sign > 0 else "-"),
             )
-            recording = None
-            while recording is None:
-                yield from checkpoint()
-                yield from zero(self.devices, self.side, duration_s=self.settings.zero_s)
-                standing = self._standing()
-                yield from stamp(
-                    self.devices, series=sign, step=index, branch=sign, position_deg=position_deg
-                )
-                recording = yield from self._ramp(sign)
+            yield from checkpoint()
+            yield from zero(self.devices, self.side, duration_s=self.settings.zero_s)
+            standing = self._standing()
+            yield from stamp(
+                self.devices, series=sign, step=index, branch=sign, position_deg=position_deg
+            )
+            recording = yield from self._ramp(sign)
             self.found.append(Breakaway(position_deg, sign, recording, standing))
         yield from power_off(self.devices)
 
@@ -254,9 +252,9 @@ class _Finder:
             return 0.0
         return float(active.standing().value_nm[0])
 
-    def _ramp(self, sign: int) -> Plan[SynchronousRecording | None]:
-        """Ramp up, detect motion, unload; None after a pause."""
-        devices, before = self.devices, self.devices.interruptions
+    def _ramp(self, sign: int) -> Plan[SynchronousRecording]:
+        """Ramp up, detect motion, unload."""
+        devices = self.devices
         largest = self.settings.largest(self.side, self.limits)
         rate = self.settings.expected(self.side, self.limits) / self.settings.ramp_s
         yield from power_on(devices, self.side)
@@ -268,8 +266,6 @@ class _Finder:
         yield from take(devices.recorder, devices.point, stream="points")
         yield from power_off(devices)  # its own friction brakes it
         yield from sleep(REST_S)
-        if devices.interruptions != before:
-            return None
         if not moved:
             raise BenchError(
                 Message("nothing moved up to {value:g} N·m at the {side}", largest, self.side),

@@ -16,7 +16,16 @@ from torquebench.chain import Inertia
 from torquebench.errors import BenchError, InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import guarded, loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress, read, sleep, take
+from torquebench.procedures.messages import (
+    again_after_pause,
+    checkpoint,
+    leg_checkpoint,
+    move,
+    progress,
+    read,
+    sleep,
+    take,
+)
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
@@ -276,19 +285,14 @@ class _LoopDriver:
         yield from zero(self.devices, "output", duration_s=self.settings.zero_s)
         # started early, so that short windows are available
         yield from move(self.devices.recorder, "fine")
-        seen, preloaded, number = self.devices.interruptions, False, 1
-        while number <= self.settings.loops:
-            yield from checkpoint()
-            if self.devices.interruptions != seen:
-                seen, preloaded = self.devices.interruptions, False
-            if not preloaded:
-                yield from progress(index * self.settings.loops + number - 1, total, "preload")
-                yield from self._preload()
-                preloaded = True
-            recording = yield from self._loop(position_deg, number, index, total)
-            if self.devices.interruptions == seen:
-                self.found.append(Loop(position_deg, number, recording))
-                number += 1
+        yield from progress(index * self.settings.loops, total, "preload")
+        yield from checkpoint()
+        yield from self._preload()
+        for number in range(1, self.settings.loops + 1):
+            recording = yield from again_after_pause(
+                partial(self._loop, position_deg, number, index, total), self._preload
+            )
+            self.found.append(Loop(position_deg, number, recording))
         yield from self._ramp(0.0)
         yield from power_off(self.devices)
 
@@ -299,8 +303,7 @@ class _LoopDriver:
     def _loop(
         self, position_deg: float, number: int, index: int, total: int
     ) -> Plan[SynchronousRecording]:
-        """Drive one loop; it is discarded after a pause."""
-        before = self.devices.interruptions
+        """Drive one loop."""
         done = index * self.settings.loops + number - 1
         yield from progress(
             done, total, Message("{position:g}°, loop {number}", position_deg, number)
@@ -311,9 +314,7 @@ class _LoopDriver:
         yield from move(self.devices.recorder, "fine")
         parts: list[SynchronousRecording] = []
         for target in (0.0, self.torque_nm, 0.0, -self.torque_nm):
-            yield from checkpoint()
-            if self.devices.interruptions != before:
-                break
+            yield from leg_checkpoint()
             yield from self._leg(target)
             yield from _take(self.devices, parts)
         return SynchronousRecording.joined(parts)
@@ -434,9 +435,9 @@ def bench_twist(
         yield from progress(len(sides), len(sides), "done")
 
     setup = Setup("calibration", sides[0], "calibrator", "locked")
-    yield from measured_in(setup, devices, measured(), metadata)
+    serial = yield from measured_in(setup, devices, measured(), metadata)
     if set(found) != set(sides):
         raise BenchError(
             "a bench twist without recordings", Message("both of {sides}", ", ".join(sides))
         )
-    return BenchTwistRecording(found, str(metadata["standard_serial"]))
+    return BenchTwistRecording(found, serial)

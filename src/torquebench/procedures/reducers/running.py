@@ -15,7 +15,11 @@ from torquebench.message import Message
 from torquebench.procedures.guarding import torque_limits, turning_limits
 from torquebench.procedures.messages import checkpoint, move, progress, read, sleep
 from torquebench.procedures.reducers.friction import FrictionSettings
-from torquebench.procedures.reducers.running_table import Asked, RunningRecording, RunningTable
+from torquebench.procedures.reducers.running_table import (
+    RunningPoint,
+    RunningRecording,
+    RunningTable,
+)
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
@@ -275,8 +279,8 @@ def _sweep(
             group=point.repeat,
         )
         yield from turn_at(devices, "input", point.speed_rpm, sweep.rate_rpm_per_s)
-        asked = Asked(point.speed_rpm, 0.0, point.branch, point.repeat)
-        yield from table.take(asked, sweep.steady(point.speed_rpm))
+        running = RunningPoint(point.speed_rpm, 0.0, point.branch, point.repeat)
+        yield from table.take(running, sweep.steady(point.speed_rpm))
 
 
 def efficiency_map(
@@ -321,11 +325,11 @@ def efficiency_map(
 
 def _grid(
     limits: ReducerLimits, settings: EfficiencySettings, shares: Sequence[float], repeat: int
-) -> list[Asked]:
+) -> list[RunningPoint]:
     """Points of a repeat: torques rise at each speed; the output brakes, so its torque opposes."""
     turn = float(np.sign(limits.ratio))
     return [
-        Asked(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
+        RunningPoint(sign * speed, -turn * sign * share * limits.rated_torque_nm, 1, repeat)
         for sign in directions(settings)
         for speed in settings.speeds_rpm
         for share in shares
@@ -383,10 +387,11 @@ def _open_shares(
 def _load_grid(
     devices: BenchDevices,
     settings: EfficiencySettings,
-    points: Sequence[Asked],
+    points: Sequence[RunningPoint],
     total: int,
     table: RunningTable,
 ) -> Plan[None]:
+    """Take the points of one repeat; both sides are stopped and zeroed before each new speed."""
     speed_axis, torque_axis = devices.input.drive.speed, devices.output.drive.torque
     present: float | None = None
     for number, point in enumerate(points, start=len(table.rows)):

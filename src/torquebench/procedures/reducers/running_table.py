@@ -17,7 +17,7 @@ from torquebench.procedures.reducers.setup import check_followed, temperature_c
 from torquebench.procedures.setup import Plan, power_on, set_mode
 from torquebench.procedures.zeroing import measure_zero, zero
 
-__all__ = ["Asked", "RunningRecording", "RunningTable"]
+__all__ = ["RunningPoint", "RunningRecording", "RunningTable"]
 
 FloatArray = NDArray[np.float64]
 Row = Mapping[str, Any]
@@ -78,7 +78,7 @@ class RunningRecording:
 
 
 @dataclass(frozen=True)
-class Asked:
+class RunningPoint:
     """One point: its set point, and its place in the test."""
 
     speed_rpm: float
@@ -93,7 +93,7 @@ class RunningTable:
 
     devices: BenchDevices
     sides: tuple[Side, ...]
-    asked: list[Asked] = field(default_factory=list)
+    points: list[RunningPoint] = field(default_factory=list)
     rows: list[dict[Side, Row]] = field(default_factory=list)
     torques: list[dict[Side, Torque | None]] = field(default_factory=list)
     temperatures: list[float] = field(default_factory=list)
@@ -121,7 +121,7 @@ class RunningTable:
             standing = float(_in_small_cycles(active.standing()).value_nm[0])
         self.zeros[side].append((context.clock.now(), signal, standing))
 
-    def take(self, asked: Asked, settings: SteadySettings) -> Plan[None]:
+    def take(self, point: RunningPoint, settings: SteadySettings) -> Plan[None]:
         """Take the steady torques of all sides in use over the same window."""
         for side in self.sides:
             yield Msg("prepare", self.devices.module(side).steady, settings, group="reducer")
@@ -139,11 +139,11 @@ class RunningTable:
         yield Msg("read", self.devices.point)
         warm = yield from temperature_c(self.devices)
         yield Msg("save")
-        check_followed(rows["input"], asked.speed_rpm, 0.0, "input")
+        check_followed(rows["input"], point.speed_rpm, 0.0, "input")
         if "output" in rows:
             slack_nm = SLACK_SHARE * self.devices.context.description.output.range_nm
-            check_followed(rows["output"], 0.0, asked.torque_nm, "output", slack_nm=slack_nm)
-        self.asked.append(asked)
+            check_followed(rows["output"], 0.0, point.torque_nm, "output", slack_nm=slack_nm)
+        self.points.append(point)
         self.rows.append(rows)
         self.torques.append({side: self.devices.module(side).steady.torque for side in self.sides})
         self.temperatures.append(warm)
@@ -164,15 +164,15 @@ class RunningTable:
         torque: dict[Side, FloatArray] = {}
         stated: dict[Side, Torque | None] = {}
         for side in self.sides:
-            points = [each[side] for each in self.torques]
-            known = [each for each in points if each is not None] if model[side] else []
+            torques = [torques[side] for torques in self.torques]
+            known = [torque for torque in torques if torque is not None] if model[side] else []
             found = _in_small_cycles(joined(known)) if known else None
             stated[side] = found
             value = self._column(side, "reading_nm") if found is None else found.value_nm
             torque[side] = value - self._drift(side)[0]
         return RunningRecording(
-            nominal_rpm=np.array([each.speed_rpm for each in self.asked]),
-            nominal_nm=np.array([each.torque_nm for each in self.asked]),
+            nominal_rpm=np.array([each.speed_rpm for each in self.points]),
+            nominal_nm=np.array([each.torque_nm for each in self.points]),
             speed_rpm={side: self._column(side, "speed_rpm") for side in self.sides},
             torque_nm=torque,
             standard_error_nm={
@@ -183,9 +183,9 @@ class RunningTable:
             true_torque_nm={side: self._column(side, "true_torque_nm") for side in self.sides}
             if truth_known
             else None,
-            direction=np.array([int(np.sign(each.speed_rpm)) for each in self.asked], np.int64),
-            branch=np.array([each.branch for each in self.asked], dtype=np.int64),
-            repeat=np.array([each.repeat for each in self.asked], dtype=np.int64),
+            direction=np.array([int(np.sign(each.speed_rpm)) for each in self.points], np.int64),
+            branch=np.array([each.branch for each in self.points], dtype=np.int64),
+            repeat=np.array([each.repeat for each in self.points], dtype=np.int64),
             series=self._interval("input"),
             temperature_c=np.array(self.temperatures),
             time_s=self._column("input", "time_s"),

@@ -16,9 +16,9 @@ from torquebench.bench.devices import BenchDevices, Point, RampTo, SteadySetting
 from torquebench.bench.drivers.base import SIDES, Side
 from torquebench.errors import BenchError, InputError, LimitError, SignalFault
 from torquebench.message import Message
-from torquebench.procedures.messages import checkpoint, move, progress, sleep
+from torquebench.procedures.messages import again_after_pause, leg_checkpoint, move, progress, sleep
 from torquebench.procedures.setup import REST_S, Plan, Setup, power_on, start_metadata
-from torquebench.procedures.turns import turn_s, whole_turns_s
+from torquebench.procedures.turning.profile import turn_s, whole_turns_s
 from torquebench.units import DEG_PER_RAD, DEGREE, MINUTE, RAD_S_PER_RPM
 
 __all__ = [
@@ -253,37 +253,37 @@ def warm_up(devices: BenchDevices, limits: ReducerLimits, settings: WarmUp) -> P
             "fit one, or test without warming up",
         )
     speed_rpm = min(settings.speed_rpm, limits.largest_input_rpm)
-    steps = round(settings.longest_s / settings.interval_s)
-    seen: list[tuple[float, float]] = []
-    began = -1
-    for step in range(steps + 1):
-        yield from checkpoint()
-        if devices.interruptions != began:  # a pause stops the shaft
-            began, seen = devices.interruptions, []
-            yield from power_on(devices, "input")
-            yield from move(devices.input.drive.speed, speed_rpm * RAD_S_PER_RPM)
+    warm = yield from again_after_pause(lambda: _warm_at(devices, settings, speed_rpm))
+    yield from move(devices.input.drive.speed, 0.0)
+    yield from sleep(REST_S)
+    return warm
+
+
+def _warm_at(devices: BenchDevices, settings: WarmUp, speed_rpm: float) -> Plan[float]:
+    """Turn the input until the reducer's temperature is steady; return it in °C."""
+    yield from power_on(devices, "input")
+    yield from move(devices.input.drive.speed, speed_rpm * RAD_S_PER_RPM)
+    temperatures: list[tuple[float, float]] = []
+    for step in range(round(settings.longest_s / settings.interval_s) + 1):
+        yield from leg_checkpoint()
         warm = yield from temperature_c(devices)
-        seen.append((step * settings.interval_s, warm))
-        if settings.steady(seen):
-            break
+        temperatures.append((step * settings.interval_s, warm))
+        if settings.steady(temperatures):
+            return warm
         if step % 6 == 0:
             yield from progress(0, 0, Message("warming up: {value:.1f} °C", warm))
         yield from sleep(settings.interval_s)
-    else:
-        raise BenchError(
-            Message(
-                "the reducer's temperature ({value:.2f} °C) still changes by {rate:.3g} "
-                "K/min after {minutes:g} min",
-                seen[-1][1],
-                settings.rate(seen),
-                settings.longest_s / MINUTE,
-            ),
-            Message("at most {rate:g} K/min", settings.rate_k_per_min),
-            "warm up for longer, at the speed of the test, or let the room temperature settle",
-        )
-    yield from move(devices.input.drive.speed, 0.0)
-    yield from sleep(REST_S)
-    return seen[-1][1]
+    raise BenchError(
+        Message(
+            "the reducer's temperature ({value:.2f} °C) still changes by {rate:.3g} "
+            "K/min after {minutes:g} min",
+            temperatures[-1][1],
+            settings.rate(temperatures),
+            settings.longest_s / MINUTE,
+        ),
+        Message("at most {rate:g} K/min", settings.rate_k_per_min),
+        "warm up for longer, at the speed of the test, or let the room temperature settle",
+    )
 
 
 # -- motion ---------------------------------------------------------------------------------

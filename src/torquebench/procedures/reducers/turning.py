@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +15,15 @@ from torquebench.bench.drivers.base import Side
 from torquebench.errors import InputError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
+from torquebench.procedures.messages import (
+    again_after_pause,
+    checkpoint,
+    leg_checkpoint,
+    move,
+    progress,
+    sleep,
+    take,
+)
 from torquebench.procedures.reducers.setup import (
     REDUCER_SETUP,
     ReducerLimits,
@@ -155,13 +164,9 @@ def transmission_error(
         yield from checkpoint()
         yield from turn_output(devices, limits, 10.0)
         for number, sign in enumerate(signs):
-            recording = None
-            while recording is None:
-                yield from checkpoint()
-                recording = yield from _revolution(
-                    devices, limits, settings, sign, (number * chunks, len(signs) * chunks)
-                )
-            found.append(recording)
+            steps = number * chunks, len(signs) * chunks
+            recorded = partial(_revolution, devices, limits, settings, sign, steps)
+            found.append((yield from again_after_pause(recorded)))
             temperature.append((yield from temperature_c(devices)))
         yield from progress(len(signs) * chunks, len(signs) * chunks, "done")
 
@@ -207,9 +212,9 @@ def _revolution(
     settings: TransmissionSettings,
     sign: int,
     done: tuple[int, int],
-) -> Plan[AngleRecording | None]:
-    """Record one direction; None after a pause."""
-    before, parts = devices.interruptions, _AngleParts(sign)
+) -> Plan[AngleRecording]:
+    """Record one direction."""
+    parts = _AngleParts(sign)
     speed = sign * settings.output_rpm * limits.ratio * RAD_S_PER_RPM
     yield from power_on(devices, "input")
     yield from move(devices.input.drive.speed, speed)
@@ -217,9 +222,7 @@ def _revolution(
     yield from move(devices.recorder, "mark")
     for chunk in range(_chunks(settings)):
         yield from progress(done[0] + chunk, done[1], "clockwise" if sign > 0 else "counter-cl.")
-        yield from checkpoint()
-        if devices.interruptions != before:
-            return None
+        yield from leg_checkpoint()
         yield from stamp(devices, series=sign, step=chunk, branch=sign)
         yield from sleep(CHUNK_S)
         yield from take(devices.recorder, devices.point, stream="points")

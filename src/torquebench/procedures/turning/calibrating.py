@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import Any
-
-import numpy as np
 
 from torquebench.bench.devices import BenchDevices, SteadySettings
 from torquebench.bench.roles import Side
@@ -15,7 +14,7 @@ from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.procedures.calibrating import calibration_of_rows
 from torquebench.procedures.guarding import loading_limits, turning_limits
-from torquebench.procedures.messages import checkpoint, move, prepare, progress, take
+from torquebench.procedures.messages import again_after_pause, move, prepare, progress, take
 from torquebench.procedures.reducers.setup import check_followed, over_turns, stamp, turn_at
 from torquebench.procedures.setup import Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import reach_temperature, run_metadata
@@ -23,12 +22,6 @@ from torquebench.procedures.turning.profile import TurningPoint, TurningProfile
 from torquebench.procedures.zeroing import zero
 
 __all__ = ["calibrate_turning"]
-
-
-@dataclass
-class _Table:
-    points: list[TurningPoint] = field(default_factory=list)
-    rows: list[Mapping[str, Any]] = field(default_factory=list)
 
 
 def calibrate_turning(
@@ -72,91 +65,119 @@ def calibrate_turning(
     points = profile.points(side, module.range_nm)
     largest = max(abs(point.torque_nm) for point in points)
     todo = [point for point in points if point.series > series_done]
-    top, table = profile.top_rpm(side), _Table()
+    top = profile.top_rpm(side)
     metadata = run_metadata(devices, "calibrate_turning", side, profile, len(todo))
     setup = Setup("calibration", side, "calibrator", "locked")
 
-    measuring = _loaded(devices, side, profile, todo, table, on_series, wait=wait)
+    loader = _Loader(devices, side, profile, todo, wait=wait, on_series=on_series)
     loading = replace(loading_limits(devices, side, largest), speed_rpm=None, angle_deg=None)
     turning = turning_limits(devices, side, top)
-    yield from measured_in(setup, devices, measuring, metadata, turning, loading)
-    if not table.rows:
+    yield from measured_in(setup, devices, loader.run(), metadata, turning, loading)
+    if not loader.rows:
         raise BenchError("a calibration that recorded no point", "at least one point")
-    return _data(devices, side, table)
+    return loader.data()
 
 
-def _loaded(
-    devices: BenchDevices,
-    side: Side,
-    profile: TurningProfile,
-    points: list[TurningPoint],
-    table: _Table,
-    on_series: Callable[[CalibrationData, int], None] | None,
-    *,
-    wait: bool,
-) -> Plan[None]:
-    drive, steady = devices.module(side).drive, devices.module(side).steady
-    top = profile.top_rpm(side)
-    rate = top / profile.ramps.gentle_s
-    yield from prepare(steady, SteadySettings(reference=True), wait=True)
-    present, before, seen = 0.0, 0, devices.interruptions
-    largest = max(abs(point.torque_nm) for point in points)
-    for number, point in enumerate(points):
-        text = Message("{speed_rpm:g} rpm, {torque_nm:g} N·m", point.speed_rpm, point.torque_nm)
-        yield from progress(number, len(points), text)
-        yield from checkpoint()
-        held = devices.interruptions != seen
-        seen = devices.interruptions
-        if point.series != before or held:
-            if present != 0.0 and not held:
-                yield from move(drive.torque, 0.0)
-                yield from turn_at(devices, side, 0.0, rate)
-            if point.series != before:
-                if before and on_series is not None and table.rows:
-                    on_series(_data(devices, side, table), before)
-                before = point.series
-                if wait:
-                    place = (number, len(points))
-                    yield from reach_temperature(devices, side, profile, before - 1, place)
-                yield from zero(devices, side, duration_s=profile.zero_s, standard=True)
-            yield from power_on(devices, side)
-            yield from turn_at(devices, side, point.speed_rpm, rate)
-            if held and point.branch < 0:  # the turning point again
-                turned = float(np.sign(point.torque_nm)) * largest
-                if profile.random is not None:
-                    turned = points[number - 1].torque_nm
-                yield from move(drive.torque, turned)
-        elif point.speed_rpm != present:
-            yield from move(drive.torque, 0.0)
-            yield from turn_at(devices, side, point.speed_rpm, rate)
-        present = point.speed_rpm
+@dataclass
+class _Loader:
+    """Loads the points of a turning module in turn."""
+
+    devices: BenchDevices
+    side: Side
+    profile: TurningProfile
+    points: list[TurningPoint]
+    wait: bool
+    on_series: Callable[[CalibrationData, int], None] | None
+    rows: list[Mapping[str, Any]] = field(default_factory=list)
+    speed_rpm: float = 0.0
+    series: int = 0
+
+    def run(self) -> Plan[None]:
+        yield from prepare(self._module.steady, SteadySettings(reference=True), wait=True)
+        for number, point in enumerate(self.points):
+            text = Message("{speed_rpm:g} rpm, {torque_nm:g} N·m", point.speed_rpm, point.torque_nm)
+            yield from progress(number, len(self.points), text)
+            self.rows.append(
+                (
+                    yield from again_after_pause(
+                        partial(self._point, number), partial(self._restore, number)
+                    )
+                )
+            )
+        yield from self._turn(0.0)
+        self._end_series()
+        yield from progress(len(self.points), len(self.points), "done")
+
+    def _point(self, number: int) -> Plan[Mapping[str, Any]]:
+        """Bring the module to the speed and the torque of a point, and take its steady value."""
+        point, profile, steady = self.points[number], self.profile, self._module.steady
+        if point.series != self.series:
+            if self.speed_rpm != 0.0:
+                yield from self._turn(0.0)
+            self._end_series()
+            self.series = point.series
+            if self.wait:
+                steps = number, len(self.points)
+                yield from reach_temperature(
+                    self.devices, self.side, profile, point.series - 1, steps
+                )
+            yield from zero(self.devices, self.side, duration_s=profile.zero_s, standard=True)
+            yield from self._turn(point.speed_rpm)
+        elif point.speed_rpm != self.speed_rpm:
+            yield from self._turn(point.speed_rpm)
         window = over_turns(point.speed_rpm, profile.settle_s, profile.hold_s)
         yield from prepare(steady, replace(window, reference=True), wait=True)
         yield from stamp(
-            devices,
+            self.devices,
             series=point.series,
             step=number,
             branch=point.branch,
             nominal_nm=point.torque_nm,
         )
-        yield from move(drive.torque, point.torque_nm)
-        row = yield from take(steady, devices.point, stream="points")
-        check_followed(row, point.speed_rpm, 0.0, side)
-        table.points.append(point)
-        table.rows.append(row)
-    yield from move(drive.torque, 0.0)
-    yield from turn_at(devices, side, 0.0, rate)
-    if on_series is not None and table.rows:
-        on_series(_data(devices, side, table), before)
-    yield from progress(len(points), len(points), "done")
+        yield from move(self._module.drive.torque, point.torque_nm)
+        row = yield from take(steady, self.devices.point, stream="points")
+        check_followed(row, point.speed_rpm, 0.0, self.side)
+        return row
 
+    def _turn(self, speed_rpm: float) -> Plan[None]:
+        """Bring the shaft to a speed, without torque."""
+        rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
+        yield from move(self._module.drive.torque, 0.0)
+        yield from turn_at(self.devices, self.side, speed_rpm, rate)
+        self.speed_rpm = speed_rpm
 
-def _data(devices: BenchDevices, side: Side, table: _Table) -> CalibrationData:
-    return calibration_of_rows(
-        devices,
-        side,
-        table.rows,
-        series=[point.series for point in table.points],
-        branch=[point.branch for point in table.points],
-        nominal_nm=[point.torque_nm for point in table.points],
-    )
+    def _restore(self, number: int) -> Plan[None]:
+        """Turn the shaft again after a pause; go to the turning point of a falling branch."""
+        point = self.points[number]
+        if point.series != self.series:  # a series begins at rest
+            self.speed_rpm = 0.0
+            return
+        yield from power_on(self.devices, self.side)
+        yield from self._turn(self.speed_rpm)
+        if point.branch < 0:
+            before = self.points[:number]
+            if self.profile.random is None:
+                before = [earlier for earlier in before if earlier.branch > 0]
+            turning_point = before[-1].torque_nm
+            yield from move(self._module.drive.torque, turning_point)
+
+    def _end_series(self) -> None:
+        """Report that a series is complete."""
+        if self.rows and self.on_series is not None:
+            self.on_series(self.data(), self.series)
+
+    def data(self) -> CalibrationData:
+        """Return the points measured so far."""
+        points = self.points[: len(self.rows)]
+        return calibration_of_rows(
+            self.devices,
+            self.side,
+            self.rows,
+            series=[point.series for point in points],
+            branch=[point.branch for point in points],
+            nominal_nm=[point.torque_nm for point in points],
+        )
+
+    @property
+    def _module(self) -> Any:
+        return self.devices.module(self.side)

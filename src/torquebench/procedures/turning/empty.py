@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import partial
 from typing import Any, ClassVar
 
 import numpy as np
@@ -14,7 +15,15 @@ from torquebench.bench.roles import Side
 from torquebench.errors import BenchError
 from torquebench.message import Message
 from torquebench.procedures.guarding import turning_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
+from torquebench.procedures.messages import (
+    again_after_pause,
+    checkpoint,
+    leg_checkpoint,
+    move,
+    progress,
+    sleep,
+    take,
+)
 from torquebench.procedures.reducers.setup import (
     angle_rad,
     speed_ramp,
@@ -205,7 +214,6 @@ def turn_empty(
             if profile.warm_up is not None and number:
                 yield from runner.warm_up()
             table.drop_incomplete()
-            runner.speed_rpm = 0.0
             for place, leg in enumerate(legs):
                 yield from runner.drive(number, place, leg)
             table.end_series()
@@ -273,7 +281,6 @@ class _Runner:
     table: EmptyTable
     total: int
     speed_rpm: float = 0.0
-    seen: int = 0
 
     def _temperature(self) -> Plan[float]:
         probe = self.devices.context.description.module(self.side).temperature_probe
@@ -295,45 +302,38 @@ class _Runner:
         """Turn for a while, so that the bench warms up by itself."""
         settings = self.profile.warm_up
         assert settings is not None
-        speed = settings.share * self.profile.top_rpm(self.side)
-        rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
-        left_s, turning = MINUTE * settings.minutes, False
-        self.seen = self.devices.interruptions
+        yield from self._turn(settings.share * self.profile.top_rpm(self.side))
+        left_s = MINUTE * settings.minutes
         while left_s > 0.0:
-            yield from checkpoint()
-            if not turning or self.devices.interruptions != self.seen:
-                self.seen, turning = self.devices.interruptions, True
-                yield from power_on(self.devices, self.side)
-                yield from turn_at(self.devices, self.side, speed, rate)
-            yield from sleep(min(left_s, LONGEST_PIECE_S))
-            left_s -= LONGEST_PIECE_S
-        yield from turn_at(self.devices, self.side, 0.0, rate)
+            piece_s = min(left_s, LONGEST_PIECE_S)
+            yield from again_after_pause(partial(sleep, piece_s), self._turn_again)
+            left_s -= piece_s
+        yield from self._turn(0.0)
+        yield from sleep(REST_S)
+
+    def _turn(self, speed_rpm: float) -> Plan[None]:
+        """Bring the shaft to a speed at the profile's gentle rate."""
+        rate = self.profile.top_rpm(self.side) / self.profile.ramps.gentle_s
+        yield from power_on(self.devices, self.side)
+        yield from turn_at(self.devices, self.side, speed_rpm, rate)
+        self.speed_rpm = speed_rpm
+
+    def _turn_again(self) -> Plan[None]:
+        """Bring the shaft back to its speed before a pause."""
+        yield from self._turn(self.speed_rpm)
         yield from sleep(REST_S)
 
     def drive(self, series: int, place: int, leg: Leg) -> Plan[None]:
         """Drive one leg, again after a pause."""
-        if place == 0:
-            self.seen = self.devices.interruptions
-        while True:
-            yield from progress(self._done(series, place), self.total, leg.what)
-            yield from checkpoint()
-            if self.devices.interruptions != self.seen:  # a pause has stopped the shaft
-                self.seen = self.devices.interruptions
-                yield from power_on(self.devices, self.side)
-                top = self.profile.top_rpm(self.side)
-                rate = top / self.profile.ramps.gentle_s
-                yield from turn_at(self.devices, self.side, self.speed_rpm, rate)
-                yield from sleep(REST_S)
-            kept = yield from self._leg(series, place, leg)
-            if kept is not None:
-                break
+        yield from progress(self._done(series, place), self.total, leg.what)
+        kept = yield from again_after_pause(
+            partial(self._leg, series, place, leg), self._turn_again
+        )
         for stretch in kept:
             self.table.add(*stretch)
         self.speed_rpm = leg.speed_rpm
 
-    def _leg(
-        self, series: int, place: int, leg: Leg
-    ) -> Plan[list[tuple[Record, float, float]] | None]:
+    def _leg(self, series: int, place: int, leg: Leg) -> Plan[list[tuple[Record, float, float]]]:
         kept: list[tuple[Record, float, float]] = []
         yield from stamp(self.devices, series=series + 1, step=place, branch=1)
         yield from move(self.devices.recorder, "mark")
@@ -354,9 +354,7 @@ class _Runner:
             before = after
             if left_s <= 0.0:
                 return kept
-            yield from checkpoint()
-            if self.devices.interruptions != self.seen:
-                return None
+            yield from leg_checkpoint()
 
     def _done(self, series: int, place: int) -> int:
         return series * (self.total // self.profile.series()) + place

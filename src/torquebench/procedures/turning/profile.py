@@ -7,7 +7,7 @@ import json
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import pairwise
-from math import inf, sin
+from math import ceil, inf, sin
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
@@ -18,8 +18,7 @@ from torquebench.bench.roles import SIDES, Side
 from torquebench.calibration.profile import profile_text
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.procedures.turns import whole_turns_s
-from torquebench.units import TURN
+from torquebench.units import MINUTE, TURN
 from torquebench.validation import parse_toml, validated
 
 __all__ = [
@@ -28,11 +27,30 @@ __all__ = [
     "TurningPoint",
     "TurningProfile",
     "load_turning_profile",
+    "turn_s",
+    "whole_turns_s",
 ]
 
 Share = Annotated[float, Field(gt=0, le=1)]
 Seconds = Annotated[float, Field(gt=0, le=3600)]
 _PIECES = 12  # of a sine's period
+
+
+def turn_s(speed_rpm: float) -> float:
+    """Return the time of one turn at a speed in 1/min, s."""
+    return MINUTE / abs(speed_rpm)
+
+
+def whole_turns_s(shortest_s: float, speed_rpm: float) -> float:
+    """Return the time of the whole turns that last at least so long, s.
+
+    Examples
+    --------
+    >>> whole_turns_s(0.4, -200.0)
+    0.6
+    """
+    period_s = turn_s(speed_rpm)
+    return round(period_s * ceil(shortest_s / period_s - 1e-9), 9)
 
 
 def _sine(

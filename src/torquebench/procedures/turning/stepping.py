@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import ClassVar
 
 import numpy as np
@@ -14,7 +15,15 @@ from torquebench.bench.roles import Side
 from torquebench.errors import LimitError
 from torquebench.message import Message
 from torquebench.procedures.guarding import loading_limits
-from torquebench.procedures.messages import checkpoint, move, progress, sleep, take
+from torquebench.procedures.messages import (
+    again_after_pause,
+    checkpoint,
+    leg_checkpoint,
+    move,
+    progress,
+    sleep,
+    take,
+)
 from torquebench.procedures.reducers.setup import stamp
 from torquebench.procedures.setup import REST_S, Plan, Setup, measured_in, power_on
 from torquebench.procedures.turning.empty import SeriesTable, run_metadata
@@ -139,7 +148,6 @@ def step_torques(
             yield from checkpoint()
             yield from zero(devices, side, duration_s=profile.zero_s, standard=True)
             table.drop_incomplete()
-            runner.seen = devices.interruptions
             for place, leg in enumerate(legs):
                 yield from runner.load(number, number * len(legs) + place, leg)
             table.end_series()
@@ -160,24 +168,18 @@ class _Stepper:
     side: Side
     table: StepTable
     total: int
-    seen: int = 0
 
     def load(self, series: int, done: int, leg: TorqueLeg) -> Plan[None]:
         """Make one leg, again after a pause."""
-        while True:
-            yield from progress(done, self.total, leg.what)
-            yield from checkpoint()
-            self.seen = self.devices.interruptions
-            yield from power_on(self.devices, self.side)
-            kept = yield from self._leg(series, done, leg)
-            if kept is not None:
-                break
+        yield from progress(done, self.total, leg.what)
+        kept = yield from again_after_pause(partial(self._leg, series, done, leg))
         for stretch in kept:
             self.table.add(*stretch)
 
-    def _leg(self, series: int, done: int, leg: TorqueLeg) -> Plan[list[_Stretch] | None]:
+    def _leg(self, series: int, done: int, leg: TorqueLeg) -> Plan[list[_Stretch]]:
         drive, recorder = self.devices.module(self.side).drive, self.devices.recorder
         kept: list[_Stretch] = []
+        yield from power_on(self.devices, self.side)
         yield from stamp(self.devices, series=series + 1, step=done, branch=1)
         yield from move(drive.torque, leg.preload_nm)
         yield from move(recorder, self.side)
@@ -188,9 +190,7 @@ class _Stepper:
             if leg.hold_s:
                 yield from sleep(leg.hold_s)
                 yield from self._take(kept, leg)
-            yield from checkpoint()
-            if self.devices.interruptions != self.seen:
-                return None
+            yield from leg_checkpoint()
         if not leg.hold_s:
             yield from sleep(REST_S)
             yield from self._take(kept, leg)

@@ -278,9 +278,9 @@ def _of_levels(
 def _of_counts(torque: Floats, angle: Floats, less: Floats, step: float) -> Branch:
     """Return the torques at which a counted angle passes from one count to the next.
 
-    The passage lies where as many samples before it are beyond as there are short of it after it:
-    chatter between two counts doesn't move it. Passages whose chatter reaches an end of the branch
-    don't count.
+    Near a passage the count chatters between its two values. The passage is put where the number of
+    samples already beyond it equals that of samples still short of it later, which chatter doesn't
+    move. A passage whose chatter reaches an end of the branch is left out.
     """
     turn = 1.0 if angle[-1] >= angle[0] else -1.0
     count = np.rint(turn * (angle - angle[0]) / step).astype(np.int64)

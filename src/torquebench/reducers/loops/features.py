@@ -95,6 +95,7 @@ def _read(sides: Sequence[Pieces], place: float, widest: float) -> list[Reading]
 
 
 def _combined(readings: Sequence[Reading], weights: Sequence[float]) -> Feature:
+    """Return a weighted sum of readings, and its uncertainty by source."""
     value = sum(w * each.value for w, each in zip(weights, readings, strict=True))
 
     def parts(name: str) -> list[float]:
@@ -195,7 +196,7 @@ def _line(x: Floats, y: Floats, weight: Floats) -> tuple[float, float]:
 def _on_interval(
     torque: Floats, angle: Floats, low: float, high: float
 ) -> tuple[Floats, Floats, Floats]:
-    """Return the knots of an interval with its ends, and their shares of the interval."""
+    """Return torques and angles of an interval with interpolated ends, and each one's share."""
     order = np.argsort(torque, kind="stable")
     x, y = torque[order], angle[order]
     ends = np.array([low, high])

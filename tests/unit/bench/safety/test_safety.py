@@ -147,10 +147,10 @@ def test_a_drive_that_switches_itself_off_is_noticed(bench: LowBench) -> None:
 
 def test_a_missing_heartbeat_takes_the_torque_off(bench: LowBench) -> None:
     bench.load_output(200.0)
-    bench.supervisor.expect("procedure", 1.0)
+    bench.supervisor.heartbeats.expect("procedure", 1.0)
     for _ in range(4):
         bench.clock.wait(0.5)
-        bench.supervisor.beat("procedure")
+        bench.supervisor.heartbeats.beat("procedure")
     assert bench.supervisor.alarm is None
     with pytest.raises(BenchError, match="no heartbeat of the procedure"):
         bench.clock.wait(5.0)
@@ -158,8 +158,8 @@ def test_a_missing_heartbeat_takes_the_torque_off(bench: LowBench) -> None:
 
 
 def test_who_lives_is_not_missed_when_power_comes_on_late(bench: LowBench) -> None:
-    beat = bench.supervisor.beat
-    bench.supervisor.expect("run engine", 0.5, lambda: beat("run engine"))
+    beat = bench.supervisor.heartbeats.beat
+    bench.supervisor.heartbeats.expect("run engine", 0.5, lambda: beat("run engine"))
     bench.clock.wait(2.0)  # somebody mounts the standard
     bench.load_output(200.0)
     bench.clock.wait(1.0)
@@ -169,10 +169,10 @@ def test_who_lives_is_not_missed_when_power_comes_on_late(bench: LowBench) -> No
 def test_a_released_heartbeat_is_not_missed(bench: LowBench) -> None:
     bench.load_output(200.0)
     pings: list[float] = []
-    bench.supervisor.expect("procedure", 1.0, lambda: pings.append(bench.clock.now()))
+    bench.supervisor.heartbeats.expect("procedure", 1.0, lambda: pings.append(bench.clock.now()))
     bench.clock.wait(0.5)
-    bench.supervisor.release("procedure")
-    bench.supervisor.beat("procedure")
+    bench.supervisor.heartbeats.release("procedure")
+    bench.supervisor.heartbeats.beat("procedure")
     bench.clock.wait(3.0)
     assert bench.supervisor.alarm is None
     assert len(pings) == 10

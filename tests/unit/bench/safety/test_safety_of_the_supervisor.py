@@ -86,7 +86,8 @@ def test_power_stays_until_the_ramp_is_over_although_others_look(
     bench: LowBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     seen: list[bool] = []
-    ramp = bench.supervisor._ramp_to_zero
+    stop = bench.supervisor._stop
+    ramp = stop.ramp_to_zero
 
     def slowly(*arguments: Any) -> None:
         bench.supervisor._watch_once()  # as the supervisor's own thread does meanwhile
@@ -94,7 +95,7 @@ def test_power_stays_until_the_ramp_is_over_although_others_look(
         ramp(*arguments)
 
     bench.load_output(300.0)
-    monkeypatch.setattr(bench.supervisor, "_ramp_to_zero", slowly)
+    monkeypatch.setattr(stop, "ramp_to_zero", slowly)
     bench.supervisor.trip(AlarmKind.STOP, "test", "a stop", "", "")
     assert seen == [True, True]
     assert bench.supervisor.wait_safe(PATIENCE_S)
@@ -186,7 +187,7 @@ def test_a_heartbeat_that_cannot_be_asked_for_is_missing(bench: LowBench) -> Non
     def closed() -> None:
         raise RuntimeError("Event loop is closed")
 
-    bench.supervisor.expect("run engine", 0.3, closed)
+    bench.supervisor.heartbeats.expect("run engine", 0.3, closed)
     bench.load_output(100.0)
     with pytest.raises(BenchError, match="no heartbeat of the run engine"):
         bench.clock.wait(2.0)

@@ -73,7 +73,7 @@ def test_a_step_tightens_a_limit_while_it_lasts(
             bench.clock.wait(2.0)
     assert bench.supervisor.alarm is not None
     assert bench.supervisor.alarm.kind is kind
-    assert bench.supervisor.limits_of("output").torque_nm == 2400.0
+    assert bench.supervisor.limits.side("output").torque_nm == 2400.0
 
 
 def test_a_side_may_not_turn_further_than_its_step_allows(bench: LowBench) -> None:
@@ -156,7 +156,7 @@ def test_nobody_at_the_bench_takes_the_power_off(open_bench: OpenBench) -> None:
     with open_bench(safety__presence_s=600.0) as bench:
         with pytest.raises(InterlockError, match="nobody at the bench"):
             interlocks.check_enable(bench.state, "output")
-        bench.supervisor.confirm_presence("A. Tester")
+        bench.supervisor.heartbeats.confirm_presence("A. Tester")
         interlocks.check_enable(bench.state, "output")
         bench.load_output(100.0)
         bench.clock.wait(0.2)

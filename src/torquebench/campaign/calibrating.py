@@ -1,0 +1,223 @@
+"""Calibrate a module: measure, fit, register, and put a model into use."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from typing import Unpack
+
+from torquebench.bench.active_chain import ActiveChain
+from torquebench.bench.drivers.base import Side
+from torquebench.calibration import Profile
+from torquebench.campaign.bench_chains import recorded_effects
+from torquebench.campaign.fitting import (
+    FittedModel,
+    ModelChoice,
+    entry_in_use,
+    fit_metrics,
+    fit_models,
+    model_in_use,
+    not_compared,
+    store_model,
+)
+from torquebench.campaign.measuring import Measured, RunKind, RunOptions
+from torquebench.campaign.registering import (
+    FittedFile,
+    RegisteredCalibration,
+    register_calibration,
+    registered_choices,
+    registered_patiently,
+)
+from torquebench.errors import TorquebenchError
+from torquebench.message import Message
+from torquebench.procedures import StaircaseResult, calibrate
+from torquebench.procedures.resuming import Resumption
+from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.records import Registry, RunFolder
+from torquebench.station import Station
+from torquebench.station.matching import compensation_for
+
+__all__ = [
+    "CALIBRATION",
+    "FinishedCalibration",
+    "FittedCalibration",
+    "calibration_fit",
+    "measure_calibration",
+]
+
+
+@dataclass(frozen=True)
+class FittedCalibration:
+    """Models that were fitted to a calibration, and the name of the one to be put into use.
+
+    None is put into use where that is undecided, or where its calibration contradicts itself.
+    """
+
+    profile: Profile
+    models: tuple[FittedModel, ...]
+    active: str | None
+
+
+@dataclass(frozen=True)
+class FinishedCalibration:
+    """A calibration with the models that were fitted to it, all registered.
+
+    Parameters
+    ----------
+    measured : Measured
+    profile : Profile
+    fitted : tuple of FittedModel
+    registered : RegisteredCalibration
+    active : str or None
+        Name of the model that was put into use; None where its calibration contradicts itself.
+    """
+
+    measured: Measured[StaircaseResult]
+    profile: Profile
+    fitted: tuple[FittedModel, ...]
+    registered: RegisteredCalibration
+    active: str | None
+
+
+def measure_calibration(
+    station: Station,
+    side: Side,
+    profile: Profile,
+    resumption: Resumption | None = None,
+    **options: Unpack[RunOptions],
+) -> Measured[StaircaseResult]:
+    """Calibrate one module against the calibrator, or continue with an interrupted calibration.
+
+    Parameters
+    ----------
+    station : Station
+    side : {"input", "output"}
+    profile : Profile
+    resumption : Resumption, optional
+        Where to go on; see `campaign.resuming`.
+    **options
+        See `RunOptions`.
+
+    Raises
+    ------
+    LimitError, InterlockError
+        Before anything moves.
+    RunAbortedError
+        Somebody ended the run.
+    SignalFault, BenchError
+        The run failed; the bench is without torque.
+    """
+    before, unreadable = _model_in_use(station, side)
+    if unreadable:
+        progress = options.get("progress", NO_PROGRESS)
+        progress.start(Message("Comparing the {side} module with its model in use", side))
+        progress.finish(unreadable)
+        options["metadata"] = {**options.get("metadata", {}), "remarks": [unreadable]}
+    return CALIBRATION.measure(station, side, profile, resumption, before, **options)
+
+
+def _model_in_use(station: Station, side: Side) -> tuple[ActiveChain | None, str]:
+    """Return the model that a module has had so far, or why it can't be read; empty for neither."""
+    description, counter = station.description, station.drivers.counter.clock_identity
+    serial, registry = description.module(side).transducer.serial, station.registry
+    try:
+        if registry.patiently(lambda: entry_in_use(registry, serial, counter)) is None:
+            return None, ""
+        return compensation_for(registry, description, counter, side), ""
+    except TorquebenchError as error:
+        return None, not_compared(error)
+
+
+def calibration_fit(
+    registry: Registry,
+    measured: Measured[StaircaseResult],
+    profile: Profile,
+    choices: Sequence[ModelChoice],
+    progress: Progress = NO_PROGRESS,
+) -> partial[list[FittedModel]]:
+    """Return the fit of models to a calibration, to be called here or in another process.
+
+    It takes `progress` and `title` as `fit_models` does.
+    """
+    data, run_id = measured.result.data, measured.record.run_id
+    return partial(
+        fit_models,
+        data,
+        choices,
+        effects=recorded_effects(measured.record.metadata, data),
+        limits=profile.plausibility,
+        before=registered_patiently(
+            registry, run_id, lambda: model_in_use(registry, data), progress
+        ),
+    )
+
+
+def _fit_as_begun(
+    registry: Registry, measured: Measured[StaircaseResult], profile: Profile, progress: Progress
+) -> FittedCalibration:
+    """Fit the models that a run was begun with; its module may have been calibrated since."""
+    data, folder = measured.result.data, RunFolder(measured.record.folder)
+    choices, active = registered_choices(measured.record.metadata)
+    newest = registry.calibrations(data.transducer_serial, limit=1)
+    if newest and newest[0].performed > datetime.fromisoformat(folder.manifest["sealed"]):
+        active = None
+    fit = calibration_fit(registry, measured, profile, choices, progress)
+    title = Message("Fitting the {side} module", data.side)
+    return FittedCalibration(profile, tuple(fit(progress=progress, title=title)), active)
+
+
+def _register(
+    registry: Registry, measured: Measured[StaircaseResult], fitted: FittedCalibration
+) -> FinishedCalibration:
+    data, run_id, active = measured.result.data, measured.record.run_id, fitted.active
+    if any(item.contradictions for item in fitted.models if item.name == active):
+        active = None
+    models = {item.name: item for item in fitted.models}
+    files = [
+        FittedFile(
+            item.name,
+            item.model.kind,
+            registry.root / "models" / f"{run_id}-{item.name}.json",
+            fit_metrics(item, data),
+            item.contradictions,
+        )
+        for item in fitted.models
+    ]
+
+    def store(file: FittedFile) -> None:
+        item = models[file.name]
+        store_model(
+            file.path,
+            item.model,
+            data,
+            file.metrics,
+            item.effects,
+            item.contradictions,
+            private=True,
+        )
+
+    folder = RunFolder(measured.record.folder)
+    registered = register_calibration(registry, folder, files, active, store=store)
+    return FinishedCalibration(measured, fitted.profile, fitted.models, registered, active)
+
+
+def _describe(done: FinishedCalibration) -> Message:
+    entry = done.registered.calibration
+    return Message(
+        "run {run_id} is registered as calibration-{calibration_id} with {numbers}",
+        done.measured.record.run_id,
+        entry.calibration_id,
+        ", ".join(f"model-{model.model_id}" for model in done.registered.models.values()),
+    )
+
+
+CALIBRATION = RunKind(
+    "calibrate-{side}",
+    lambda side: Message("Calibrating the {side} module", side),
+    calibrate,
+    _fit_as_begun,
+    _register,
+    _describe,
+)
