@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from scipy.special import fdtri
 
 from torquebench import __version__
 from torquebench.atomic_write import private_folder
@@ -391,6 +392,24 @@ def _remarks(
         )
 
 
+def _few_points(model: CompensationModel, count: int) -> Iterator[str]:
+    """Yield that too few points can't tell whether the noise grows with the torque.
+
+    The scatter of the inner and of the outer half of the points differ by chance up to the square
+    root of Fisher's F for half of the degrees of freedom each (95 %): doubled noise doesn't show.
+    """
+    half = max(0.5 * model.scatter_freedom, 1.0)
+    factor = float(np.sqrt(fdtri(half, half, 0.975)))
+    if factor > 2.0:
+        yield Message(
+            "{count} points can't tell whether noise grows with the torque: a factor of "
+            "{factor:.2g} between small and large torque may not show, and U is then too small at "
+            "full scale",
+            count,
+            factor,
+        )
+
+
 def _untared(data: CalibrationData, examination: Examination) -> Iterator[str]:
     """Yield the zero of a table that wasn't tared: the model corrects it with the rest."""
     zero = max(tare(data).zeros_nm, key=abs, default=0.0)
@@ -492,6 +511,7 @@ def fit_table(
         remarks=(
             *_remarks(data, kept, examination),
             *_untared(data, examination),
+            *_few_points(model, len(kept)),
             *filter(None, behind),
             *([comparison.caution] if comparison is not None and comparison.caution else []),
             *data.notes(),

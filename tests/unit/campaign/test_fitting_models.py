@@ -92,3 +92,11 @@ def test_a_named_model_is_taken_and_its_outliers_are_named() -> None:
     assert found.comparison is not None
     assert found.comparison.score("polynomial-5").name == "polynomial-5"
     assert any("row 31:" in remark for remark in found.remarks)
+
+
+def test_few_points_that_cannot_tell_growing_noise_are_a_remark() -> None:
+    many = chain()
+    assert not [each for each in fit_table(many, "t").remarks if "noise grows" in each]
+    few = many.subset(np.arange(len(many)) % 6 == 0)
+    (remark,) = (each for each in fit_table(few, "t").remarks if "noise grows" in each)
+    assert f"{len(few)} points" in remark
