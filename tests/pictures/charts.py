@@ -30,7 +30,7 @@ def table_under(heading: str, document: Path = BENCHMARKS) -> list[list[str]]:
 def _ratios(heading: str, columns: dict[str, int]) -> Figure:
     """Draw columns of a table as bars, a group for each row; 1 is marked."""
     rows = table_under(heading)[1:]
-    figure = Figure(figsize=(7.5, 0.9 + 0.2 * len(rows) * (len(columns) + 1)))
+    figure = Figure(figsize=(7.5, 0.9 + 0.12 * len(rows) * (len(columns) + 1)))
     figure.set_layout_engine("constrained")
     axes = figure.add_subplot()
     height = 0.8 / len(columns)
@@ -38,7 +38,7 @@ def _ratios(heading: str, columns: dict[str, int]) -> Figure:
         values = [float(re.findall(r"\d+\.?\d*", row[column])[0]) for row in rows]
         places = [row + number * height for row in range(len(values))]
         bars = axes.barh(places, values, height * 0.9, label=name, color=COLOURS[number])
-        axes.bar_label(bars, [f"{value:.3g}" for value in values], padding=3, fontsize=8)
+        axes.bar_label(bars, [f"{value:.3g}" for value in values], padding=3, fontsize=7)
     axes.set_yticks([row + 0.4 - height / 2 for row in range(len(rows))], [row[0] for row in rows])
     axes.invert_yaxis()
     axes.axvline(1.0, color="0.4", linewidth=1)
@@ -52,7 +52,7 @@ def _ratios(heading: str, columns: dict[str, int]) -> Figure:
 CHARTS: dict[str, tuple[str, Callable[[str], Figure]]] = {
     "families": (
         "How well does the default model compensate?",
-        lambda heading: _ratios(heading, {"50 points": 1, "200 points": 4}),
+        lambda heading: _ratios(heading, {"50 points": 1, "200 points": 3}),
     ),
 }
 """Question and drawing of every chart, by name."""
