@@ -14,8 +14,10 @@ from hypothesis import strategies as st
 from hypothesis.extra import numpy as arrays
 from numpy.typing import NDArray
 
+from torquebench.chain.torque import Component, by_row
 from torquebench.errors import RecordError
 from torquebench.records import from_plain, recording_content, recording_file
+from torquebench.uncertainty import Distribution
 
 
 class Kind(StrEnum):
@@ -56,6 +58,15 @@ def test_every_bit_comes_back(torque, number, temperature):
     assert (read.parts[0].limit, read.parts[0].kind) == (math.inf, Kind.RAMP)
     assert read.temperature_c == temperature or math.isnan(temperature)
     assert (read.compensated, read.serial) == ({"input": True}, None)
+
+
+def test_distributions_by_row_come_back():
+    shapes = by_row(np.array([True, False]), Distribution.RECTANGULAR, Distribution.NORMAL)
+    component = Component("span over temperature", "loading", np.ones(2), distribution=shapes)
+    content = recording_file({"it": component})
+    found = from_plain(dict[str, Component], recording_content(content, "x"), "x")["it"]
+    assert found.distribution.tolist() == [Distribution.RECTANGULAR, Distribution.NORMAL]
+    assert all(isinstance(each, Distribution) for each in found.distribution)
 
 
 def test_other_programs_read_the_arrays_by_name():

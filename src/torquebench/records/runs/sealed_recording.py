@@ -16,6 +16,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError, create_model
 from torquebench import __version__
 from torquebench.errors import RecordError
 from torquebench.message import Message
+from torquebench.uncertainty import Distribution
 from torquebench.validation import words_of
 
 __all__ = ["RECORDING", "from_plain", "recording_content", "recording_file"]
@@ -26,8 +27,8 @@ FORMAT = 1
 """Raised when an older version couldn't read the file, or would misread it."""
 
 _HEADER = b"torquebench.recording"
-_ARRAY = "array"
-"""Key of the only entry of a mapping in place of an array; its value is the array's name."""
+_ARRAY, _SHAPES = "array", "distributions"
+"""Keys of the only entry of a mapping in place of an array: its name, or its distributions."""
 Kind = TypeVar("Kind")
 
 
@@ -157,6 +158,8 @@ def from_plain(kind: type[Kind] | Any, plain: Any, origin: str) -> Kind:
 
 def _plain(value: Any, name: str, arrays: dict[str, np.ndarray[Any, Any]]) -> Any:
     if isinstance(value, np.ndarray):
+        if value.dtype == object and all(isinstance(each, Distribution) for each in value.flat):
+            return {_SHAPES: value.tolist()}
         if value.dtype not in (np.float64, np.int64):
             raise RecordError(
                 Message("an array of {dtype} in {name}", value.dtype, name), "float64 or int64"
@@ -197,6 +200,8 @@ def _filled(plain: Any, arrays: Mapping[str, Any]) -> Any:
     if isinstance(plain, dict):
         if plain.keys() == {_ARRAY}:
             return arrays[plain[_ARRAY]]
+        if plain.keys() == {_SHAPES}:
+            return np.array([Distribution(each) for each in plain[_SHAPES]], dtype=object)
         return {key: _filled(each, arrays) for key, each in plain.items()}
     if isinstance(plain, list):
         return [_filled(each, arrays) for each in plain]
