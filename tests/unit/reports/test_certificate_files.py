@@ -1,6 +1,8 @@
 """The files of a certificate: reproducible, readable, valid, and told from others."""
 
 import io
+import sys
+import types
 from collections.abc import Iterator
 from dataclasses import replace
 from datetime import date
@@ -142,8 +144,46 @@ def test_xml_passes_schema_and_schematron(record: CertificateRecord) -> None:
     assert schema_findings(certificate_xml(followed)) == ()
 
 
+def test_a_second_public_reader_finds_every_value_with_its_uncertainty(
+    record: CertificateRecord, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """pydcc of other authors: only its signatures and its download of schemas are left out."""
+    unused = types.ModuleType("certvalidator")  # doesn't start with OpenSSL 3
+    for name in ("CertificateValidator", "ValidationContext", "errors"):
+        setattr(unused, name, None)
+    monkeypatch.setitem(sys.modules, "certvalidator", unused)
+    from dcc import dcc as pydcc
+
+    monkeypatch.setattr(pydcc, "DCCXMLValidator", lambda: None)
+    path = tmp_path / "certificate.xml"
+    path.write_bytes(certificate_xml(record))
+    reader = pydcc.DCC(str(path))
+    assert (reader.uid(), reader.version()) == (record.number, "3.3.0")
+    assert reader.calibration_date().date() == record.calibrated_to
+    assert "'value': 'T-7'" in str(reader.item_id())
+    columns: list[list[float]] = [[], [], [], [], []]
+    for words, value in reader.get_calibration_results("name", "en"):
+        for place, name in enumerate(("torque of the standard", "error before", "error after")):
+            if f" {name}" in words:
+                stated = value["realListXMLList"]
+                columns[place] += map(float, stated["valueXMLList"].split())
+                if place:
+                    u = stated["measurementUncertaintyUnivariateXMLList"]["expandedMUXMLList"]
+                    columns[2 + place] += map(float, u["valueExpandedMUXMLList"].split())
+    rows = np.array(sorted(zip(*columns, strict=True)))
+    expected = np.array(
+        sorted(
+            (row.standard_nm, row.error_before_nm, row.judged[0], row.expanded_before_nm,
+             row.judged[1])
+            for row in record.results
+        )
+    )  # fmt: skip
+    np.testing.assert_allclose(rows[:, 0], expected[:, 0], rtol=1e-6)
+    np.testing.assert_allclose(rows[:, 1:3], expected[:, 1:3], atol=0.051)
+    np.testing.assert_allclose(rows[:, 3:], expected[:, 3:], rtol=0.06)  # two digits, upwards
+
+
 def test_xml_names_place_people_validity_model_and_verification(record: CertificateRecord) -> None:
-    """A hand-written expectation: the reader pydcc doesn't start with OpenSSL 3."""
     root = ElementTree.fromstring(certificate_xml(record))
 
     def texts(path: str) -> list[str]:

@@ -271,8 +271,9 @@ def build_record(
 
 
 def _loading(data: CalibrationData) -> str:
+    """Return it where torques were requested: a table of the steps alone shows no difference."""
     percent = data.loading_accuracy_percent
-    return "" if percent is None else Message("{percent:.2g} % of range", percent)
+    return "" if not percent else Message("{percent:.2g} % of range", percent)
 
 
 def missing_statements(reference: Reference) -> Iterator[DeviationStatement]:

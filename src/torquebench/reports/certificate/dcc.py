@@ -377,7 +377,7 @@ class _Writer:
             _add(real, "si:unit", r"\degreecelsius")
 
     def _columns(self, parent: ElementTree.Element, rows: Sequence[ResultRow]) -> None:
-        standard = self._column(parent, "basic_referenceValue", "reference")
+        standard = self._column(parent, "basic_referenceValue", "standard_torque")
         _add(standard, "si:valueXMLList", " ".join(f"{row.standard_nm:.7g}" for row in rows))
         _add(standard, "si:unitXMLList", _NEWTON_METRE)
         before = [(row.error_before_nm, row.expanded_before_nm, row.factor_before) for row in rows]
