@@ -127,6 +127,10 @@ class NetworkModel(FormModel):
 
     complexity: ClassVar[int] = 30
     maximum_points = 600
+    way: dict[int, NetworkParameters] | None = None
+    """Networks of a gradient descent by epoch, if several trainings share one: of the same points,
+    start and learning rate, they differ only in where they end.
+    """
 
     @property
     def doubtful(self) -> bool:
@@ -200,11 +204,15 @@ class NetworkModel(FormModel):
         weights = weights / mean_weight
         (start,) = self._starts()
         network, done = start, 0
+        way = {} if self.way is None else self.way
         curve: list[tuple[float, float]] = []
         while done < self.epochs:
             count = min(_next_noted(done), self.epochs) - done
-            network = descend(network, x, target, weights, float(self.learning_rate), count)
             done += count
+            if done not in way:
+                rate = float(self.learning_rate)
+                way[done] = descend(network, x, target, weights, rate, count)
+            network = way[done]
             if not np.isfinite(network.output_bias) or abs(network.output_bias) > 1e6:
                 raise InputError(
                     Message(
