@@ -15,7 +15,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 from torquebench.cli.papers import papers
-from torquebench.reports.page import Facts, Figure, Page, Section, Table
+from torquebench.reports.page import Diagram, Facts, Figure, Page, Section, Table
 
 DOCS = Path(__file__).parents[1] / "docs"
 PAGE = DOCS / "explanation" / "papers-item-by-item.md"
@@ -95,7 +95,7 @@ def _section(section: Section, images: Path) -> Iterator[str]:
             yield f"| what | value |\n| --- | --- |\n{rows}"
         elif isinstance(block, Table):
             yield _table(_verdicts(block) if section.heading == "Summary" else block)
-        elif isinstance(block, Figure):
+        elif isinstance(block, Figure | Diagram):
             drawn += 1
             path = images / f"item-{number}-{drawn}.svg"
             path.write_text(smaller(block.svg), encoding="utf-8")

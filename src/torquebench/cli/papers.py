@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
+from concurrent.futures import Executor, Future
 from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -26,6 +28,8 @@ from torquebench.message import Message
 if TYPE_CHECKING:
     from torquebench.bench.description import BenchDescription
     from torquebench.bench.mounting_record import MountingRecord
+    from torquebench.papers.factors import Measurement
+    from torquebench.papers.study import Study
     from torquebench.papers.tables import BenchTables, PapersSettings
     from torquebench.reducers import CertifiedFriction
     from torquebench.reports.page import Page
@@ -33,8 +37,6 @@ if TYPE_CHECKING:
 __all__ = ["papers"]
 
 SEEDS = 3
-FINE_M, COARSE_M = 0.06, 0.12
-"""Elements of the supports: full page, quick page."""
 
 
 def papers(
@@ -78,7 +80,8 @@ def papers(
     Both modules are calibrated and verified in ten groups at the same torques (and ten at others),
     the standard reducer's friction is measured, and the results are compared with the papers'
     claims. On a real bench no model is put into use. --save writes the tables, from which --data
-    makes the same page again.
+    makes the same page again. If it is interrupted, the same command begins with what the study has
+    computed.
     """
     reports = report or [Path("torquebench-papers.html"), Path("torquebench-papers.pdf")]
     check_reports(reports)
@@ -94,26 +97,36 @@ def papers(
             "--data alone",
             "leave --save, --reducer, --mounting out",
         )
+    from torquebench.papers.run import page_study, seeded, workers
+
     entered = mounting_record(mounting)
     certified = _certified(reducer)
-    if data is not None:
-        from torquebench.papers.tables import read_tables
+    file = reports[0].with_suffix(".study")
+    with contextlib.ExitStack() as closing:
+        closing.callback(_note_study, file)
+        pool = closing.enter_context(workers())
+        conditions: list[Future[dict[str, Measurement]]] = []
+        if data is not None:
+            from torquebench.papers.tables import read_tables
 
-        tables = [read_tables(data)]
-    else:
-        description = bench_description(bench)
-        measure = partial(
-            _on_bench, certified=certified, mounted=entered, real_time=real_time, yes=yes
-        )
-        tables = _measured(description, bench, 1 if quick else seeds, quick, records, yes, measure)
-    if save is not None:
-        from torquebench.papers.tables import write_tables
-
-        written = write_tables(save, tables[0])
-        say(f"Tables: {len(written)} in {save}")
-        answer(files=[str(path) for path in written])
-    page = _page(tables, study, quick)
-    _write(page, reports)
+            tables, computed = (
+                [read_tables(data)],
+                page_study(pool, file, quick=quick) if study else None,
+            )
+        else:
+            description = bench_description(bench)
+            if bench is None and not quick:
+                conditions = _conditions(seeded(description, 1), pool)
+            computed = page_study(pool, file, quick=quick) if study else None
+            measure = partial(
+                _on_bench, certified=certified, mounted=entered, real_time=real_time, yes=yes
+            )
+            tables = _measured(
+                description, bench, 1 if quick else seeds, quick, records, yes, measure
+            )
+        page = _page(tables, conditions, computed, quick, save)
+        _write(page, reports)
+        file.unlink(missing_ok=True)
     return page  # for callers from Python
 
 
@@ -194,16 +207,48 @@ def _on_bench(
         return measure_tables(session.station, settings, certified, progress, mounted)
 
 
-def _page(tables: list[BenchTables], study: bool, quick: bool) -> Page:
+def _conditions(
+    description: BenchDescription, pool: Executor
+) -> list[Future[dict[str, Measurement]]]:
+    from torquebench.papers.factors import CONDITIONS, measured_at
+
+    return [pool.submit(measured_at, description, condition) for condition in CONDITIONS]
+
+
+def _note_study(file: Path) -> None:
+    """Say where an interrupted study is."""
+    if file.is_file() and (done := max(len(file.read_text("utf-8").splitlines()) - 1, 0)):
+        note(f"the study's {done} chains are in {file}; the same command goes on from there")
+
+
+def _page(
+    tables: list[BenchTables],
+    conditions: list[Future[dict[str, Measurement]]],
+    computed: tuple[Study, int] | None,
+    quick: bool,
+    save: Path | None,
+) -> Page:
     from torquebench.cli.terminal.progress import TerminalProgress
     from torquebench.papers.page import papers_page
-    from torquebench.papers.run import page_study, results_of
+    from torquebench.papers.run import results_of, with_factors
+    from torquebench.papers.tables import write_tables
 
     with TerminalProgress() as progress:
         results = results_of(tables, progress)
-        rows, seeds = page_study(progress, quick=quick) if study else ([], 0)
+        if conditions:
+            progress.start("Comparing temperatures, speeds and lubricants", None)
+            with_factors(results, [each.result() for each in conditions])
+        if save is not None:
+            written = write_tables(save, results[0].tables)
+            say(f"Tables: {len(written)} in {save}")
+            answer(files=[str(path) for path in written])
+        rows, chains = [], 0
+        if computed is not None:
+            study, chains = computed
+            progress.start("Studying when BP beats the polynomial", study.total)
+            rows = study.rows(progress)
         progress.start("Computing supports and writing the page", None)
-        return papers_page(results, rows, seeds, mesh_m=COARSE_M if quick else FINE_M)
+        return papers_page(results, rows, chains, quick=quick)
 
 
 def _write(page: Page, reports: list[Path]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,7 +84,7 @@ class SupportDesign:
 
 @dataclass(frozen=True, eq=False)
 class TwistedSolid:
-    """A body under a torque about its third axis.
+    """A body under a torque about one of its axes.
 
     Attributes
     ----------
@@ -111,16 +111,31 @@ class TwistedSolid:
 
 @dataclass(frozen=True, eq=False)
 class SupportComparison:
-    """Both supports under the same torque."""
+    """Both supports under the same torque.
+
+    Attributes
+    ----------
+    design : SupportDesign
+    cantilever, cylinder : TwistedSolid
+        Twisted about the vertical axis.
+    horizontal : TwistedSolid
+        The cantilever of a horizontal bench: twisted about the horizontal axis of its shaft.
+    """
 
     design: SupportDesign
     cantilever: TwistedSolid
     cylinder: TwistedSolid
+    horizontal: TwistedSolid
 
     @property
     def ratio(self) -> float:
         """Stiffness of the cylinder by that of the cantilever."""
         return self.cylinder.stiffness_nm_rad / self.cantilever.stiffness_nm_rad
+
+    @property
+    def horizontal_ratio(self) -> float:
+        """Stiffness of the cylinder by that of the cantilever about its horizontal shaft."""
+        return self.cylinder.stiffness_nm_rad / self.horizontal.stiffness_nm_rad
 
 
 def compare_supports(
@@ -129,12 +144,12 @@ def compare_supports(
     """Twist both supports about the vertical axis through the module that they carry.
 
     Linear elasticity with quadratic tetrahedra (scikit-fem). The feet are clamped; the cantilever
-    carries the torque on the last 40 % of its arm, the cylinder on its whole top.
+    carries the torque on the last 40 % of its arm, the cylinder on its whole top. A horizontal
+    bench has its shaft along the arm: there the torque bends the column and twists the arm.
 
     Parameters
     ----------
     torque_nm : float
-        Torque about the vertical axis.
     design : SupportDesign, optional
         The papers' proportions when it isn't given.
     size_m : float
@@ -148,20 +163,25 @@ def compare_supports(
     design = design or SupportDesign()
     near = 1e-6 * design.height_m
     flange = design.column_m + (1.0 - _FLANGE_SHARE) * design.arm_m
-    bodies = {"cantilever": cantilever_mesh(design, size_m), "cylinder": tube_mesh(design, size_m)}
-    loaded_from = {"cantilever": flange, "cylinder": -np.inf}
+    arm, tube = cantilever_mesh(design, size_m), tube_mesh(design, size_m)
+    cases: tuple[tuple[str, MeshTet, float, Literal[0, 2]], ...] = (
+        ("cantilever", arm, flange, 2),
+        ("cylinder", tube, -np.inf, 2),
+        ("horizontal", arm, flange, 0),
+    )
     twisted = {
         name: twisted_solid(
             mesh,
             mesh.facets_satisfying(lambda x: x[2] < near, True),
             mesh.facets_satisfying(
-                lambda x, first=loaded_from[name]: (x[2] > design.height_m - near) & (x[0] > first),
+                lambda x, first=loaded_from: (x[2] > design.height_m - near) & (x[0] > first),
                 True,
             ),
             torque_nm,
             design.shear_modulus_pa,
+            axis=axis,
         )
-        for name, mesh in bodies.items()
+        for name, mesh, loaded_from, axis in cases
     }
     return SupportComparison(design, **twisted)
 
@@ -216,11 +236,14 @@ def twisted_solid(
     torque_nm: float,
     shear_modulus_pa: float,
     poisson_ratio: float = STEEL_POISSON_RATIO,
+    *,
+    axis: Literal[0, 2] = 2,
 ) -> TwistedSolid:
-    """Clamp some facets of a body and twist others about the third axis through their centre.
+    """Clamp some facets of a body and twist others about an axis through their centre.
 
-    The load is a tangential traction that grows with the distance from the axis, a pure torque; the
-    rotation is its work's: that of a rigid flange which does the same work under the same torque.
+    The loaded facets are level. About the third axis the load is a tangential traction that grows
+    with the distance from the axis, about the first one a vertical traction that grows across it:
+    pure torques. The rotation is that of a rigid flange which does the same work.
     """
     from scipy.sparse.linalg import spsolve
     from skfem import Basis, ElementTetP2, ElementVector, FacetBasis, LinearForm
@@ -233,12 +256,14 @@ def twisted_solid(
     x, y = (np.asarray(face.global_coordinates())[k] for k in range(2))
     area = float(width.sum())
     centre = float((x * width).sum() / area), float((y * width).sum() / area)
-    polar = float((((x - centre[0]) ** 2 + (y - centre[1]) ** 2) * width).sum())
+    along_m, across_m = (x - centre[0]) * (axis == 2), y - centre[1]
+    second_moment = float(((along_m**2 + across_m**2) * width).sum())
 
     @LinearForm
     def traction(v: Any, w: Any) -> Any:
         along, across = w.x[0] - centre[0], w.x[1] - centre[1]
-        return (along * v[1] - across * v[0]) * torque_nm / polar
+        moved = across * v[2] if axis == 0 else along * v[1] - across * v[0]
+        return moved * torque_nm / second_moment
 
     young = 2.0 * shear_modulus_pa * (1.0 + poisson_ratio)
     stiffness = linear_elasticity(*lame_parameters(young, poisson_ratio)).assemble(basis)

@@ -21,6 +21,7 @@ from torquebench.station import Station
 
 __all__ = [
     "FACTS",
+    "FAILED",
     "MOUNTING",
     "bench_facts",
     "read_rows",
@@ -30,6 +31,8 @@ __all__ = [
 FACTS = "bench.csv"
 MOUNTING = "mounting: "
 """Prefix of the keys of a mounting's record."""
+FAILED = "failed: "
+"""Prefix of the keys of parts of the reducer test that failed."""
 
 
 def bench_facts(station: Station, mounted: MountingRecord | None) -> dict[str, str]:

@@ -171,13 +171,18 @@ _ITEMS = (
         "faults, operation",
         "torquebench panel",
     ),
-    Item(19, "Static and dynamic", "“static and dynamic measurements”", "torquebench measure"),
-    Item(20, "Next steps", "[J]: speed, lubrication, temperature", "torquebench turn"),
+    Item(19, "Static and dynamic", "“static and dynamic measurements”", "torquebench turn"),
+    Item(20, "Next steps", "[J]: speed, lubrication, temperature", "torquebench fit --empty"),
     Item(
         21,
         "Purpose",
         "torsional rigidity, transmission error, backlash, lost motion, efficiency",
         "torquebench test full",
+    ),
+    Item(
+        22,
+        "Frequency acquisition",
+        "T40B acquired by PXIe-7961; acquisition 0.1 %",
     ),
 )
 ITEMS: Mapping[int, Item] = MappingProxyType({item.number: item for item in _ITEMS})

@@ -364,25 +364,31 @@ def support_blocks(
     modulus = used.shear_modulus_pa
     rows = []
     for name, body, constant in (
-        ("cantilever: column with arm", found.cantilever, column),
-        ("hollow cylinder", found.cylinder, ring),
+        ("cantilever, about the vertical axis", found.cantilever, column),
+        ("cantilever, about the horizontal shaft", found.horizontal, None),
+        ("hollow cylinder, about its axis", found.cylinder, ring),
     ):
+        alone = "–" if constant is None else _scientific(modulus * constant / length, 4)
         rows.append(
             [
                 name,
                 number(1e3 * body.volume_m3, 4),
-                number(body.stiffness_nm_rad, 4),
+                _scientific(body.stiffness_nm_rad, 4),
                 number(1e6 * body.rotation_rad, 4),
-                number(modulus * constant / length, 4),
+                alone,
             ]
         )
     blocks: Blocks = [
         Figure(
             bodies_figure(
-                [("cantilever support", found.cantilever), ("hollow cylinder", found.cylinder)]
+                [
+                    ("cantilever, vertical axis", found.cantilever),
+                    ("cantilever, horizontal shaft", found.horizontal),
+                    ("hollow cylinder", found.cylinder),
+                ]
             ),
-            f"Both supports under {torque_nm:g} N·m about the vertical axis, feet clamped; "
-            "displacements enlarged alike.",
+            f"Supports under {torque_nm:g} N·m, feet clamped; displacements enlarged alike. A "
+            "horizontal bench's torque acts about its shaft, along the arm: it bends the column.",
         ),
         Table(
             (
@@ -410,7 +416,8 @@ def support_blocks(
         ),
     ]
     answer = Answer(
-        f"cylinder {number(found.ratio)} times as stiff with the same mass",
+        f"cylinder {number(found.ratio)} times as stiff with the same mass under the same load, "
+        f"{number(found.horizontal_ratio)} times as the cantilever about its horizontal shaft",
         "met",
         "dimensions are an example; the papers' aren't published",
     )

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import contextlib
+import multiprocessing
 import os
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor
+from dataclasses import replace
+from pathlib import Path
 
 from torquebench.bench.description import BenchDescription
-from torquebench.papers.models import fit_module
+from torquebench.papers.factors import Measurement, factor_errors
+from torquebench.papers.models import RECOMMENDED_NAME, fit_module
 from torquebench.papers.page import BenchResult
-from torquebench.papers.study import CHAINS, FAMILIES, Row, Series, contenders, run_study
+from torquebench.papers.study import CHAINS, FAMILIES, Study, contenders, study_tasks
 from torquebench.papers.tables import BenchTables
-from torquebench.progress import NO_PROGRESS, Part, Progress
+from torquebench.processes import end_with_parent
+from torquebench.progress import NO_PROGRESS, Progress
 
-__all__ = ["page_study", "results_of", "seeded"]
+__all__ = ["page_study", "results_of", "seeded", "with_factors", "workers"]
 
-STUDY_WORKERS = 2
+WORKERS = 2
 
 
 def seeded(description: BenchDescription, seed: int) -> BenchDescription:
@@ -41,27 +48,49 @@ def results_of(
     return results
 
 
-def page_study(progress: Progress = NO_PROGRESS, *, quick: bool = False) -> tuple[list[Row], int]:
-    """Run the part of the study that the page shows; returns rows, and chains of each family.
+@contextlib.contextmanager
+def workers() -> Iterator[Executor]:
+    """Open the processes that compute beside a measurement, which has priority."""
+    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(
+        min(WORKERS, os.cpu_count() or 1), mp_context=context, initializer=_begin
+    )
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
+
+
+def _begin() -> None:
+    end_with_parent()
+    if hasattr(os, "nice"):
+        os.nice(5)
+
+
+def page_study(pool: Executor, file: Path | None, *, quick: bool = False) -> tuple[Study, int]:
+    """Begin the part of the study that the page shows; returns it, and chains of each family.
 
     All families with the papers' 50 rising points, and one family loaded up and down as well, with
     50 points and with 200.
     """
-    seeds: Sequence[int] = range(2) if quick else range(CHAINS)
+    seeds = range(2) if quick else range(CHAINS)
     wanted = contenders((2_000,), (1.0,)) if quick else contenders((10_000, 50_000), (1.0, 0.5))
-    parts: list[tuple[Sequence[str], Series]] = [
-        (tuple(FAMILIES), "50 rising"),
-        (("reversing",), "50 up and down"),
-        (("reversing",), "200 up and down"),
-    ]
-    total = len(seeds) * sum(len(families) for families, _ in parts)
-    progress.start("Studying when BP beats the polynomial", total)
-    rows: list[Row] = []
-    workers = 1 if quick else min(STUDY_WORKERS, os.cpu_count() or 1)
-    done = 0
-    for families, series in parts:
-        part = Part(progress, done)
-        rows += run_study(seeds, families, (series,), wanted, part, workers=workers)
-        done += len(seeds) * len(families)
-    progress.finish()
-    return rows, len(seeds)
+    tasks = study_tasks(
+        seeds,
+        ("50 rising", FAMILIES),
+        ("50 up and down", ("reversing",)),
+        ("200 up and down", ("reversing",)),
+    )
+    return Study(tasks, wanted, pool, file), len(seeds)
+
+
+def with_factors(results: list[BenchResult], measured: Iterable[dict[str, Measurement]]) -> None:
+    """Add the errors over temperature, speed and lubricant to the first bench."""
+    first = results[0]
+    every = {name: found for each in measured for name, found in each.items()}
+    errors = factor_errors(
+        {side: each.tables.calibration for side, each in first.modules.items()},
+        {side: each.models[RECOMMENDED_NAME].model for side, each in first.modules.items()},
+        every,
+    )
+    results[0] = replace(first, tables=replace(first.tables, factors=errors))

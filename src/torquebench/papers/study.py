@@ -8,20 +8,24 @@ Every chain here is scaled so that the best quadratic has an error of exactly 4 
 from __future__ import annotations
 
 import contextlib
-import itertools
-import multiprocessing
+import hashlib
+import json
+import queue
+import threading
 import zlib
-from collections.abc import Callable, Iterable, Mapping
-from concurrent.futures import ProcessPoolExecutor
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Executor, Future
+from dataclasses import astuple, dataclass, field
+from pathlib import Path
 from types import MappingProxyType
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from torquebench.compensation import features, make_model
-from torquebench.processes import end_with_parent
+from torquebench import __version__
+from torquebench.atomic_write import atomic_write
+from torquebench.compensation import NetworkModel, features, make_model
 from torquebench.progress import NO_PROGRESS, Progress
 from torquebench.units import TURN
 
@@ -38,11 +42,14 @@ __all__ = [
     "Finding",
     "Row",
     "StudiedChain",
+    "Study",
     "best_quadratic_nm",
     "contenders",
     "errors_of",
-    "run_study",
     "studied_chain",
+    "study_tasks",
+    "summarised",
+    "task_findings",
 ]
 
 FloatArray = NDArray[np.float64]
@@ -292,8 +299,11 @@ def errors_of(chain: StudiedChain, series: Series, wanted: Iterable[Contender]) 
     on = np.repeat(sides, _DENSE.size)
     quiet = features(chain.reading_nm(dense, on), on)
     found = []
+    ways: dict[tuple[str, ...], dict[int, Any]] = {}  # what trainings have in common
     for contender in wanted:
         model = make_model(contender.kind, range_nm=READ_NM, **contender.parameters)
+        if isinstance(model, NetworkModel):
+            model.way = ways.setdefault((model.training, model.start, model.mapping), {})
         columns = 2 if "branch" in model.used_features else 1
         model.fit_curve(X[:, :columns], torque)
         found.append(
@@ -365,45 +375,91 @@ def summarised(found: Iterable[Finding]) -> list[Row]:
     return rows
 
 
-def run_study(
-    seeds: Iterable[int],
-    families: Iterable[str],
-    series: Iterable[Series],
-    wanted: Iterable[Contender],
-    progress: Progress = NO_PROGRESS,
-    *,
-    workers: int = 1,
-) -> list[Row]:
-    """Fit every model to every series of every chain.
+Task = tuple[str, Series, int]
+"""Family, series and seed of a chain."""
+
+
+def study_tasks(seeds: Iterable[int], *series: tuple[Series, Iterable[str]]) -> tuple[Task, ...]:
+    """Return every chain with its series."""
+    seeds = tuple(seeds)
+    return tuple(
+        (family, name, seed) for name, families in series for family in families for seed in seeds
+    )
+
+
+class Study:
+    """Every model on every chain, by other processes; findings are stored until all are there.
 
     Parameters
     ----------
-    seeds, families, series, wanted
-        What is combined.
-    progress : Progress
-        Told after every chain and series.
-    workers : int
-        Processes that share the chains; with 1 this one does it.
+    tasks : sequence of Task
+    wanted : sequence of Contender
+    workers : concurrent.futures.Executor
+        Computes from now on, beside what this process does.
+    file : pathlib.Path, optional
+        Of the findings. What an interrupted study of this version has left there isn't computed
+        again.
     """
-    models, seeds, series = tuple(wanted), tuple(seeds), tuple(series)
-    tasks = [(family, each, seed) for family in families for each in series for seed in seeds]
-    found: list[Finding] = []
-    with contextlib.ExitStack() as closing:
-        results: Iterable[list[Finding]]
-        if workers > 1:
-            context = multiprocessing.get_context("spawn")
-            pool = closing.enter_context(
-                ProcessPoolExecutor(workers, mp_context=context, initializer=end_with_parent)
-            )
-            results = pool.map(_task, tasks, itertools.repeat(models))
-        else:
-            results = map(_task, tasks, itertools.repeat(models))
-        for number, part in enumerate(results, 1):
-            found += part
-            progress.reach(number)
-    return summarised(found)
+
+    def __init__(
+        self,
+        tasks: Sequence[Task],
+        wanted: Sequence[Contender],
+        workers: Executor,
+        file: Path | None = None,
+    ) -> None:
+        self._tasks, self._file, self._lock = tasks, file, threading.Lock()
+        text = repr((__version__, wanted))
+        self._key = hashlib.sha256(text.encode()).hexdigest()
+        self._found = self._left()
+        self._running: dict[Future[list[Finding]], Task] = {}
+        self._done: queue.SimpleQueue[Future[list[Finding]]] = queue.SimpleQueue()
+        for task in tasks:
+            if task not in self._found:
+                future = workers.submit(task_findings, task, tuple(wanted))
+                self._running[future] = task
+                future.add_done_callback(self._store)
+
+    @property
+    def total(self) -> int:
+        """Number of chains with their series."""
+        return len(self._tasks)
+
+    def _left(self) -> dict[Task, list[Finding]]:
+        """Read the findings of an interrupted study; begin the file anew for another one."""
+        if self._file is None:
+            return {}
+        try:
+            key, *lines = self._file.read_text(encoding="utf-8").splitlines()
+        except (OSError, ValueError):
+            key, lines = "", []
+        found: dict[Task, list[Finding]] = {}
+        if key == self._key:
+            for line in lines:
+                with contextlib.suppress(ValueError, TypeError):  # the last one may be torn
+                    (family, series, seed), values = json.loads(line)
+                    found[family, series, seed] = [Finding(*each) for each in values]
+        rows = [json.dumps([task, [astuple(each) for each in f]]) for task, f in found.items()]
+        atomic_write(self._file, "\n".join([self._key, *rows, ""]))
+        return found
+
+    def _store(self, future: Future[list[Finding]]) -> None:
+        if self._file is not None and not future.cancelled() and future.exception() is None:
+            line = json.dumps([self._running[future], [astuple(each) for each in future.result()]])
+            with self._lock, self._file.open("a", encoding="utf-8") as file:
+                file.write(line + "\n")
+        self._done.put(future)
+
+    def rows(self, progress: Progress = NO_PROGRESS) -> list[Row]:
+        """Wait for all findings, and summarise them."""
+        for _ in self._running:
+            future = self._done.get()
+            self._found[self._running[future]] = future.result()
+            progress.reach(len(self._found))
+        return summarised(found for task in self._tasks for found in self._found[task])
 
 
-def _task(what: tuple[str, Series, int], models: tuple[Contender, ...]) -> list[Finding]:
-    family, series, seed = what
+def task_findings(task: Task, models: Sequence[Contender]) -> list[Finding]:
+    """Return the findings of one chain with one series."""
+    family, series, seed = task
     return errors_of(studied_chain(family, seed), series, models)

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import astuple, dataclass, field, fields
 from pathlib import Path
 
 import numpy as np
@@ -17,15 +18,20 @@ from torquebench.bench.mounting_record import MountingRecord
 from torquebench.calibration import CalibrationData, load_profile
 from torquebench.calibration.profile import Profile
 from torquebench.campaign.bench_chains import referenced
-from torquebench.campaign.calibrating import measure_calibration
+from torquebench.campaign.calibrating import CALIBRATION, measure_calibration
+from torquebench.campaign.fitting import ModelChoice
 from torquebench.campaign.measuring import Measured, RunOptions
+from torquebench.campaign.registering import evaluate_and_register, registers_calibration
 from torquebench.campaign.standard_reducer import FRICTION, within_certificate
 from torquebench.campaign.verifying import measure_verification
+from torquebench.compensation import RECOMMENDED
 from torquebench.errors import InputError
 from torquebench.message import Message
-from torquebench.papers.facts import FACTS, bench_facts, read_rows, write_rows
+from torquebench.papers.factors import FactorError
+from torquebench.papers.facts import FACTS, FAILED, bench_facts, read_rows, write_rows
 from torquebench.procedures import FrictionSettings, StaircaseResult
 from torquebench.progress import NO_PROGRESS, Progress
+from torquebench.records import RunFolder
 from torquebench.reducers import CertifiedFriction, load_reducer
 from torquebench.station import Station
 from torquebench.tables import endings, read_calibration, read_table, reads, write_calibration
@@ -60,6 +66,8 @@ class ModuleTables:
         The transducer by itself.
     certificate : ReferenceCertificate or None
         Of the calibrator on this side.
+    staircase : float64[n, 4] or None
+        First steps of the calibration, by the columns `STAIRCASE`.
     """
 
     calibration: CalibrationData
@@ -67,6 +75,7 @@ class ModuleTables:
     other_points: CalibrationData | None = None
     alone: CalibrationData | None = None
     certificate: ReferenceCertificate | None = None
+    staircase: FloatArray | None = None
 
     @property
     def rising(self) -> CalibrationData:
@@ -132,6 +141,8 @@ class BenchTables:
         Of `facts.bench_facts`.
     reducer : tuple of ReducerValue
         Results of a short test of the mounted reducer.
+    factors : tuple of FactorError
+        Errors over temperature, speed and lubricant.
     """
 
     name: str
@@ -140,6 +151,7 @@ class BenchTables:
     friction: FrictionTable | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     reducer: tuple[ReducerValue, ...] = ()
+    factors: tuple[FactorError, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -209,8 +221,13 @@ def measure_tables(
         As every procedure.
     """
     options: RunOptions = {"progress": progress, "mounting": mounted}
+    # On a simulated bench the reducer's torques are compensated ones.
+    compensated = bool(settings.reducer_test) and station.drivers.truth is not None
+    registered = registers_calibration([ModelChoice(RECOMMENDED)], RECOMMENDED)
+    calibrating: RunOptions = {**options, "metadata": registered if compensated else {}}
     calibrations = {
-        side: measure_calibration(station, side, settings.calibration, **options) for side in SIDES
+        side: measure_calibration(station, side, settings.calibration, **calibrating)
+        for side in SIDES
     }
     same = settings.verification.with_options(same_points=True)
     modules: dict[Side, ModuleTables] = {}
@@ -225,29 +242,65 @@ def measure_tables(
             _referenced(parts[1]) if settings.others else None,
             _alone(station, side, calibrations[side].result.data),
             certificates(station.description, station.drivers, "calibrator").get(side),
+            _staircase(calibrations[side], side),
         )
     certified = certified or station.drivers.reducer_certificate
     friction = None
     if settings.friction is not None and certified:
         friction = _friction(station, settings.friction, certified, options)
+    if compensated:
+        for side, measured in calibrations.items():
+            evaluate_and_register(
+                CALIBRATION, station.registry, measured, settings.calibration, progress
+            )
+            station.activate_compensation(side)
     description = station.description
     name = description.name
     if description.simulated:
         drawn = description.simulation
         name += f", preset {drawn.get('preset', 'nominal')}, seed {drawn.get('seed', 1)}"
-    return BenchTables(
-        name,
-        description.simulated,
-        modules,
-        friction,
-        bench_facts(station, mounted),
-        _reducer(station, settings.reducer_test, options),
+    quantities, failures = _reducer(station, settings.reducer_test, options)
+    facts = {**bench_facts(station, mounted), **failures}
+    return BenchTables(name, description.simulated, modules, friction, facts, quantities)
+
+
+STAIRCASE = ("time_s", "reading_nm", "standard_nm", "averaged")
+_SHOWN_STEPS = 6
+_AROUND_S = 0.5
+
+
+def _staircase(measured: Measured[StaircaseResult], side: Side) -> FloatArray | None:
+    """Return every window of the first steps, and whether it belongs to a step's mean."""
+    folder = RunFolder.open(measured.record.folder)
+    points = [each["data"] for each in itertools.islice(folder.points(), _SHOWN_STEPS)]
+    middle, samples = (
+        np.array([float(each[f"{side}-steady-{name}"]) for each in points])
+        for name in ("time_s", "samples")
     )
+    device = f"{side}-steady"
+    (window_s,) = (
+        float(each["configuration"][device]["data"][f"{device}-window_s"])
+        for _, each in folder.documents("descriptor")
+        if each["name"] == "points"
+    )
+    columns = folder.raw().columns
+    time_s = columns["time_s"]
+    stop_s = middle + 0.5 * window_s
+    start_s = stop_s - samples * float(np.median(np.diff(time_s)))  # behind the settling
+    kept = (time_s > start_s[0] - _AROUND_S) & (time_s < stop_s[-1])
+    time_s = time_s[kept]
+    inside = (time_s[:, None] > start_s) & (time_s[:, None] < stop_s)
+    averaged = inside.any(axis=1)
+    found = (columns[f"{side}_{name}"][kept] for name in ("torque_nm", "reference_nm"))
+    return np.column_stack([time_s - time_s[0], *found, averaged])
 
 
-def _reducer(station: Station, test: str, options: RunOptions) -> tuple[ReducerValue, ...]:
+def _reducer(
+    station: Station, test: str, options: RunOptions
+) -> tuple[tuple[ReducerValue, ...], dict[str, str]]:
+    """Return what a short test measured, and its parts that failed."""
     if not test or station.drivers.truth is None:
-        return ()
+        return (), {}
     from torquebench.campaign.reducers.settings import ReducerTestSettings
     from torquebench.campaign.reducers.tests import run_reducer_test
 
@@ -255,7 +308,7 @@ def _reducer(station: Station, test: str, options: RunOptions) -> tuple[ReducerV
     record = run_reducer_test(
         station, test, load_reducer(held), ReducerTestSettings.short(), **options
     )
-    return tuple(
+    quantities = tuple(
         ReducerValue(
             outcome.title,
             each.title,
@@ -266,6 +319,7 @@ def _reducer(station: Station, test: str, options: RunOptions) -> tuple[ReducerV
         for outcome in record.outcomes
         for each in outcome.quantities
     )
+    return quantities, {f"{FAILED}{each.title}": str(each.message) for each in record.failures}
 
 
 def measure_module(
@@ -346,13 +400,16 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
             rows = zip(*(column.tolist() for column in columns), strict=True)
             path = folder / f"certificate-{side}.csv"
             written.append(write_rows(path, [_CERTIFICATE, *rows]))
+        if module.staircase is not None:
+            path = folder / f"staircase-{side}.csv"
+            written.append(write_rows(path, [STAIRCASE, *module.staircase.tolist()]))
     if tables.facts:
         facts = [("item", "value"), *tables.facts.items()]
         written.append(write_rows(folder / FACTS, facts))
-    if tables.reducer:
-        header = [each.name for each in fields(ReducerValue)]
-        values = [[getattr(each, name) for name in header] for each in tables.reducer]
-        written.append(write_rows(folder / REDUCER, [header, *values]))
+    for name, values in ((REDUCER, tables.reducer), (FACTORS, tables.factors)):
+        if values:
+            header = [each.name for each in fields(values[0])]
+            written.append(write_rows(folder / name, [header, *map(astuple, values)]))
     if tables.friction is not None:
         path = folder / "friction-standard-reducer.csv"
         atomic_write(path, _friction_csv(tables))
@@ -361,7 +418,7 @@ def write_tables(folder: Path, tables: BenchTables) -> list[Path]:
 
 
 _CERTIFICATE = ("torque_nm", "error_nm", "expanded_uncertainty_nm")
-REDUCER = "reducer.csv"
+REDUCER, FACTORS = "reducer.csv", "factors.csv"
 _FRICTION = ("speed_rpm", "reading_nm", "repeat", "branch", "known_nm", "known_u_nm")
 
 
@@ -380,9 +437,10 @@ def read_tables(folder: Path) -> BenchTables:
 
     `calibration-SIDE.csv` (or another format, see `read_table`) is needed of one side at least;
     `same-points-SIDE`, `other-points-SIDE`, `alone-SIDE` and `friction-standard-reducer` are read
-    where they are. So are `certificate-SIDE.csv` (of the calibrator), `reducer.csv` (quantities of
-    a test) and `bench.csv` (components of the bench). Columns are those of `fit`, the friction's
-    `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and `known_u_nm`.
+    where they are. So are `certificate-SIDE.csv` (of the calibrator), `staircase-SIDE.csv`,
+    `reducer.csv` (quantities of a test), `factors.csv` and `bench.csv` (components of the bench).
+    Columns are those of `fit`, the friction's `speed_rpm`, `reading_nm`, `repeat`, `known_nm` and
+    `known_u_nm`.
 
     Raises
     ------
@@ -400,8 +458,10 @@ def read_tables(folder: Path) -> BenchTables:
             if (path := _table_file(folder, f"{kind}-{side}")) is not None
         }
         if "calibration" in found:
-            certificate = _read_certificate(folder / f"certificate-{side}.csv")
-            modules[side] = ModuleTables(**found, certificate=certificate)
+            certified = _read_numbers(folder / f"certificate-{side}.csv", _CERTIFICATE)
+            certificate = None if certified is None else ReferenceCertificate(*certified.T)
+            staircase = _read_numbers(folder / f"staircase-{side}.csv", STAIRCASE)
+            modules[side] = ModuleTables(**found, certificate=certificate, staircase=staircase)
         elif found:
             raise InputError(
                 Message(
@@ -431,6 +491,10 @@ def read_tables(folder: Path) -> BenchTables:
             _reducer_value(folder / REDUCER, row)
             for row in read_rows(folder / REDUCER, len(fields(ReducerValue)))
         ),
+        tuple(
+            _factor_error(folder / FACTORS, row)
+            for row in read_rows(folder / FACTORS, len(fields(FactorError)))
+        ),
     )
 
 
@@ -438,6 +502,12 @@ def _reducer_value(path: Path, row: Sequence[str]) -> ReducerValue:
     test, quantity, *stated, unit = row
     value, uncertainty = _numbers(path, stated)
     return ReducerValue(test, quantity, value, uncertainty, unit)
+
+
+def _factor_error(path: Path, row: Sequence[str]) -> FactorError:
+    side, condition, *stated = row
+    points, *errors = _numbers(path, stated)
+    return FactorError(side, condition, round(points), *errors)
 
 
 def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
@@ -449,9 +519,9 @@ def _numbers(path: Path, cells: Iterable[str]) -> list[float]:
         ) from error
 
 
-def _read_certificate(path: Path) -> ReferenceCertificate | None:
-    rows = [_numbers(path, row) for row in read_rows(path, len(_CERTIFICATE))]
-    return ReferenceCertificate(*np.array(rows).T) if rows else None
+def _read_numbers(path: Path, columns: Sequence[str]) -> FloatArray | None:
+    rows = [_numbers(path, row) for row in read_rows(path, len(columns))]
+    return np.array(rows) if rows else None
 
 
 def _table_file(folder: Path, stem: str) -> Path | None:

@@ -11,15 +11,16 @@ from torquebench.mechanics import (
     polar_moment,
     rectangle_torsion_constant,
 )
-from torquebench.mechanics.supports import tube_mesh, twisted_solid
+from torquebench.mechanics.supports import STEEL_POISSON_RATIO, tube_mesh, twisted_solid
 
 G = 79e9
 
 
-def twisted_about_its_top(mesh, torque_nm):
+def twisted_about_its_top(mesh, torque_nm, **options):
     height = mesh.p[2].max()
     ends = [lambda x: x[2] < 1e-9, lambda x: x[2] > height - 1e-9]
-    return twisted_solid(mesh, *(mesh.facets_satisfying(end, True) for end in ends), torque_nm, G)
+    facets = (mesh.facets_satisfying(end, True) for end in ends)
+    return twisted_solid(mesh, *facets, torque_nm, G, **options)
 
 
 def test_a_hollow_cylinder_twists_by_the_closed_form() -> None:
@@ -44,12 +45,22 @@ def test_a_clamped_bar_is_stiffer_than_saint_venant_and_nears_it_with_its_length
     assert shares[1] < 1.05
 
 
+def test_a_column_under_a_torque_about_a_horizontal_axis_bends_by_the_closed_form() -> None:
+    sides = np.linspace(0.0, 0.2, 5), np.linspace(0.0, 0.1, 3), np.linspace(0.0, 0.8, 13)
+    bar = twisted_about_its_top(MeshHex.init_tensor(*sides).to_meshtet(), 100.0, axis=0)
+    young = 2.0 * G * (1.0 + STEEL_POISSON_RATIO)
+    assert bar.stiffness_nm_rad == pytest.approx(young * 0.2 * 0.1**3 / 12.0 / 0.8, rel=0.03)
+
+
 def test_the_cylinder_has_the_cantilevers_mass_and_is_much_stiffer() -> None:
     comparison = compare_supports(2000.0, size_m=0.12)
     cantilever, cylinder = comparison.cantilever, comparison.cylinder
     assert cantilever.volume_m3 == pytest.approx(comparison.design.volume_m3)
     assert cylinder.volume_m3 == pytest.approx(cantilever.volume_m3)
     assert comparison.ratio > 10.0
+    # About the shaft of a horizontal bench the column bends as well.
+    assert comparison.horizontal.stiffness_nm_rad < cantilever.stiffness_nm_rad
+    assert comparison.horizontal_ratio > comparison.ratio
     doubled = compare_supports(4000.0, size_m=0.12)
     assert doubled.cantilever.rotation_rad == pytest.approx(2.0 * cantilever.rotation_rad)
 

@@ -4,14 +4,18 @@ import re
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
-from benchmarks.papers_page import smaller
+from benchmarks.papers_page import markdown, smaller
 
 from torquebench.bench.mounting_record import COAXIALITY_LIMIT_MM
+from torquebench.figures import Curve
 from torquebench.papers.items import HARDWARE, ITEMS, LOADING, SUB_SYSTEMS
 from torquebench.papers.mechanics import COAXIALITY_LIMIT_M
 from torquebench.papers.page import BEYOND, LIMIT_PERCENT
 from torquebench.papers.study import CLAIMED_RATIO, NETWORK_NM, POLYNOMIAL_NM
+from torquebench.reports.curve_figures import Panel, panels_figure
+from torquebench.reports.page import Diagram, Figure, Page, Section
 
 STATED = {
     int(number): text
@@ -36,7 +40,7 @@ LINKING = {"found", "from", "full", "takes", "place", "within", "mounting", "bot
 
 
 def test_all_items_are_there_in_their_order() -> None:
-    assert list(ITEMS) == list(STATED) == list(range(1, 22))
+    assert list(ITEMS) == list(STATED) == list(range(1, 23))
 
 
 @pytest.mark.parametrize("number", ITEMS)
@@ -74,6 +78,13 @@ def test_letters_keep_their_size_in_the_documentations_figures() -> None:
     for path in figures:
         letters = set(re.findall(r"scale\((0\.0\d*)\)", path.read_text(encoding="utf-8")))
         assert letters == {"0.015625"}, path.name
+
+
+def test_figures_of_every_kind_reach_the_documentation(tmp_path: Path) -> None:
+    panel = Panel([Curve("", np.arange(3.0), np.arange(3.0))], "x", "y")
+    blocks = (Figure(panels_figure([panel]), "a"), Diagram([panel], "b"))
+    text = markdown(Page("p", "", [Section("1. it: met", "", blocks)]), tmp_path)
+    assert text.count("![Item 1]") == len(list(tmp_path.glob("*.svg"))) == 2
 
 
 def test_the_documentations_page_is_current_in_its_words() -> None:

@@ -1,6 +1,9 @@
 """The chains of the study, and what it says of models on them."""
 
+from collections.abc import Iterator
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
@@ -12,12 +15,14 @@ from torquebench.papers.study import (
     Contender,
     Finding,
     Row,
+    Study,
     best_quadratic_nm,
     contenders,
     errors_of,
-    run_study,
     studied_chain,
+    study_tasks,
     summarised,
+    task_findings,
 )
 
 HYBRID = Contender("hybrid", "physics + Gaussian process")
@@ -46,7 +51,8 @@ def test_a_chain_of_either_sign_is_compensated_equally_well(family: str) -> None
 
 def test_mapping_and_start_decide_whether_the_network_beats_the_polynomial() -> None:
     names = {each.title: each for each in contenders((50_000,), others=False)}
-    rows = {row.title: row for row in run_study((0,), ("smooth",), ("50 rising",), names.values())}
+    found = task_findings(("smooth", "50 rising", 0), tuple(names.values()))
+    rows = {row.title: row for row in summarised(found)}
     good = rows["BP, additional torque, small start, 50000 epochs"]
     assert good.beats == good.chains == 1
     assert good.worst_nm < 1.8
@@ -57,6 +63,44 @@ def test_mapping_and_start_decide_whether_the_network_beats_the_polynomial() -> 
     ):
         assert rows[title].beats == 0, title
         assert rows[title].ratio < 1.0, title
+
+
+@pytest.fixture
+def workers() -> Iterator[Executor]:
+    with ThreadPoolExecutor(1) as pool:
+        yield pool
+
+
+def test_an_interrupted_study_goes_on_where_it_was(workers: Executor, tmp_path: Path) -> None:
+    file = tmp_path / "page.study"
+    tasks = study_tasks(range(3), ("50 rising", ["smooth", "rippled"]))
+    first = Study(tasks[:4], (POLYNOMIAL,), workers, file).rows()
+    with file.open("a") as torn:
+        torn.write('[["rippled", "50 ri')
+    submitted = []
+
+    class Counting(Executor):
+        def submit(self, function, /, *args):  # type: ignore[no-untyped-def]
+            submitted.append(args[0])
+            return workers.submit(function, *args)
+
+    rows = Study(tasks, (POLYNOMIAL,), Counting(), file).rows()
+    assert submitted == list(tasks[4:])
+    assert rows[0] == first[0]
+    assert [row.chains for row in rows] == [3, 3]
+    assert rows == Study(tasks, (POLYNOMIAL,), workers).rows()
+    # Other models are another study.
+    submitted.clear()
+    Study(tasks[:1], (POLYNOMIAL, HYBRID), Counting(), file).rows()
+    assert submitted == [tasks[0]]
+
+
+def test_trainings_of_one_start_share_their_way_and_end_as_if_alone() -> None:
+    chosen = [each for each in contenders((500, 2_000), (300.0,)) if "small" in each.title]
+    chain = studied_chain("reversing", 1)
+    together = errors_of(chain, "50 rising", chosen)
+    assert together == [errors_of(chain, "50 rising", [each])[0] for each in chosen]
+    assert len({each.worst_nm for each in together}) == len(together)
 
 
 def test_rows_count_chains_and_take_medians() -> None:

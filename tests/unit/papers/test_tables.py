@@ -9,6 +9,7 @@ from nptdms import ChannelObject, RootObject, TdmsWriter
 from torquebench.bench.certificates.torque import ReferenceCertificate
 from torquebench.calibration import CalibrationData
 from torquebench.errors import InputError
+from torquebench.papers.factors import FactorError
 from torquebench.papers.tables import (
     BenchTables,
     FrictionTable,
@@ -36,7 +37,9 @@ def tables() -> BenchTables:
     certificate = ReferenceCertificate(
         np.array([-2000.0, 0.0, 2000.0]), np.array([0.1, 0.0, -0.1]), np.full(3, 0.02)
     )
-    module = ModuleTables(calibration(), calibration(groups=2), None, calibration(), certificate)
+    module = ModuleTables(
+        calibration(), calibration(groups=2), None, calibration(), certificate, np.eye(4)
+    )
     speed = np.array([100.0, 200.0, 100.0, 200.0])
     friction = FrictionTable(
         speed,
@@ -53,6 +56,7 @@ def tables() -> BenchTables:
         friction,
         {"guide rail": "linear, 600 mm"},
         (ReducerValue("Starting torque", "starting torque, clockwise", 0.33, 0.26, "N·m"),),
+        (FactorError("output", "turning, oil", 12, 0.65, 0.06, 0.03),),
     )
 
 
@@ -63,8 +67,10 @@ def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
         "same-points-output.csv",
         "alone-output.csv",
         "certificate-output.csv",
+        "staircase-output.csv",
         "bench.csv",
         "reducer.csv",
+        "factors.csv",
         "friction-standard-reducer.csv",
     ]
     found = read_tables(tmp_path / "saved")
@@ -77,7 +83,10 @@ def test_a_written_folder_is_read_back(tmp_path: Path) -> None:
         )
     assert module.certificate is not None
     np.testing.assert_array_equal(module.certificate.error_nm, [0.1, 0.0, -0.1])
-    assert (found.facts, found.reducer) == (tables().facts, tables().reducer)
+    assert module.staircase is not None
+    np.testing.assert_array_equal(module.staircase, np.eye(4))
+    for name in ("facts", "reducer", "factors"):
+        assert getattr(found, name) == getattr(tables(), name)
     assert found.friction is not None
     np.testing.assert_array_equal(found.friction.known_nm, tables().friction.known_nm)
 
