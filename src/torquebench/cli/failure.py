@@ -63,10 +63,10 @@ def guarded(run: Callable[[], int | None], *, debug: Callable[[], bool]) -> int:
     int
         The exit code of the process.
     """
-    from torquebench.cli.terminal.console import write_answer
+    from torquebench.cli.terminal.console import end_output
 
     code = _coded(run, debug)
-    write_answer(code)
+    end_output(code)
     return code
 
 

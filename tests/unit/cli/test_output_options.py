@@ -130,6 +130,21 @@ def test_json_replaces_the_tables_and_carries_warnings_and_the_error(
     }
 
 
+@pytest.mark.parametrize("setting", ["json", "quiet"])
+def test_a_commands_settings_end_with_it(
+    setting: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def run() -> None:
+        begin_output("fit", **{"json": False, "quiet": False} | {setting: True})
+        answer(points=3)
+
+    assert guarded(run, debug=lambda: False) == 0
+    capsys.readouterr()
+    say("a result")
+    assert guarded(lambda: 0, debug=lambda: False) == 0
+    assert capsys.readouterr().out == "a result\n"
+
+
 def test_a_file_and_json_cannot_share_standard_output() -> None:
     begin_output("fit", json=True, quiet=False)
     with pytest.raises(InputError, match="standard output"):

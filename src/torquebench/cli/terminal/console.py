@@ -29,6 +29,7 @@ __all__ = [
     "answer_line",
     "begin_output",
     "claim_file",
+    "end_output",
     "is_json",
     "is_quiet",
     "leave_standard_output",
@@ -40,7 +41,6 @@ __all__ = [
     "say_file",
     "stderr_console",
     "warn",
-    "write_answer",
     "write_contradictions",
     "write_error",
 ]
@@ -99,10 +99,14 @@ def answer_line(**facts: Any) -> None:
     _print_json({"command": _output.command, "line": facts})
 
 
-def write_answer(exit_code: int) -> None:
-    """Print the command's answer as one JSON object on one line, if that is wanted."""
-    if not _output.json:
-        return
+def end_output(exit_code: int) -> None:
+    """Print the command's answer as one JSON object, if that is wanted, and forget its settings."""
+    if _output.json:
+        _print_answer(exit_code)
+    begin_output("", json=False, quiet=False)
+
+
+def _print_answer(exit_code: int) -> None:
     from torquebench import __version__
 
     _print_json(
