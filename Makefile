@@ -33,6 +33,8 @@ check: $(VENV)/.installed-test
 nightly: programs
 	$(BIN)/pytest -n auto --dist worksteal -m "nightly and not alone"
 	$(BIN)/pytest -m "nightly and alone"
+	$(BIN)/pytest -n auto --dist worksteal -m "hypothesis and not nightly" \
+	  --hypothesis-profile nightly
 	$(MAKE) other-processor
 
 # The programs that the tests start (a browser, PostgreSQL, an MQTT broker, …): installed by apt

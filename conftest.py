@@ -37,9 +37,14 @@ _REFERENCE_DATA = Path(
     os.environ.get("TORQUEBENCH_REFERENCE_DATA", _REPOSITORY.parent / "shared" / "data")
 )
 
-settings.register_profile(
-    "torquebench", deadline=None, derandomize=_CI, suppress_health_check=[HealthCheck.too_slow]
-)
+for _profile, _examples in (("torquebench", 30), ("nightly", 300)):
+    settings.register_profile(
+        _profile,
+        deadline=None,
+        derandomize=_CI and _profile == "torquebench",
+        max_examples=_examples,
+        suppress_health_check=[HealthCheck.too_slow],
+    )
 settings.load_profile("torquebench")
 
 

@@ -112,6 +112,7 @@ def test_reversibility_of_the_chain(data):
     assert span_percent[torque == 40.0] == pytest.approx(0.13, abs=0.04)
 
 
+@pytest.mark.nightly
 def test_models_are_compared_and_none_is_better_than_the_reference_resolves(data, tmp_path):
     path = tmp_path / "torque-arm.csv"
     write_calibration(path, data)

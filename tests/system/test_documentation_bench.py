@@ -4,6 +4,7 @@ Each page has a copy of one data directory with a sealed calibration, its verifi
 interrupted run. Words that stand for a reader's own names are replaced; nothing else is.
 """
 
+import itertools
 import shutil
 import subprocess
 import sys
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from tests.support.draws import nightly
 from tests.system import killed_calibrations
 from tests.system.command_line import environment
 from tests.system.test_documentation_snippets import (
@@ -31,6 +33,8 @@ from tests.system.test_turning_chain_commands import write as write_turning
 from tests.unit.chain.test_turning_chains import calibration, empty_run
 from tests.unit.dynamics import test_identification as identification
 from tests.unit.dynamics.simulated_chain import sines, steps
+
+from torquebench.cli import whole_command
 
 ELSEWHERE = {
     ("panel",): "test_http_api_client.py",  # and all that the panel does
@@ -199,8 +203,21 @@ def bench_commands(page: str, folder: Path, data: Path) -> Iterator[list[str]]:
         yield [*words, *WITHOUT_END.get(words[0], ())]
 
 
+def test_commands_of_the_pages_have_these_options() -> None:
+    whole = whole_command()
+    for words in itertools.chain.from_iterable(map(commands, BENCH_PAGES)):
+        command, context, rest = whole, None, list(words)
+        while True:
+            context = command.make_context(command.name, rest, parent=context)
+            if not hasattr(command, "get_command"):
+                break
+            rest = [*context._protected_args, *context.args]
+            command = command.get_command(context, rest.pop(0))
+            assert command is not None, words
+
+
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("page", BENCH_PAGES)
+@pytest.mark.parametrize("page", [BENCH_PAGES[0], *map(nightly, BENCH_PAGES[1:])])
 def test_every_command_of_a_page_runs(
     page: str, reader: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -366,6 +366,7 @@ def test_nonsense_is_an_error_or_asked_for_again_and_never_another_exception(
                 return
 
 
+@pytest.mark.nightly
 def test_many_callers_get_their_own_answers(case: Case, instrument: Any) -> None:
     wrong: list[Any] = []
 

@@ -56,6 +56,7 @@ def points(api: httpx.Client, job: str) -> int:
     return int(view["points"])
 
 
+@pytest.mark.nightly
 def test_hostile_files_are_refused_on_the_page_while_a_calibration_runs(
     api: httpx.Client, job: str, panel: Panel, tmp_path: Path
 ) -> None:

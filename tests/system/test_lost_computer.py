@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from tests.support.draws import nightly
 from tests.system.command_line import environment, wait_until
 from tests.system.networked import simulating
 from tests.system.panel_api import SLOW, administrator, serving
@@ -74,7 +75,7 @@ def stated_nm(description: BenchDescription) -> float:
     return float(re.findall(r"adds at most ([\d.]+) N·m", found)[0])
 
 
-@pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGSTOP])
+@pytest.mark.parametrize("how", [signal.SIGKILL, nightly(signal.SIGSTOP)])
 def test_a_ramp_goes_no_further_than_stated(tmp_path: Path, how: signal.Signals) -> None:
     with (
         simulating(tmp_path, "--real-time") as (bench, control),
@@ -101,6 +102,7 @@ def test_a_ramp_goes_no_further_than_stated(tmp_path: Path, how: signal.Signals)
     assert "watchdog" in fault, "the drive itself has ended it"
 
 
+@pytest.mark.nightly
 def test_a_panel_that_was_stopped_catches_up_and_turns_a_reducer(tmp_path: Path) -> None:
     with (
         simulating(tmp_path, "--real-time") as (bench, _),

@@ -70,6 +70,7 @@ def press_everything(person: Visitor, path: str) -> set[str]:
     return pressed
 
 
+@pytest.mark.nightly
 def test_everything_is_pressed_and_nothing_breaks(panel: Panel, tmp_path: Path) -> None:
     with browser(panel, tmp_path / "admin") as admin, browser(panel, tmp_path / "ana") as ana:
         admin.sign_in("Admin", "/calibrate")

@@ -12,6 +12,7 @@ import psutil
 import pytest
 from selenium.webdriver.common.by import By
 from selenium.webdriver.common.keys import Keys
+from tests.support.draws import nightly
 from tests.system.panel_browser import (
     PATIENCE_S,
     PEOPLE,
@@ -275,7 +276,7 @@ return [...document.querySelectorAll('.page button, .page a.control, .page input
 """
 
 
-@pytest.mark.parametrize("path", [*PATHS, "/sign-in"])
+@pytest.mark.parametrize("path", [*PATHS[:3], "/sign-in", *map(nightly, PATHS[3:])])
 def test_a_page_is_accessible_and_fits_a_phone(person: Visitor, path: str) -> None:
     person.open(path)
     assert person.axe() == []
@@ -367,6 +368,7 @@ def test_a_dialog_does_not_cover_the_stop(person: Visitor, size: tuple[int, int]
     )
 
 
+@pytest.mark.nightly
 def test_no_press_is_lost_by_a_slow_browser(person: Visitor) -> None:
     """Aimed at where the button is seen first, without waiting for anything to settle."""
     person.open("/alarms")
@@ -588,6 +590,7 @@ def asleep(person: Visitor) -> Iterator[None]:
             each.resume()
 
 
+@pytest.mark.nightly
 def test_memory_of_the_page_stays_flat(person: Visitor) -> None:
     def heap() -> float:
         person.driver.execute_cdp_cmd("HeapProfiler.collectGarbage", {})

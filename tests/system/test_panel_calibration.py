@@ -206,6 +206,7 @@ def switch_a_correction(ben: Visitor, ana: Visitor) -> None:
     assert not ben.driver.find_elements("css selector", "table.compact button")
 
 
+@pytest.mark.nightly
 def test_a_specimen_is_tested_for_hysteresis_and_compared(
     visitors: tuple[Visitor, Visitor],
     downloads: Path,

@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import pytest
 from tests.system.command_line import at_terminal, patient_bench, run
 
 OPTIONS = ("calibrate", "input", "--real-time", "--step", 50, "--data", "data")
@@ -21,6 +22,7 @@ def test_pause_and_resume(tmp_path: Path) -> None:
     assert "completed" in listed.stdout
 
 
+@pytest.mark.nightly
 def test_pause_and_abort(tmp_path: Path) -> None:
     dialogue = [("2/13", CTRL_C), ("[r]esume or [a]bort?", "what?\n"), ("[a]bort?", "a\n")]
     options = (*OPTIONS, "--bench", patient_bench(tmp_path))

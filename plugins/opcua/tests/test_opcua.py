@@ -444,6 +444,7 @@ def _kept(served: Served) -> Counter[str]:
     return Counter(name for name in names if name.startswith(parts))
 
 
+@pytest.mark.nightly
 def test_reconnections_leave_nothing_behind(served: Served, admin: Actor) -> None:
     _, token = served.service.clients.add(admin, "reconnecting", "operator")
     inner = served.server._server.iserver

@@ -167,6 +167,7 @@ def test_results_that_were_changed_after_sealing_are_found(
         file.write_bytes(content)
 
 
+@pytest.mark.nightly
 def test_processes_find_the_same_bits(
     tested: tuple[Plant, tuple[ReducerTestOutcome, ...]], tmp_path: Path
 ) -> None:

@@ -95,6 +95,7 @@ def test_the_same_version_finds_the_same_again(recorded: Plant) -> None:
     assert any("polynomial fit_rms_percent_fs" in each for each in values.values())
 
 
+@pytest.mark.nightly
 def test_every_scheduler_gives_the_same_bits(recorded: Plant, tmp_path: Path) -> None:
     """By the command, in this process, in several, and on a cluster that is there already."""
     plant = ("--plant", recorded.url.render_as_string(hide_password=False))
@@ -153,13 +154,15 @@ if __name__ == "__main__":
         RunTask(1, f"run-{number}", kind, "file:///nowhere", SealedFolder("runs/none", ""))
         for number, kind in enumerate(kinds)
     ]
-    dask.config.set({"distributed.scheduler.allowed-failures": 0})
+    # A worker that starts on a busy machine now and then dies of itself, but not twice.
+    dask.config.set({"distributed.scheduler.allowed-failures": 1})
     with _pool("processes", 1) as pool:
         for (each,) in pool.results(iter([tasks])):
             print(each.run_id, each.problem)
 """
 
 
+@pytest.mark.nightly
 def test_a_run_that_kills_its_worker_does_not_hold_up_the_others(tmp_path: Path) -> None:
     """In one chunk with others: each is evaluated alone then, and the deadly one has a problem."""
     script = tmp_path / "deadly.py"

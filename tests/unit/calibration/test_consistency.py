@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from benchmarks.contradictions import FAULTS, STRANGERS, chain_table, stranger, trial
 from tests.support.chains import FAMILIES
+from tests.support.draws import nightly
 
 from torquebench.calibration import (
     CalibrationData,
@@ -69,7 +70,7 @@ def test_tables_of_other_laboratories_agree_with_themselves(family: str) -> None
         assert examine_table(stranger(family, seed)).disagreements == ()
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+@pytest.mark.parametrize("fault", ["row", *(nightly(kind) for kind in FAULTS if kind != "row")])
 def test_injected_faults_are_found_at_the_right_rows(fault: str) -> None:
     """Forty faults of 5 U to 30 U, of which 3 U and more can't be the chain itself.
 
@@ -83,6 +84,7 @@ def test_injected_faults_are_found_at_the_right_rows(fault: str) -> None:
     assert np.mean([each.placed for each in apparent]) >= 0.95
 
 
+@pytest.mark.nightly
 def test_two_loops_show_faults_of_every_kind() -> None:
     """Sixty of 3 U to 30 U, whatever their shape: one loop can't tell all of them."""
     placed = []

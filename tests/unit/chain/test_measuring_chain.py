@@ -447,6 +447,7 @@ def test_single_readings_lie_within_their_intervals(model: CompensationModel) ->
     assert 0.92 < inside < 0.985
 
 
+@pytest.mark.nightly
 def test_what_a_form_misses_counts_once() -> None:
     """Single readings lie within 95 % intervals of models that can't follow the chain, too."""
     known: dict[str, list[float]] = {}

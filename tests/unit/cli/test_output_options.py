@@ -131,9 +131,7 @@ def test_json_replaces_the_tables_and_carries_warnings_and_the_error(
 
 
 @pytest.mark.parametrize("setting", ["json", "quiet"])
-def test_a_commands_settings_end_with_it(
-    setting: str, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_a_commands_settings_end_with_it(setting: str, capsys: pytest.CaptureFixture[str]) -> None:
     def run() -> None:
         begin_output("fit", **{"json": False, "quiet": False} | {setting: True})
         answer(points=3)

@@ -108,6 +108,7 @@ def test_shapes_of_unit_amplitude_stay_within_their_size() -> None:
         assert np.max(np.abs(value)) <= 1.0 + 1e-9
 
 
+@pytest.mark.nightly
 def test_the_comparison_ranks_the_bound_first_and_the_raw_reading_last() -> None:
     field = [contender for contender in contenders() if contender.name in QUICK]
     results = benchmark.compare(

@@ -26,6 +26,10 @@ NOT_ASKED = {
 EXPECTED_TO_FAIL: dict[str, dict[str, str]] = {}
 
 
+BY_DAY = (RECOMMENDED, "polynomial")
+"""The other kinds share their interface with these two."""
+
+
 def quick(kind: str, **parameters: Any) -> CompensationModel:
     """The checks fit some fifty times: as little training as shows the behaviour."""
     small: dict[str, dict[str, Any]] = {
@@ -51,6 +55,7 @@ def all_checks() -> Iterator[Any]:
                     continue
                 reason = EXPECTED_TO_FAIL.get(kind, {}).get(name)
                 marks = [pytest.mark.xfail(reason=reason, strict=True)] if reason else []
+                marks += [] if kind in BY_DAY else [pytest.mark.nightly]
                 label = f"{kind}-{'declared' if parameters else 'from-data'}-{name}"
                 yield pytest.param(estimator, check, id=label, marks=marks)
 

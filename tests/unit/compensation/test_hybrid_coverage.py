@@ -1,6 +1,7 @@
 """Accuracy and coverage on chains with a known truth, of seeds that nothing was developed on."""
 
 import numpy as np
+import pytest
 from tests.support.chains import FAMILIES, known_form, make_chain
 
 from torquebench.compensation import make_model
@@ -24,6 +25,7 @@ def outcomes(kind: str, points: int, families: tuple[str, ...]) -> tuple[np.ndar
     return np.array(ratios), np.array(inside)
 
 
+@pytest.mark.nightly
 def test_the_hybrid_is_near_the_known_form_and_covers_it() -> None:
     ratios, inside = outcomes("hybrid", 50, tuple(FAMILIES))
     assert np.median(ratios) < 1.45

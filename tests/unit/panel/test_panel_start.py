@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 STARTING = """
 import asyncio, sys, threading
 from pathlib import Path
@@ -45,6 +47,7 @@ print(problems)
 """
 
 
+@pytest.mark.nightly
 def test_a_thread_that_builds_a_tuple_survives_the_start(tmp_path: Path) -> None:
     done = subprocess.run(
         [sys.executable, "-c", STARTING, str(tmp_path)],

@@ -226,6 +226,7 @@ def test_noise_of_the_torque_is_averaged_and_said():
     assert result.backlash.value == pytest.approx(truth()["backlash"], rel=0.05)
 
 
+@pytest.mark.nightly
 def test_intervals_hold_the_truth_in_about_95_percent():
     """Independent errors of each kind, drawn as `LoopUncertainty` says."""
     known = LoopUncertainty(

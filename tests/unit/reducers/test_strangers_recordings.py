@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from benchmarks import evaluations
 from benchmarks.evaluations import measured
+from tests.support.draws import nightly
 
 INPUTS = 60
 
@@ -33,7 +34,12 @@ KINDS = [
 ]
 
 
-@pytest.mark.parametrize(("test", "kind"), KINDS)
+BY_DAY = KINDS[::4]
+
+
+@pytest.mark.parametrize(
+    ("test", "kind"), [*BY_DAY, *(nightly(*each) for each in KINDS if each not in BY_DAY)]
+)
 def test_intervals_contain_the_truth_whatever_the_fault(test, kind):
     lines, refused = measured(test, kind, INPUTS)
     assert refused == []

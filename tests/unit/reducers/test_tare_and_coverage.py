@@ -167,6 +167,7 @@ def test_intervals_of_efficiency_hold_the_truth() -> None:
     assert np.mean(width) < 1.0  # percentage points
 
 
+@pytest.mark.nightly
 def test_intervals_of_starting_torque_hold_the_truth() -> None:
     """Ramps of an input that creeps, breaks away at another torque each time, and then turns."""
     held, width = [], []
